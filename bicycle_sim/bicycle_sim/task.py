@@ -1,0 +1,197 @@
+"""N bicycles that ride to N goals: starts, observations, rewards and ends of episodes.
+
+The task knows neither Gymnasium nor ROS. It never resets by itself, so the caller sees the
+last observation of every episode. Arrays are numpy by default; with `xp=torch` and a device
+the same code keeps everything there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bicycle_sim import dynamics
+from bicycle_sim.dynamics import State
+from bicycle_sim.geometry import heading_between, heading_error, wrap_angle
+from bicycle_sim.parameters import Physics
+from bicycle_sim.reward import reward_terms
+from bicycle_sim.scenario import Scenario
+
+OBSERVATION_FIELDS = (
+    "steer_angle",
+    "steer_rate",
+    "lean_angle",
+    "lean_rate",
+    "lean_acceleration",
+    "heading_error",
+)
+"""The six states in the authors' order (errata row 34): rad, rad/s, rad, rad/s, rad/s^2, rad."""
+
+ACTION_FIELDS = ("torque", "displacement", "pedal_force")
+"""The three actions in the authors' order: N m, m, N."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one step of the task gives; arrays of shape (N,) unless said otherwise."""
+
+    observation: np.ndarray
+    """(N, 6), see OBSERVATION_FIELDS."""
+    reward: np.ndarray
+    """Equation 20."""
+    terminated: np.ndarray
+    """bool: the goal was reached in this step."""
+    truncated: np.ndarray
+    """bool: the step limit was reached, the goal not."""
+    fallen: np.ndarray
+    """bool: the bicycle lies; its state is frozen and its reward repeats (row 25)."""
+    terms: dict[str, np.ndarray]
+    """The reward by named term."""
+
+
+class BicycleTask:
+    """N independent bicycles on one scenario.
+
+    `state`, `goal_x`, `goal_y`, `steps` and `fallen` may be read at any time; tests and
+    disturbances may also write to them between steps.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        physics: Physics | None = None,
+        count: int = 1,
+        rng: np.random.Generator | None = None,
+    ) -> None:
+        """Place `count` bicycles at their first start.
+
+        Args:
+            scenario: starts, goals, limits and ends.
+            physics: faithful by default.
+            count: N.
+            rng: source of starts, goals and displacement noise; unseeded by default.
+
+        Raises:
+            ValueError: when `count` is below 1.
+        """
+        if count < 1:
+            raise ValueError(f"a task needs at least one bicycle, not {count}")
+        self.scenario = scenario
+        self.physics = physics or Physics()
+        self.count = count
+        self.rng = rng if rng is not None else np.random.default_rng()
+        self.steps = np.zeros(count, dtype=np.int64)
+        self.fallen = np.zeros(count, dtype=bool)
+        self.goal_x = np.zeros(count)
+        self.goal_y = np.zeros(count)
+        self._frozen_reward = np.zeros(count)
+        zero = np.zeros(count)
+        self.state = dynamics.upright(zero, zero, zero, zero + 1.0, self.physics.constants)
+        self.reset()
+
+    def reset(self, mask: np.ndarray | None = None) -> np.ndarray:
+        """Draw new starts, headings and goals for the bicycles of `mask` (N,), or for all.
+
+        Returns:
+            The observation of all N bicycles, (N, 6).
+        """
+        mask = np.ones(self.count, dtype=bool) if mask is None else mask
+        number = int(mask.sum())
+        if number == 0:
+            return self.observation()
+        scenario, rng = self.scenario, self.rng
+        start = scenario.start.draw(number, rng)
+        goal = scenario.goal.draw(number, rng)
+        turn = rng.uniform(-scenario.heading_spread, scenario.heading_spread, number)
+        if scenario.facing_away:
+            turn = turn + heading_between(goal[:, 0], goal[:, 1], start[:, 0], start[:, 1])
+        self.place(mask, start[:, 0], start[:, 1], wrap_angle(turn), goal[:, 0], goal[:, 1])
+        return self.observation()
+
+    def place(
+        self,
+        mask: np.ndarray,
+        rear_x: np.ndarray,
+        rear_y: np.ndarray,
+        heading: np.ndarray,
+        goal_x: np.ndarray,
+        goal_y: np.ndarray,
+    ) -> None:
+        """Put the M bicycles of `mask` (N,) upright at (M,) places with (M,) goals; m, rad."""
+        speed = np.full(len(rear_x), self.scenario.start_speed)
+        fresh = dynamics.upright(rear_x, rear_y, heading, speed, self.physics.constants)
+        for name, values in vars(fresh).items():
+            old = getattr(self.state, name).copy()
+            old[mask] = values
+            setattr(self.state, name, old)
+        self.goal_x[mask] = goal_x
+        self.goal_y[mask] = goal_y
+        self.steps[mask] = 0
+        self.fallen[mask] = False
+        self._frozen_reward[mask] = 0.0
+
+    def step(self, action: np.ndarray) -> Step:
+        """Apply one action to every bicycle.
+
+        Args:
+            action: (N, 3) in physical units, see ACTION_FIELDS; clipped to the limits.
+
+        Raises:
+            ValueError: when the shape is not (N, 3) or a value is not finite.
+        """
+        action = np.asarray(action, dtype=np.float64)
+        if action.shape != (self.count, 3):
+            raise ValueError(f"action must have shape ({self.count}, 3), not {action.shape}")
+        if not np.isfinite(action).all():
+            raise ValueError("action holds a value that is not finite")
+        limits = self.scenario.action_limits
+        torque, displacement, pedal = np.clip(action, -limits, limits).T
+        if self.physics.displacement_noise > 0:
+            spread = self.physics.displacement_noise
+            displacement = displacement + self.rng.uniform(-spread, spread, self.count)
+        moved = dynamics.step(
+            self.state, torque, displacement, pedal, self.physics, self.scenario.speed_limits
+        )
+        was_fallen = self.fallen
+        self.state = self.state.where(was_fallen, moved) if was_fallen.any() else moved
+        self.steps = self.steps + 1
+        self.fallen = was_fallen | dynamics.fallen(self.state.lean_angle, self.scenario.fall_angle)
+        return self._outcome(was_fallen)
+
+    def _outcome(self, was_fallen: np.ndarray) -> Step:
+        """Reward and ends of the step just made; a fallen bicycle's last reward repeats."""
+        observation = self.observation()
+        error = observation[:, 5]
+        s = self.state
+        terms = reward_terms(
+            s.lean_angle, s.lean_rate, s.lean_acceleration, error, self.scenario.reward
+        )
+        fresh = terms["lean_angle"] + terms["lean_rate"] + terms["lean_acceleration"]
+        reward = np.where(was_fallen, self._frozen_reward, fresh + terms["heading_error"])
+        self._frozen_reward = reward
+        terminated = ~self.fallen & (self.goal_distance() <= self.scenario.goal_radius)
+        truncated = ~terminated & (self.steps >= self.scenario.max_steps)
+        return Step(observation, reward, terminated, truncated, self.fallen, terms)
+
+    def observation(self) -> np.ndarray:
+        """The six states of every bicycle, (N, 6), see OBSERVATION_FIELDS."""
+        s = self.state
+        error = heading_error(s.heading, s.rear_x, s.rear_y, self.goal_x, self.goal_y)
+        columns = (
+            s.steer_angle,
+            s.steer_rate,
+            s.lean_angle,
+            s.lean_rate,
+            s.lean_acceleration,
+            error,
+        )
+        return np.stack(columns, axis=1)
+
+    def goal_distance(self) -> np.ndarray:
+        """m from each rear contact to its goal, (N,) (row 26)."""
+        return np.hypot(self.goal_x - self.state.rear_x, self.goal_y - self.state.rear_y)
+
+    def snapshot(self) -> State:
+        """A copy of every bicycle's state."""
+        return self.state.copy()
