@@ -154,7 +154,7 @@ def accelerate(
 
 
 def curvatures(steer_angle: Array, constants: Constants, xp: ModuleType = np) -> Curvature:
-    """1/r_f, 1/r_b and 1/r_CM, 1/m: the inverses stay finite at theta = 0 (eq. 3-4, rows 7, 11)."""
+    """1/r_f, 1/r_b and 1/r_CM, 1/m, all finite at theta = 0 (eq. 3-4, rows 7, 11)."""
     wheelbase = constants.wheelbase
     sine, cosine = xp.abs(xp.sin(steer_angle)), xp.cos(steer_angle)
     front = sine / wheelbase
