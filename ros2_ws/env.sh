@@ -1,0 +1,111 @@
+# shellcheck shell=bash
+# The environment of this workspace, for a shell: `. ros2_ws/env.sh` from any directory (bash or zsh).
+#
+# Choices, read from the environment:
+#   BICYCLE_NETWORK   local (default): DDS on 127.0.0.1 only; lan: DDS on every network interface
+#   ROS_DOMAIN_ID     0 to 101, 42 unless set: only nodes with the same number meet
+#
+# It exports the few variables that colcon's setup scripts would work out in half a second. With a
+# sourced /opt/ros/jazzy it uses that ROS 2 and no virtual environment: the two never mix.
+
+_bicycle_prepend() { # NAME DIRECTORY: puts DIRECTORY first in the path variable NAME, and only there
+  local old
+  eval "old=:\${$1:-}:"
+  while [[ $old == *":$2:"* ]]; do old=${old/":$2:"/:}; done
+  old=${old#:}
+  old=${old%:}
+  export "$1=$2${old:+:$old}"
+}
+
+_bicycle_network() { # WORKSPACE: chooses where DDS traffic goes, and checks the domain
+  local profile=$1/fastdds_local.xml
+  case ${BICYCLE_NETWORK:-local} in
+    local) export FASTRTPS_DEFAULT_PROFILES_FILE=$profile ;;
+    lan) [[ ${FASTRTPS_DEFAULT_PROFILES_FILE:-} != "$profile" ]] || unset FASTRTPS_DEFAULT_PROFILES_FILE ;;
+    *)
+      echo "env.sh: BICYCLE_NETWORK is '$BICYCLE_NETWORK'; set it to 'local' or 'lan'." >&2
+      return 2
+      ;;
+  esac
+  unset ROS_LOCALHOST_ONLY # deprecated, and would override the range
+  export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET
+  export ROS_DOMAIN_ID=${ROS_DOMAIN_ID:-42}
+  if ! [[ $ROS_DOMAIN_ID =~ ^(0|[1-9][0-9]{0,2})$ ]] || ((ROS_DOMAIN_ID > 101)); then
+    echo "env.sh: ROS_DOMAIN_ID is '$ROS_DOMAIN_ID'; set it to a whole number from 0 to 101." >&2
+    return 2
+  fi
+}
+
+_bicycle_wheels() { # VENV: ROS 2 from the virtual environment
+  local venv=$1 folder
+  if [[ ! -x $venv/bin/python ]]; then
+    echo "env.sh: no virtual environment at $venv; run ros2_ws/setup.sh first." >&2
+    return 1
+  fi
+  export VIRTUAL_ENV=$venv ROS_DISTRO=jazzy ROS_VERSION=2 ROS_PYTHON_VERSION=3
+  _bicycle_prepend PATH "$venv/bin"
+  _bicycle_prepend AMENT_PREFIX_PATH "$venv"
+  for folder in "$venv"/lib/python3.*/site-packages/ros_*.libs; do
+    [[ ! -d $folder ]] || _bicycle_prepend LD_LIBRARY_PATH "$folder"
+  done
+  _bicycle_prepend LD_LIBRARY_PATH "$venv/lib"
+  # The wheels' start-up hook re-executes Python to set LD_LIBRARY_PATH, in random order and for
+  # 80 ms each time. The path is complete here, so the hook is told that its work is done.
+  export _ROS_WHEELS_BOOTSTRAP_COMPLETE=1
+}
+
+_bicycle_overlay() { # WORKSPACE: the packages that colcon built, and the sources of the Python ones
+  local ws=$1 folder package
+  for folder in "$ws"/install/bicycle_*; do
+    [[ -d $folder ]] || continue
+    _bicycle_prepend AMENT_PREFIX_PATH "$folder"
+    [[ ! -d $folder/lib ]] || _bicycle_prepend LD_LIBRARY_PATH "$folder/lib"
+  done
+  for folder in "$ws"/install/bicycle_msgs/lib/python3*/*-packages; do
+    [[ ! -d $folder ]] || _bicycle_prepend PYTHONPATH "$folder"
+  done
+  for package in "$ws"/src/bicycle_*; do
+    [[ ! -d $package/${package##*/} ]] || _bicycle_prepend PYTHONPATH "$(cd -P "$package" && pwd)"
+  done
+}
+
+_bicycle_logs() { # WORKSPACE: where nodes log; every process leaves a file, so only the newest 20 stay
+  export ROS_LOG_DIR=${ROS_LOG_DIR:-$1/log/ros}
+  [[ $ROS_LOG_DIR == "$1/log/ros" && -d $ROS_LOG_DIR ]] || return 0
+  # shellcheck disable=SC2012 # the names are ROS's own: node, process, milliseconds
+  (cd "$ROS_LOG_DIR" && ls -t | tail -n +21 | while read -r old; do rm -f -- "$old"; done)
+}
+
+_bicycle_environment() {
+  local here ws
+  if [[ -n ${ZSH_VERSION:-} ]]; then
+    setopt local_options null_glob ksh_arrays
+    eval 'here=${(%):-%x}'
+  else
+    here=${BASH_SOURCE[0]}
+  fi
+  ws=$(cd -P "$(dirname "$here")" && pwd) || return 1
+  case ":${AMENT_PREFIX_PATH:-}:" in
+    *:/opt/ros/jazzy:*) ;;
+    *:/opt/ros/*)
+      echo "env.sh: ROS 2 '${ROS_DISTRO:-}' is sourced here, but this workspace needs jazzy: open a fresh shell." >&2
+      return 1
+      ;;
+    *) _bicycle_wheels "$(dirname "$ws")/.venv" || return ;;
+  esac
+  _bicycle_network "$ws" || return
+  _bicycle_overlay "$ws"
+  _bicycle_logs "$ws"
+  export BICYCLE_WS=$ws OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
+}
+
+_bicycle_environment
+# A sourced file's last status is the caller's $?, so the helpers go without changing it.
+_bicycle_status=$?
+unset -f _bicycle_prepend _bicycle_network _bicycle_wheels _bicycle_overlay _bicycle_logs _bicycle_environment
+if ((_bicycle_status)); then
+  unset _bicycle_status
+  # shellcheck disable=SC2317 # false in a script that is run instead of sourced
+  return 1 2>/dev/null || exit 1
+fi
+unset _bicycle_status
