@@ -1,0 +1,87 @@
+"""Fixtures for tests that start real nodes: a domain of their own, processes, no leftovers."""
+
+from __future__ import annotations
+
+import fcntl
+import importlib.util
+import os
+import random
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import pytest
+from node_process import NodeProcess
+
+# Up to 101 no DDS port falls in Linux' ephemeral range; the low ones are left to people.
+DOMAINS = range(21, 101)
+LOCKS = Path(tempfile.gettempdir()) / f"bicycle_test_domains_{os.getuid()}"
+
+StartNode = Callable[..., NodeProcess]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def ros_environment() -> None:
+    """Fail at once, with the remedy, where the caller has not set up ROS."""
+    needed = ("rclpy", "bicycle_msgs")
+    missing = [name for name in needed if importlib.util.find_spec(name) is None]
+    if missing:
+        pytest.fail(f"no {' and '.join(missing)} here: source ros2_ws/env.sh or use tests/run.sh")
+
+
+@pytest.fixture
+def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
+    """A ROS_DOMAIN_ID that no other test on this machine uses meanwhile, set in the environment.
+
+    A lock on a file holds the domain, so that parallel workers and other checkouts keep off and a
+    killed test frees it.
+    """
+    LOCKS.mkdir(exist_ok=True)
+    for domain in random.Random().sample(DOMAINS, len(DOMAINS)):
+        with (LOCKS / str(domain)).open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                continue
+            monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+            yield domain
+            return
+    pytest.fail("no free ROS domain between 21 and 100: are other tests hanging?")
+
+
+@pytest.fixture
+def start_node(
+    ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[StartNode]:
+    """A function ``(module, args, env) -> NodeProcess`` in this test's own domain.
+
+    A ``module`` with a slash or given as a path is run as a program instead of ``python -m``.
+    Whatever still runs at the end of the test is killed.
+    """
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "roslog"))
+    started: list[NodeProcess] = []
+
+    def start(
+        module: str | Path, args: Sequence[object] = (), env: Mapping[str, str] | None = None
+    ) -> NodeProcess:
+        words = [str(arg) for arg in args]
+        if "/" in str(module):
+            process = NodeProcess([str(module), *words], env)
+        else:
+            process = NodeProcess.start(str(module), words, env)
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+
+
+@pytest.fixture
+def no_new_shared_memory() -> Iterator[None]:
+    """Fail when the test leaves files of the middleware in /dev/shm."""
+    folder = Path("/dev/shm")
+    before = set(folder.glob("*fastrtps*")) if folder.is_dir() else set()
+    yield
+    after = set(folder.glob("*fastrtps*")) if folder.is_dir() else set()
+    assert after <= before, f"left in /dev/shm: {sorted(str(path) for path in after - before)}"
