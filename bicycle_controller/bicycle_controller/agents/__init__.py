@@ -1,0 +1,1 @@
+"""The learning algorithms: losses and update rules, no files and no simulator."""

@@ -1,0 +1,33 @@
+"""What the training loop needs of an algorithm."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import numpy as np
+
+from bicycle_controller.networks import Actor
+from bicycle_controller.replay import Replay
+
+
+class Agent(Protocol):
+    """An off-policy learner with a deterministic actor."""
+
+    @property
+    def actor(self) -> Actor:
+        """The current policy, for scaled observations."""
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """Normalised actions (N, actions) for raw observations (N, 6), without noise."""
+
+    def update(self, replay: Replay, count: int) -> None:
+        """Make `count` updates from one draw out of the memory."""
+
+    def metrics(self) -> dict[str, float]:
+        """Means of what was logged since the last call."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Networks, targets, optimisers, generators and counters."""
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from `state`, to the bit."""

@@ -1,0 +1,138 @@
+"""N bicycles that ride with exploration noise and fill the replay memory."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from bicycle_controller.agents.base import Agent
+from bicycle_controller.config import RunConfig
+from bicycle_controller.noise import Noise
+from bicycle_controller.replay import Replay, Returns
+from bicycle_controller.starts import restart, ride_on, training_scenario
+from bicycle_sim.dynamics import State
+from bicycle_sim.task import BicycleTask, Step
+
+
+def driven(limits: np.ndarray) -> np.ndarray:
+    """Indices of the actions that a policy chooses: those whose limit is above zero."""
+    return np.flatnonzero(limits > 0)
+
+
+class Collector:
+    """The bicycles, their noise and the transitions still pending.
+
+    Attributes:
+        steps: environment steps made, over all bicycles.
+        rounds: steps of all bicycles made.
+    """
+
+    def __init__(self, config: RunConfig, replay: Replay) -> None:
+        """Start all bicycles; three generators are spawned from the run's seed."""
+        self.config, self.replay = config, replay
+        seeds = np.random.SeedSequence(config.seed).spawn(3)
+        task_rng, noise_rng, self.warm_rng = map(np.random.default_rng, seeds)
+        scenario = training_scenario(config.scenario, config.starts)
+        self.task = BicycleTask(scenario, config.physics, config.bicycles, task_rng)
+        self.limits = scenario.action_limits
+        self.driven = driven(self.limits)
+        ddpg, actions = config.ddpg, len(self.driven)
+        self.noise = Noise(config.noise, config.bicycles, actions, noise_rng)
+        self.absorbing = ddpg.fall == "absorbing"
+        self.returns = Returns(
+            config.bicycles, actions, ddpg.n_step, ddpg.gamma, ddpg.fall_penalty, self.absorbing
+        )
+        self.steps = self.rounds = 0
+        self.episode_return = np.zeros(config.bicycles)
+        self.totals = {"episodes": 0.0, "return": 0.0, "goals": 0.0, "falls": 0.0}
+        restart(self.task, np.ones(config.bicycles, dtype=bool), config.starts)
+        self.observation = self.task.observation()
+
+    def step(self, agent: Agent) -> None:
+        """Step every bicycle once, at random in the warm-up, and store what is complete."""
+        shape = (self.config.bicycles, len(self.driven))
+        if self.steps < self.config.warm_up:
+            action = self.warm_rng.uniform(-1.0, 1.0, shape)
+        else:
+            action = np.clip(agent.act(self.observation) + self.noise.sample(), -1.0, 1.0)
+        physical = np.zeros((self.config.bicycles, 3))
+        physical[:, self.driven] = action * self.limits[self.driven]
+        step = self.task.step(physical)
+        self.replay.add(
+            self.returns.push(
+                self.observation,
+                action,
+                step.reward,
+                step.observation,
+                step.terminated,
+                step.truncated,
+                step.fallen,
+            )
+        )
+        self.steps += self.config.bicycles
+        self.rounds += 1
+        self.observation = self._after(step)
+
+    def _after(self, step: Step) -> np.ndarray:
+        """Start again what has ended; the observation (N, 6) to act on next."""
+        self.episode_return += step.reward
+        ended = step.terminated | step.truncated | (step.fallen & self.absorbing)
+        if not ended.any():
+            return step.observation
+        self.totals["episodes"] += float(ended.sum())
+        self.totals["return"] += float(self.episode_return[ended].sum())
+        self.totals["goals"] += float((ended & step.terminated).sum())
+        self.totals["falls"] += float((ended & step.fallen).sum())
+        self.episode_return[ended] = 0.0
+        goes_on = np.zeros_like(ended)
+        if self.config.starts.ride_on > 0:
+            chosen = self.task.rng.random(len(ended)) < self.config.starts.ride_on
+            goes_on = ended & ~step.fallen & chosen
+        restart(self.task, ended & ~goes_on, self.config.starts)
+        ride_on(self.task, goes_on, self.config.starts)
+        self.noise.reset(ended)
+        return self.task.observation()
+
+    def metrics(self) -> dict[str, float]:
+        """Episodes, mean return, goal and fall rate since the last call."""
+        totals, episodes = self.totals, max(self.totals["episodes"], 1.0)
+        self.totals = dict.fromkeys(totals, 0.0)
+        return {
+            "episodes": totals["episodes"],
+            "return": totals["return"] / episodes,
+            "goal_rate": totals["goals"] / episodes,
+            "fall_rate": totals["falls"] / episodes,
+        }
+
+    def state_dict(self) -> dict[str, Any]:
+        """Bicycles, noise, generators, pending transitions and counters."""
+        task = self.task
+        arrays = ("steps", "fallen", "goal_x", "goal_y", "_frozen_reward")
+        return {
+            "state": dataclasses.asdict(task.snapshot()),
+            "task": {name: getattr(task, name).copy() for name in arrays},
+            "task_rng": task.rng.bit_generator.state,
+            "warm_rng": self.warm_rng.bit_generator.state,
+            "noise": self.noise.state_dict(),
+            "returns": self.returns.state_dict(),
+            "observation": self.observation.copy(),
+            "episode_return": self.episode_return.copy(),
+            "counters": {"steps": self.steps, "rounds": self.rounds},
+            "totals": dict(self.totals),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from `state`, to the bit."""
+        self.task.state = State(**state["state"])
+        for name, value in state["task"].items():
+            setattr(self.task, name, value)
+        self.task.rng.bit_generator.state = state["task_rng"]
+        self.warm_rng.bit_generator.state = state["warm_rng"]
+        self.noise.load_state_dict(state["noise"])
+        self.returns.load_state_dict(state["returns"])
+        self.observation = state["observation"]
+        self.episode_return = state["episode_return"]
+        self.steps, self.rounds = state["counters"]["steps"], state["counters"]["rounds"]
+        self.totals = dict(state["totals"])

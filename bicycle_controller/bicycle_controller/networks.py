@@ -1,0 +1,113 @@
+"""The actor and the critic of section 4.1 of the paper (figure 7, Table 2)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+OUTPUT_RANGE = 3e-3
+"""Half width of the uniform start of output layers (Table 2, errata row 30)."""
+
+
+class Actor(nn.Module):
+    """The policy: observations to normalised actions.
+
+    Attributes:
+        layers: the products, `layer.{i}` in a policy file.
+        norms: layer normalisations after each hidden product, or none.
+    """
+
+    def __init__(
+        self, inputs: int, hidden: Sequence[int], actions: int, layer_norm: bool = False
+    ) -> None:
+        """Build it with torch's own start; see `initialise`.
+
+        Args:
+            inputs: numbers per observation.
+            hidden: units of each hidden layer.
+            actions: numbers per action.
+            layer_norm: whether a layer normalisation follows each hidden product.
+        """
+        super().__init__()
+        sizes = [inputs, *hidden, actions]
+        self.layers = nn.ModuleList(map(nn.Linear, sizes[:-1], sizes[1:]))
+        self.norms = nn.ModuleList(nn.LayerNorm(size) for size in hidden if layer_norm)
+
+    def raw(self, observation: Tensor) -> Tensor:
+        """What enters the tanh, (..., actions), for scaled observations (..., inputs)."""
+        x = observation
+        for index, layer in enumerate(self.layers[:-1]):
+            x = layer(x)
+            x = torch.relu(self.norms[index](x) if self.norms else x)
+        return self.layers[-1](x)
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """Actions within [-1, 1], (..., actions), for scaled observations (..., inputs)."""
+        return torch.tanh(self.raw(observation))
+
+
+class Critic(nn.Module):
+    """The value of an action: the action enters at a hidden layer, the second in the paper."""
+
+    def __init__(
+        self,
+        inputs: int,
+        hidden: Sequence[int],
+        actions: int,
+        action_layer: int = 2,
+        layer_norm: bool = False,
+    ) -> None:
+        """Build it with torch's own start; see `initialise`.
+
+        Args:
+            inputs: numbers per observation.
+            hidden: units of each hidden layer.
+            actions: numbers per action.
+            action_layer: hidden layer that the action enters at, 1 is the first.
+            layer_norm: whether a layer normalisation follows each hidden product.
+        """
+        super().__init__()
+        self.action_layer = action_layer
+        widths = [inputs, *hidden]
+        widths[action_layer - 1] += actions
+        self.layers = nn.ModuleList(map(nn.Linear, widths, [*hidden, 1]))
+        self.norms = nn.ModuleList(nn.LayerNorm(size) for size in hidden if layer_norm)
+
+    def forward(self, observation: Tensor, action: Tensor) -> Tensor:
+        """Q (...,) of observations (..., inputs) and normalised actions (..., actions)."""
+        x = observation
+        for index, layer in enumerate(self.layers):
+            if index == self.action_layer - 1:
+                x = torch.cat([x, action], dim=-1)
+            x = layer(x)
+            if index < len(self.layers) - 1:
+                x = torch.relu(self.norms[index](x) if self.norms else x)
+        return x.squeeze(-1)
+
+
+def initialise(network: Actor | Critic, scheme: str, generator: torch.Generator) -> None:
+    """Draw a network's start.
+
+    Args:
+        network: changed in place.
+        scheme: `literal`, every parameter within 3e-3 (Table 2 as printed); `output`, Xavier
+            weights with zero biases and only the output layer within 3e-3 (errata row 30);
+            `fan_in`, hidden parameters within 1 / sqrt(inputs) (Lillicrap et al. 2016).
+        generator: source of the numbers, on the CPU.
+    """
+    last = network.layers[-1]
+    for layer in network.layers:
+        assert isinstance(layer, nn.Linear)
+        weight_range = bias_range = OUTPUT_RANGE
+        if layer is not last and scheme == "output":
+            weight_range = math.sqrt(6.0 / (layer.in_features + layer.out_features))
+            bias_range = 0.0
+        elif layer is not last and scheme == "fan_in":
+            weight_range = bias_range = 1.0 / math.sqrt(layer.in_features)
+        with torch.no_grad():
+            for parameter, limit in ((layer.weight, weight_range), (layer.bias, bias_range)):
+                drawn = torch.rand(parameter.shape, generator=generator)
+                parameter.copy_((2.0 * drawn - 1.0) * limit)

@@ -1,0 +1,200 @@
+"""The replay memory: one packed float32 table, and the n-step returns that fill it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+OBSERVATIONS = 6
+"""Numbers per observation."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """B transitions, all float32; observations raw, actions normalised."""
+
+    observation: Tensor
+    """(B, 6)."""
+    action: Tensor
+    """(B, actions), within [-1, 1]."""
+    next_observation: Tensor
+    """(B, 6), n steps later; meaningless where `discount` is 0."""
+    reward: Tensor
+    """(B,), discounted sum of up to n rewards, and of all that follow a fall that absorbs."""
+    discount: Tensor
+    """(B,), factor of the next observation's value: gamma^(actual n), 0 where none follows."""
+    terminated: Tensor
+    """(B,), 1 where the goal was reached."""
+    truncated: Tensor
+    """(B,), 1 where the step limit was."""
+    fallen: Tensor
+    """(B,), 1 where the bicycle lies afterwards."""
+
+
+class Replay:
+    """A ring of transitions, one row each, on any device.
+
+    Attributes:
+        table: (capacity, width) float32.
+        size: rows that hold a transition.
+        position: row that the next transition goes to.
+    """
+
+    def __init__(self, capacity: int, actions: int, device: torch.device | str = "cpu") -> None:
+        """Make an empty memory for `capacity` transitions with `actions` numbers per action."""
+        self.capacity = capacity
+        self.actions = actions
+        self.columns = [OBSERVATIONS, actions, OBSERVATIONS, 1, 1, 1, 1, 1]
+        self.table = torch.zeros((capacity, sum(self.columns)), device=device)
+        self.size = 0
+        self.position = 0
+
+    def add(self, rows: np.ndarray) -> None:
+        """Store transitions (M, width), M up to the capacity, in the order of `Batch`'s fields.
+
+        Raises:
+            ValueError: when a row has the wrong width, a value is not finite, or there are
+                more rows than the memory holds.
+        """
+        count = len(rows)
+        if count == 0:
+            return
+        if rows.shape != (count, self.table.shape[1]) or count > self.capacity:
+            raise ValueError(
+                f"the replay memory takes up to {self.capacity} rows of {self.table.shape[1]}"
+                f" numbers, not an array of shape {rows.shape}"
+            )
+        if not np.isfinite(rows).all():
+            raise ValueError("a transition holds a value that is not finite")
+        source = torch.from_numpy(np.ascontiguousarray(rows, dtype=np.float32))
+        first = min(count, self.capacity - self.position)
+        self.table[self.position : self.position + first] = source[:first].to(self.table.device)
+        if first < count:
+            self.table[: count - first] = source[first:].to(self.table.device)
+        self.position = (self.position + count) % self.capacity
+        self.size = min(self.size + count, self.capacity)
+
+    def sample(self, count: int, generator: torch.Generator) -> Batch:
+        """`count` transitions drawn evenly, with repetition; one gather for several updates.
+
+        Raises:
+            ValueError: when the memory is empty.
+        """
+        if self.size == 0:
+            raise ValueError("cannot sample from an empty replay memory")
+        index = torch.randint(self.size, (count,), generator=generator, device=self.table.device)
+        parts = torch.split(self.table.index_select(0, index), self.columns, dim=1)
+        return Batch(*parts[:3], *(part.squeeze(1) for part in parts[3:]))
+
+    def state_dict(self) -> dict[str, Any]:
+        """The rows in use and the position."""
+        return {"rows": self.table[: self.size].clone().cpu(), "position": self.position}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from `state`.
+
+        Raises:
+            ValueError: when its rows do not fit this memory.
+        """
+        rows = state["rows"]
+        if rows.shape[1] != self.table.shape[1] or len(rows) > self.capacity:
+            raise ValueError(
+                f"a replay memory of {self.capacity} rows of {self.table.shape[1]} numbers"
+                f" cannot take {len(rows)} rows of {rows.shape[1]}"
+            )
+        self.size, self.position = len(rows), int(state["position"])
+        self.table[: self.size] = rows.to(self.table.device)
+
+
+class Returns:
+    """Turns the steps of N bicycles into n-step transitions, cut at the end of each episode.
+
+    After n steps, or at an episode's end, a transition leaves with the discounted sum of its
+    k <= n rewards and the discount gamma^k, or 0 when the goal was reached. When falls absorb,
+    the reward of a fall counts as r / (1 - gamma): what repeating it for ever is worth.
+    """
+
+    def __init__(
+        self,
+        count: int,
+        actions: int,
+        n_step: int,
+        gamma: float,
+        fall_penalty: float = 0.0,
+        absorbing: bool = False,
+    ) -> None:
+        """Start with nothing pending.
+
+        Args:
+            count: N, the bicycles.
+            actions: numbers per action.
+            n_step: n.
+            gamma: discount per step.
+            fall_penalty: taken from the reward of every step that a bicycle lies.
+            absorbing: whether a fall ends the episode with the value of lying for ever.
+        """
+        self.n_step, self.gamma = n_step, gamma
+        self.fall_penalty, self.absorbing = fall_penalty, absorbing
+        self.observation = np.zeros((n_step, count, OBSERVATIONS), dtype=np.float32)
+        self.action = np.zeros((n_step, count, actions), dtype=np.float32)
+        self.sum = np.zeros((n_step, count))
+        self.age = np.zeros((n_step, count), dtype=np.int64)
+        self.open = np.zeros((n_step, count), dtype=bool)
+        self.slot = 0
+
+    def push(
+        self,
+        observation: np.ndarray,
+        action: np.ndarray,
+        reward: np.ndarray,
+        next_observation: np.ndarray,
+        terminated: np.ndarray,
+        truncated: np.ndarray,
+        fallen: np.ndarray,
+    ) -> np.ndarray:
+        """Take one step of every bicycle.
+
+        Args:
+            observation: (N, 6) before the step.
+            action: (N, actions), normalised.
+            reward: (N,) of the step.
+            next_observation: (N, 6) after it, before any reset.
+            terminated: bool (N,), the goal was reached.
+            truncated: bool (N,), the step limit was.
+            fallen: bool (N,), the bicycle lies afterwards.
+
+        Returns:
+            The transitions that are complete now, (M, width) float32, for `Replay.add`.
+        """
+        reward = reward - self.fall_penalty * fallen
+        absorbed = fallen & self.absorbing
+        reward = np.where(absorbed, reward / (1.0 - self.gamma), reward)
+        ended = terminated | truncated | absorbed
+        self.observation[self.slot], self.action[self.slot] = observation, action
+        self.sum[self.slot], self.age[self.slot], self.open[self.slot] = 0.0, 0, True
+        self.sum += np.where(self.open, self.gamma**self.age * reward, 0.0)
+        self.age += self.open
+        ready = self.open & (ended | (self.age == self.n_step))
+        slots, who = np.nonzero(ready)
+        final = terminated | absorbed
+        discount = np.where(final[who], 0.0, self.gamma ** self.age[slots, who])
+        self.open &= ~ready
+        self.slot = (self.slot + 1) % self.n_step
+        columns = (self.sum[slots, who], discount, terminated[who], truncated[who], fallen[who])
+        first = self.observation[slots, who], self.action[slots, who], next_observation[who]
+        return np.concatenate([*first, np.stack(columns, axis=1)], axis=1).astype(np.float32)
+
+    def state_dict(self) -> dict[str, Any]:
+        """What is pending."""
+        names = ("observation", "action", "sum", "age", "open")
+        return {name: getattr(self, name).copy() for name in names} | {"slot": self.slot}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from `state`."""
+        for name in ("observation", "action", "sum", "age", "open"):
+            getattr(self, name)[...] = state[name]
+        self.slot = int(state["slot"])
