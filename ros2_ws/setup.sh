@@ -1,0 +1,117 @@
+#!/usr/bin/env bash
+# Makes this clone ready to ride: virtual environment, locked Python packages, colcon build.
+#
+# Usage: setup.sh [--with train|dev|bench]... [--force] [--help]
+#
+#   --with train   also what training needs: torch, Ray, Gymnasium, TensorBoard, ONNX
+#   --with dev     also what tests and checks need (holds train)
+#   --with bench   also stable-baselines3, which tests/benchmarks compares with (holds train)
+#   --force        do every stage again, done or not
+#
+# A stage that is done is skipped, so a second call takes a moment. The full log is ros2_ws/log/setup.log.
+# PYTHON=/path/to/python chooses the interpreter (3.10 to 3.13). torch comes from PyPI; for a smaller one
+# without CUDA set PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu.
+# Where ROS 2 Jazzy is sourced from /opt/ros/jazzy, that is used: nothing is installed, only built.
+# Exit status: 0 ready, 1 a stage failed, 2 bad arguments, 3 something is missing on this machine.
+set -euo pipefail
+
+ws=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+# shellcheck source-path=SCRIPTDIR source=lib/common.sh
+. "$ws/lib/common.sh"
+# shellcheck source-path=SCRIPTDIR source=lib/stages.sh
+. "$ws/lib/stages.sh"
+
+# torch by itself, before any lock: its wheels differ by machine (CPU, each CUDA with its own
+# libraries), so a universal lock would force one machine's choice on all.
+torch=torch==2.13.0
+venv=$(dirname "$ws")/.venv
+stamps=$venv/.bicycle
+sets=(ride)
+force=
+
+while (($#)); do
+  case $1 in
+    --with)
+      case ${2:-} in
+        train | dev | bench) sets+=("$2") ;;
+        *) die 2 "--with takes train, dev or bench, not '${2:-}'." ;;
+      esac
+      shift
+      ;;
+    --force) force=yes ;;
+    -h | --help) usage "${BASH_SOURCE[0]}" && exit 0 ;;
+    *) die 2 "unknown option '$1'; see setup.sh --help." ;;
+  esac
+  shift
+done
+
+# Another environment's traces would put its libraries into this one (the wheels' start-up hook
+# believes its guard variable), and pip's own variables could install somewhere else.
+unset _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH PYTHONPATH PYTHONHOME VIRTUAL_ENV \
+  PIP_USER PIP_TARGET PIP_PREFIX COLCON_PREFIX_PATH
+
+make_venv() {
+  if [[ -e $venv && ! -f $venv/pyvenv.cfg && -n $(ls -A "$venv") ]]; then
+    die 3 "$venv is in the way and is not a virtual environment; move it and call again."
+  fi
+  if [[ -f $stamps/venv.stamp ]]; then
+    stage "removing the virtual environment of $(<"$stamps/venv.stamp")" none rm -rf "$venv"
+  elif [[ -e $venv ]] && ! "$venv/bin/python" -m pip --version >/dev/null 2>&1; then
+    stage "removing an unfinished virtual environment" none rm -rf "$venv"
+  fi
+  if [[ -x $venv/bin/python ]]; then
+    echo "Using the virtual environment that is there: $venv"
+  else
+    [[ -n $python ]] || find_python || die 3 "no Python 3.10 to 3.13 to make it with; set PYTHON=/path/to/one."
+    stage "virtual environment ($("$python" -V 2>&1))" none "$python" -m venv "$venv"
+  fi
+  mkdir -p "$stamps"
+}
+
+install_set() { # SET: the packages of one lock
+  local pip=("$venv/bin/python" -m pip install --no-input --disable-pip-version-check --progress-bar off)
+  if [[ $1 != ride ]]; then
+    stage "$torch" none "${pip[@]}" "$torch"
+  fi
+  # The locks are complete, so pip need not work out dependencies.
+  stage "Python packages: $1" "pip:$(grep -c == "$ws/requirements/$1.lock")" \
+    "${pip[@]}" --no-deps -r "$ws/requirements/$1.lock"
+}
+
+build() { # Builds in place: Python packages run from their sources
+  local options=(--base-paths src --symlink-install --event-handlers console_direct+ console_cohesion- status-)
+  local cmake=(-DCMAKE_BUILD_TYPE=RelWithDebInfo -DBUILD_TESTING=OFF)
+  if [[ -z $native ]]; then
+    export AMENT_PREFIX_PATH=$venv LD_LIBRARY_PATH=$venv/lib PATH=$venv/bin:$PATH VIRTUAL_ENV=$venv
+    cmake+=("-DCMAKE_PREFIX_PATH=$venv" "-DPython3_EXECUTABLE=$venv/bin/python")
+  fi
+  cd "$ws"
+  stage "building the workspace" cmake \
+    colcon --log-base /dev/null build "${options[@]}" --cmake-args "${cmake[@]}"
+}
+
+make_folders
+one_at_a_time
+find_native
+if [[ -n $native ]]; then
+  check_native
+  echo "ROS 2 Jazzy is sourced from /opt/ros/jazzy: using it, without a virtual environment."
+  echo "Plain 'colcon build' in $ws does the same as this."
+  ((${#sets[@]} == 1)) || die 3 "--with installs into a virtual environment; not with a sourced ROS 2. Open a fresh shell."
+else
+  check_system
+  is_done "$stamps/venv.stamp" "$venv" || { make_venv && mark "$stamps/venv.stamp" "$venv"; }
+  for set in "${sets[@]}"; do
+    inputs=$(fingerprint "$ws/requirements/$set.lock" "$venv/pyvenv.cfg")
+    is_done "$stamps/$set.stamp" "$inputs" || { install_set "$set" && mark "$stamps/$set.stamp" "$inputs"; }
+  done
+fi
+
+inputs=$(build_inputs)
+if ! is_done "$ws/install/.bicycle.stamp" "$inputs"; then
+  clean_unless_same_python
+  mark "$ws/install/.bicycle.stamp" building
+  build
+  mark "$ws/install/.bicycle.stamp" "$inputs"
+fi
+((stages)) || echo "Set-up is complete; nothing to do."
