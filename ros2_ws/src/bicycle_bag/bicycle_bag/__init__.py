@@ -1,0 +1,1 @@
+"""MCAP bags as rosbag2 writes them: record, replay, read, repair."""

@@ -1,0 +1,122 @@
+"""One MCAP file in the making, in rosbag2's conventions."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+
+from mcap.writer import CompressionType, IndexType, Writer
+
+from bicycle_bag.metadata import NO_START, BagMetadata, FileInformation, Topic
+from bicycle_bag.qos import dump_profiles
+
+COMPRESSIONS = {
+    "zstd": CompressionType.ZSTD,
+    "lz4": CompressionType.LZ4,
+    "none": CompressionType.NONE,
+}
+# Half a second of the stack's traffic: what a killed recorder has not yet handed over.
+CHUNK_BYTES = 32 * 1024
+
+
+class McapFile:
+    """Writes messages of registered topics and keeps count.
+
+    Args:
+        path: File to create; it must not exist.
+        compression: A key of ``COMPRESSIONS``.
+        chunk_bytes: Size at which a chunk is packed and written.
+
+    Raises:
+        OSError: The disk does not take it; also from the other methods.
+    """
+
+    def __init__(
+        self, path: Path, compression: str = "zstd", chunk_bytes: int = CHUNK_BYTES
+    ) -> None:
+        self.path = path
+        self.topics: dict[str, Topic] = {}
+        self.counts: dict[str, int] = {}
+        self._first_ns = NO_START
+        self._last_ns = 0
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._stream = path.open("xb")
+        self._writer = Writer(
+            self._stream,
+            chunk_size=chunk_bytes,
+            compression=COMPRESSIONS[compression],
+            index_types=IndexType.ALL,
+        )
+        self._writer.start(profile="ros2", library="bicycle_bag")
+
+    @property
+    def size(self) -> int:
+        """Bytes written so far, without the chunk in the making."""
+        return self._stream.tell()
+
+    @property
+    def first_ns(self) -> int:
+        """Smallest log time, or ``NO_START``."""
+        return self._first_ns
+
+    def add_topic(self, topic: Topic, definition: str) -> None:
+        """Register a topic; an empty ``definition`` leaves its messages without a schema."""
+        schema_id = self._schemas.get(topic.type)
+        if schema_id is None:
+            encoding = "ros2msg" if definition else ""
+            schema_id = self._writer.register_schema(topic.type, encoding, definition.encode())
+            self._schemas[topic.type] = schema_id
+        self._channels[topic.name] = self._writer.register_channel(
+            topic=topic.name,
+            message_encoding=topic.serialization_format,
+            schema_id=schema_id,
+            metadata={
+                "offered_qos_profiles": dump_profiles(topic.qos),
+                "topic_type_hash": topic.type_hash,
+            },
+        )
+        self.topics[topic.name] = topic
+        self.counts[topic.name] = 0
+
+    def add_message(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
+        """Append one message of a registered topic."""
+        self._writer.add_message(self._channels[topic], log_time_ns, data, publish_time_ns)
+        self.counts[topic] += 1
+        self._first_ns = min(self._first_ns, log_time_ns)
+        self._last_ns = max(self._last_ns, log_time_ns)
+
+    def add_metadata(self, metadata: BagMetadata) -> None:
+        """Append the bag's metadata as it stands now."""
+        self._writer.add_metadata("rosbag2", metadata.to_record())
+
+    def flush(self) -> None:
+        """Pack the chunk in the making and hand all to the disk, as safe as it can make it."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
+        os.fdatasync(self._stream.fileno())
+
+    def finish(self) -> None:
+        """Write index and footer and close the file."""
+        try:
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._stream.flush()
+            os.fsync(self._stream.fileno())
+        finally:
+            self._stream.close()
+
+    def abandon(self) -> None:
+        """Close the file as it is, after an error."""
+        with contextlib.suppress(OSError):
+            self._stream.close()
+
+    @property
+    def information(self) -> FileInformation:
+        """What ``metadata.yaml`` says of this file."""
+        count = sum(self.counts.values())
+        return FileInformation(
+            path=self.path.name,
+            starting_time_ns=self._first_ns,
+            duration_ns=self._last_ns - self._first_ns if count else 0,
+            message_count=count,
+        )

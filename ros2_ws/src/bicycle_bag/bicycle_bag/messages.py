@@ -1,0 +1,68 @@
+"""Decoded messages of a bag, without ROS and without the packages that define them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mcap.exceptions import McapError
+from mcap.records import Schema
+from mcap_ros2.decoder import DecoderFactory
+
+from bicycle_bag.errors import BagError
+from bicycle_bag.reader import BagReader
+
+
+class DecodedMessage(NamedTuple):
+    """One message; ``message`` has the fields of its type, times are in nanoseconds."""
+
+    topic: str
+    type: str
+    log_time_ns: int
+    publish_time_ns: int
+    message: Any
+
+
+def read(
+    bag: BagReader | Path | str, topics: Collection[str] | None = None
+) -> Iterator[DecodedMessage]:
+    """Messages of a bag in recorded order, decoded by the definitions that it carries.
+
+    For long recordings of numbers, ``columns.load`` is some fifty times faster.
+
+    Args:
+        bag: An open bag, or the path of one.
+        topics: Only these; all by default.
+
+    Raises:
+        BagError: The bag cannot be read, lacks a topic or the definition of one, or holds a
+            message that is not of its type.
+    """
+    reader = bag if isinstance(bag, BagReader) else BagReader(bag)
+    decoders: dict[str, Callable[[bytes], Any]] = {}
+    for topic, type_name, log_time, publish_time, data in reader.messages(topics):
+        if topic not in decoders:
+            decoders[topic] = _decoder(topic, type_name, reader.definition(topic))
+        try:
+            decoded = decoders[topic](data)
+        except Exception as error:  # whatever the decoder makes of foreign bytes
+            raise BagError(
+                f"a message of {topic} is not a {type_name} ({error}): the bag's recorder was "
+                "another version or the bag is corrupt"
+            ) from None
+        yield DecodedMessage(topic, type_name, log_time, publish_time, decoded)
+
+
+def _decoder(topic: str, type_name: str, definition: str) -> Callable[[bytes], Any]:
+    schema = Schema(id=1, data=definition.encode(), encoding="ros2msg", name=type_name)
+    try:
+        decode = DecoderFactory().decoder_for("cdr", schema) if definition else None
+    except (McapError, ValueError, KeyError):
+        decode = None
+    if decode is None:
+        raise BagError(
+            f"the bag has no usable definition of {type_name} for {topic}: record it again with "
+            "the workspace sourced that defines it"
+        )
+    return decode

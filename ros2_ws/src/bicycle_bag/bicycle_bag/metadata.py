@@ -1,0 +1,204 @@
+"""A bag's ``metadata.yaml`` in rosbag2's version 9, the one that Jazzy writes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from bicycle_bag.errors import BagError
+from bicycle_bag.qos import QosProfile, parse_profiles
+
+VERSION = 9
+FILE_NAME = "metadata.yaml"
+ROOT = "rosbag2_bagfile_information"
+# rosbag2 writes this for a bag without messages.
+NO_START = 2**63 - 1
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A recorded topic: its type, the offers of its publishers and the type's RIHS01 hash."""
+
+    name: str
+    type: str
+    qos: tuple[QosProfile, ...] = ()
+    type_hash: str = ""
+    serialization_format: str = "cdr"
+
+
+@dataclass(frozen=True)
+class FileInformation:
+    """One MCAP file of a bag; times in nanoseconds of the log clock."""
+
+    path: str
+    starting_time_ns: int = NO_START
+    duration_ns: int = 0
+    message_count: int = 0
+
+
+@dataclass(frozen=True)
+class BagMetadata:
+    """All that rosbag2 keeps about a bag; ``counts`` holds the messages of each topic."""
+
+    topics: tuple[Topic, ...] = ()
+    counts: Mapping[str, int] = field(default_factory=dict)
+    files: tuple[FileInformation, ...] = ()
+    custom_data: Mapping[str, str] = field(default_factory=dict)
+    ros_distro: str = "jazzy"
+
+    @property
+    def message_count(self) -> int:
+        """Messages in all files."""
+        return sum(file.message_count for file in self.files)
+
+    @property
+    def starting_time_ns(self) -> int:
+        """Log time of the first message, or ``NO_START``."""
+        return min((file.starting_time_ns for file in self.files), default=NO_START)
+
+    @property
+    def duration_ns(self) -> int:
+        """From the first message to the last."""
+        ends = [f.starting_time_ns + f.duration_ns for f in self.files if f.message_count]
+        return max(ends) - self.starting_time_ns if ends else 0
+
+    def to_yaml_map(self) -> dict[str, Any]:
+        """The metadata in rosbag2's keys and order, without the root key."""
+        return {
+            "version": VERSION,
+            "storage_identifier": "mcap",
+            "duration": {"nanoseconds": self.duration_ns},
+            "starting_time": {"nanoseconds_since_epoch": self.starting_time_ns},
+            "message_count": self.message_count,
+            "topics_with_message_count": [
+                {
+                    "topic_metadata": _topic_map(topic),
+                    "message_count": self.counts.get(topic.name, 0),
+                }
+                for topic in self.topics
+            ],
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [file.path for file in self.files],
+            "files": [_file_map(file) for file in self.files],
+            "custom_data": dict(self.custom_data) or None,
+            "ros_distro": self.ros_distro,
+        }
+
+    def to_record(self) -> dict[str, str]:
+        """The contents of the MCAP metadata record named ``rosbag2``."""
+        return {"serialized_metadata": _dump(self.to_yaml_map())}
+
+
+def _topic_map(topic: Topic) -> dict[str, Any]:
+    return {
+        "name": topic.name,
+        "type": topic.type,
+        "serialization_format": topic.serialization_format,
+        "offered_qos_profiles": [profile.to_yaml_map() for profile in topic.qos],
+        "type_description_hash": topic.type_hash,
+    }
+
+
+def _file_map(file: FileInformation) -> dict[str, Any]:
+    return {
+        "path": file.path,
+        "starting_time": {"nanoseconds_since_epoch": file.starting_time_ns},
+        "duration": {"nanoseconds": file.duration_ns},
+        "message_count": file.message_count,
+    }
+
+
+def _dump(content: Mapping[str, Any]) -> str:
+    return yaml.safe_dump(dict(content), sort_keys=False, allow_unicode=True)
+
+
+def write(folder: Path, metadata: BagMetadata) -> None:
+    """Write ``metadata.yaml`` into ``folder``: whole or not at all, also on a power cut.
+
+    Raises:
+        OSError: The disk does not take it.
+    """
+    temporary = folder / f".{FILE_NAME}.tmp"
+    with temporary.open("w", encoding="utf-8") as file:
+        file.write(_dump({ROOT: metadata.to_yaml_map()}))
+        file.flush()
+        os.fsync(file.fileno())
+    temporary.replace(folder / FILE_NAME)
+
+
+def read(folder: Path) -> BagMetadata:
+    """Read ``metadata.yaml`` of any version that rosbag2 has written with MCAP files.
+
+    Raises:
+        BagError: The file is missing, is not YAML or is not rosbag2's.
+    """
+    path = folder / FILE_NAME
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        return from_yaml_map(content[ROOT])
+    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
+        raise BagError(f"cannot read {path} ({_one_line(error)}): {_REMEDY}") from None
+    except (KeyError, TypeError, ValueError, AttributeError):
+        raise BagError(f"{path} is not rosbag2 metadata: {_REMEDY}") from None
+
+
+_REMEDY = "remove it and run record.sh --repair on the bag to write it anew"
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:120]
+
+
+def from_yaml_map(content: Mapping[str, Any]) -> BagMetadata:
+    """The metadata from rosbag2's keys, the inverse of ``BagMetadata.to_yaml_map``.
+
+    Raises:
+        BagError: The files are not MCAP or are compressed as a whole.
+        KeyError, TypeError, ValueError: The map is not rosbag2's.
+    """
+    storage = content["storage_identifier"]
+    if storage != "mcap":
+        raise BagError(f"the bag is stored as {storage}: convert it with ros2 bag convert to mcap")
+    if content.get("compression_mode"):
+        raise BagError("the bag's files are compressed as a whole: ros2 bag convert undoes it")
+    topics, counts = [], {}
+    for entry in content["topics_with_message_count"] or []:
+        topic = _read_topic(entry["topic_metadata"])
+        topics.append(topic)
+        counts[topic.name] = int(entry["message_count"])
+    files = [_read_file(entry) for entry in content.get("files") or []]
+    if not files:  # metadata before version 5
+        files = [FileInformation(str(path)) for path in content["relative_file_paths"] or []]
+    custom = content.get("custom_data") or {}
+    return BagMetadata(
+        topics=tuple(topics),
+        counts=counts,
+        files=tuple(files),
+        custom_data={str(key): str(value) for key, value in custom.items()},
+        ros_distro=str(content.get("ros_distro") or ""),
+    )
+
+
+def _read_topic(entry: Mapping[str, Any]) -> Topic:
+    return Topic(
+        name=str(entry["name"]),
+        type=str(entry["type"]),
+        qos=parse_profiles(entry.get("offered_qos_profiles")),
+        type_hash=str(entry.get("type_description_hash") or ""),
+        serialization_format=str(entry["serialization_format"]),
+    )
+
+
+def _read_file(entry: Mapping[str, Any]) -> FileInformation:
+    return FileInformation(
+        path=str(entry["path"]),
+        starting_time_ns=int(entry["starting_time"]["nanoseconds_since_epoch"]),
+        duration_ns=int(entry["duration"]["nanoseconds"]),
+        message_count=int(entry["message_count"]),
+    )

@@ -1,0 +1,252 @@
+"""Reads bags without ROS: topics, counts, times and the raw messages."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from mcap.opcode import Opcode
+
+from bicycle_bag import container, metadata
+from bicycle_bag.container import DamageError, Registry, Summary
+from bicycle_bag.errors import BagError
+from bicycle_bag.metadata import NO_START, BagMetadata, FileInformation, Topic
+
+
+class BagMessage(NamedTuple):
+    """One recorded message; ``data`` is its CDR encoding, times are in nanoseconds."""
+
+    topic: str
+    type: str
+    log_time_ns: int
+    publish_time_ns: int
+    data: bytes
+
+
+class BagReader:
+    """A finished bag: a directory as ``ros2 bag record`` leaves it, or one ``.mcap`` file.
+
+    Opening reads the index only. Nothing stays open between calls.
+
+    Args:
+        path: Bag directory or MCAP file.
+
+    Raises:
+        BagError: There is no such bag, it is foreign, or it was never finished.
+    """
+
+    def __init__(self, path: Path | str) -> None:
+        self.path = Path(path)
+        self.files = find_files(self.path)
+        self._topics: dict[str, Topic] = {}
+        self._definitions: dict[str, str] = {}
+        self._counts: dict[str, int] = {}
+        self._informations: list[FileInformation] = []
+        self._stored = self._stored_metadata()
+        for file in self.files:
+            self._open(file)
+
+    def _stored_metadata(self) -> BagMetadata:
+        if (self.path / metadata.FILE_NAME).is_file():
+            return metadata.read(self.path)
+        return BagMetadata(ros_distro="")
+
+    @property
+    def topics(self) -> dict[str, Topic]:
+        """Recorded topics by name, also those without messages."""
+        return dict(self._topics)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Messages of each topic."""
+        return dict(self._counts)
+
+    @property
+    def message_count(self) -> int:
+        """Messages of all topics."""
+        return sum(self._counts.values())
+
+    @property
+    def metadata(self) -> BagMetadata:
+        """What the bag holds, counted from its files; custom data from ``metadata.yaml``."""
+        return BagMetadata(
+            topics=tuple(self._topics.values()),
+            counts=self.counts,
+            files=tuple(self._informations),
+            custom_data=self._stored.custom_data,
+            ros_distro=self._stored.ros_distro or "jazzy",
+        )
+
+    @property
+    def starting_time_ns(self) -> int:
+        """Log time of the first message; ``metadata.NO_START`` in an empty bag."""
+        return self.metadata.starting_time_ns
+
+    @property
+    def duration_ns(self) -> int:
+        """From the first message to the last."""
+        return self.metadata.duration_ns
+
+    def definition(self, topic: str) -> str:
+        """The ``ros2msg`` text of a topic's type; empty where the bag has none.
+
+        Raises:
+            BagError: The bag has no such topic.
+        """
+        self.require([topic])
+        return self._definitions[topic]
+
+    def require(self, topics: Collection[str]) -> None:
+        """Check that the bag has these topics.
+
+        Raises:
+            BagError: One is missing; the text lists what there is.
+        """
+        missing = sorted(set(topics) - set(self._topics))
+        if missing:
+            there = ", ".join(sorted(self._topics)) or "none"
+            raise BagError(f"{self.path} has no topic {', '.join(missing)}: it has {there}")
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
+        """Messages in the order they were recorded.
+
+        Args:
+            topics: Only these; all by default.
+
+        Raises:
+            BagError: A topic is missing, or the bag is corrupt where it is being read.
+        """
+        if topics is not None:
+            self.require(topics)
+        for file in self.files:
+            yield from _file_messages(file, topics)
+
+    def _open(self, file: Path) -> None:
+        try:
+            registry, counts, first, last = _inspect(file)
+        except DamageError as error:
+            raise damaged(file, error) from None
+        for channel_id, channel in registry.channels.items():
+            topic = registry.topic_of(channel)
+            self._topics.setdefault(topic.name, topic)
+            self._definitions.setdefault(topic.name, registry.definition_of(channel))
+            known = self._counts.get(topic.name, 0)
+            self._counts[topic.name] = known + counts.get(channel_id, 0)
+        total = sum(counts.values())
+        start, duration = (first, last - first) if total else (NO_START, 0)
+        self._informations.append(FileInformation(file.name, start, duration, total))
+
+
+def damaged(file: Path, error: DamageError) -> BagError:
+    """The error for a file that a reader should not go on with."""
+    return BagError(f"{file} is damaged ({error}): recover it with record.sh --repair")
+
+
+def find_files(path: Path, listed: bool = True) -> list[Path]:
+    """The MCAP files of a bag in order.
+
+    Args:
+        path: Bag directory or MCAP file.
+        listed: Go by ``metadata.yaml`` where there is one, not by what lies in the directory.
+
+    Raises:
+        BagError: There is no bag there.
+    """
+    if path.is_file():
+        return [path]
+    if not path.is_dir():
+        raise BagError(f"there is no bag {path}: name a bag directory or a .mcap file")
+    if listed and (path / metadata.FILE_NAME).is_file():
+        return _listed_files(path)
+    files = sorted(path.glob("*.mcap"), key=_natural)
+    if not files:
+        raise BagError(f"{path} holds no .mcap file: name the directory that record.sh made")
+    return files
+
+
+def _listed_files(path: Path) -> list[Path]:
+    files = []
+    for information in metadata.read(path).files:
+        file = path / information.path
+        # rosbag2 once wrote the paths relative to the directory above.
+        file = file if file.is_file() else path.parent / information.path
+        if not file.is_file():
+            raise BagError(
+                f"{path} lacks its file {information.path}: put it back, or go on without it "
+                "after record.sh --repair"
+            )
+        files.append(file)
+    return files
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    parts = re.findall(r"\d+|\D+", path.name)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
+
+
+class _Contents(NamedTuple):
+    registry: Registry
+    counts: dict[int, int]
+    first_ns: int
+    last_ns: int
+
+
+def _inspect(file: Path) -> _Contents:
+    size = container.size_of(file)
+    with container.open_binary(file) as stream:
+        container.check_magic(file, stream)
+        summary = container.read_summary(stream, size)
+    if summary.statistics is not None and summary.registry.channels:
+        found = summary.statistics
+        counts = dict(found.channel_message_counts)
+        return _Contents(
+            summary.registry, counts, found.message_start_time, found.message_end_time
+        )
+    return _scan(file, summary)
+
+
+def _scan(file: Path, summary: Summary) -> _Contents:
+    counts: dict[int, int] = {}
+    first, last = NO_START, 0
+    for message in _raw_messages(file, summary.registry):
+        counts[message.channel_id] = counts.get(message.channel_id, 0) + 1
+        first, last = min(first, message.log_time_ns), max(last, message.log_time_ns)
+    return _Contents(summary.registry, counts, first, last)
+
+
+def _raw_messages(file: Path, registry: Registry) -> Iterator[container.RawMessage]:
+    with container.open_binary(file) as stream:
+        container.check_magic(file, stream)
+        for _, record in container.records(stream, container.size_of(file)):
+            is_chunk = record.opcode == Opcode.CHUNK
+            for item in container.chunk_records(record.body) if is_chunk else (record,):
+                if item.opcode == Opcode.MESSAGE:
+                    yield container.parse_message(item.body)
+                else:
+                    registry.take(item)
+
+
+def _file_messages(file: Path, topics: Collection[str] | None) -> Iterator[BagMessage]:
+    registry = Registry()
+    wanted: dict[int, tuple[str, str] | None] = {}
+    try:
+        for channel_id, log_time, publish_time, data in _raw_messages(file, registry):
+            if channel_id not in wanted:
+                wanted[channel_id] = _name_and_type(registry, channel_id, topics)
+            if (names := wanted[channel_id]) is not None:
+                yield BagMessage(*names, log_time, publish_time, data)
+    except DamageError as error:
+        raise damaged(file, error) from None
+
+
+def _name_and_type(
+    registry: Registry, channel_id: int, topics: Collection[str] | None
+) -> tuple[str, str] | None:
+    channel = registry.channels.get(channel_id)
+    if channel is None:
+        raise DamageError(f"a message belongs to no channel ({channel_id})")
+    if topics is not None and channel.topic not in topics:
+        return None
+    return channel.topic, registry.type_of(channel)

@@ -1,0 +1,182 @@
+"""Writes a bag directory as rosbag2 does, so that a killed recorder loses at most a second."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import time
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+from bicycle_bag import metadata
+from bicycle_bag.errors import BagError
+from bicycle_bag.mcap_file import CHUNK_BYTES, COMPRESSIONS, McapFile
+from bicycle_bag.metadata import BagMetadata, FileInformation, Topic
+
+FLUSH_SECONDS = 0.5
+MIN_SPLIT_BYTES = 1024
+
+
+@contextlib.contextmanager
+def _disk_errors(path: Path, file: McapFile | None = None) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        if file is not None:
+            file.abandon()
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        remedy = "free some space" if full else "check the disk"
+        raise BagError(
+            f"cannot write {path} ({error.strerror}): {remedy}, then recover what was recorded "
+            "with record.sh --repair"
+        ) from None
+
+
+class BagWriter:
+    """A bag in the making: ``add_topic``, then ``write``, at last ``close``.
+
+    Args:
+        path: Directory to create.
+        compression: ``zstd``, ``lz4`` or ``none``, applied to each chunk.
+        split_bytes: Begin a new file beyond this size; 0 never does.
+        split_seconds: Begin a new file when one spans this log time; 0 never does.
+        custom_data: Free texts for ``metadata.yaml``.
+        chunk_bytes: Size at which a chunk is packed and written.
+
+    Raises:
+        BagError: The directory exists or cannot be created, or an option is out of range.
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        *,
+        compression: str = "zstd",
+        split_bytes: int = 0,
+        split_seconds: float = 0.0,
+        custom_data: Mapping[str, str] | None = None,
+        chunk_bytes: int = CHUNK_BYTES,
+    ) -> None:
+        self.path = Path(path)
+        if compression not in COMPRESSIONS:
+            raise BagError(f"compression is {compression!r}: choose {', '.join(COMPRESSIONS)}")
+        if 0 < split_bytes < MIN_SPLIT_BYTES or split_bytes < 0:
+            raise BagError(f"split size is {split_bytes} bytes: choose 0 or >= {MIN_SPLIT_BYTES}")
+        if not split_seconds >= 0.0:
+            raise BagError(f"split time is {split_seconds} s: choose 0 or a positive number")
+        self.custom_data = dict(custom_data or {})
+        self._compression = compression
+        self._chunk_bytes = chunk_bytes
+        self._split_bytes = split_bytes
+        self._split_ns = int(split_seconds * 1e9)
+        self._topics: dict[str, Topic] = {}
+        self._definitions: dict[str, str] = {}
+        self._done: list[FileInformation] = []
+        self._counts: dict[str, int] = {}
+        self._create_directory()
+        with _disk_errors(self.path):
+            self._file = self._open_file()
+        self._flushed = time.monotonic()
+
+    def _create_directory(self) -> None:
+        try:
+            self.path.mkdir(parents=True)
+        except FileExistsError:
+            raise BagError(f"{self.path} exists: choose another name or remove it") from None
+        except OSError as error:
+            raise BagError(f"cannot create {self.path}: {error.strerror}") from None
+
+    def add_topic(self, topic: Topic, definition: str) -> None:
+        """Register a topic before its first message.
+
+        Args:
+            topic: Its name, type, offered QoS and type hash.
+            definition: ``ros2msg`` text of the type; empty where none is known.
+        """
+        self._topics[topic.name] = topic
+        self._definitions[topic.name] = definition
+        with _disk_errors(self.path, self._file):
+            self._file.add_topic(topic, definition)
+
+    def write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
+        """Append a message; what has been written for half a second goes to the disk.
+
+        Raises:
+            BagError: The disk is full or fails; what was flushed before is safe.
+        """
+        if self._must_split(log_time_ns):
+            self.split()
+        with _disk_errors(self.path, self._file):
+            self._file.add_message(topic, data, log_time_ns, publish_time_ns)
+        self.flush_if_due()
+
+    def flush_if_due(self) -> None:
+        """Flush if the last flush is half a second ago; a recorder's timer calls it."""
+        if time.monotonic() - self._flushed >= FLUSH_SECONDS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Hand all messages to the disk now."""
+        with _disk_errors(self.path, self._file):
+            self._file.flush()
+        self._flushed = time.monotonic()
+
+    def split(self) -> None:
+        """Finish the present file and begin the next."""
+        with _disk_errors(self.path, self._file):
+            self._finish_file()
+            self._file = self._open_file()
+            for name, topic in self._topics.items():
+                self._file.add_topic(topic, self._definitions[name])
+
+    def close(self) -> BagMetadata:
+        """Finish the bag and write ``metadata.yaml``.
+
+        Returns:
+            What the bag holds.
+        """
+        with _disk_errors(self.path, self._file):
+            self._finish_file()
+            final = self._metadata()
+            metadata.write(self.path, final)
+        return final
+
+    def __enter__(self) -> BagWriter:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None or not issubclass(kind, BagError):
+            self.close()
+
+    def _must_split(self, log_time_ns: int) -> bool:
+        if self._split_bytes and self._file.size >= self._split_bytes:
+            return True
+        return bool(self._split_ns) and log_time_ns - self._file.first_ns >= self._split_ns
+
+    def _open_file(self) -> McapFile:
+        path = self.path / f"{self.path.name}_{len(self._done)}.mcap"
+        file = McapFile(path, self._compression, self._chunk_bytes)
+        file.add_metadata(self._metadata(file))
+        file.flush()
+        return file
+
+    def _finish_file(self) -> None:
+        self._file.add_metadata(self._metadata(self._file))
+        self._file.finish()
+        self._done.append(self._file.information)
+        for name, count in self._file.counts.items():
+            self._counts[name] = self._counts.get(name, 0) + count
+
+    def _metadata(self, open_file: McapFile | None = None) -> BagMetadata:
+        counts = dict(self._counts)
+        files = list(self._done)
+        if open_file is not None:
+            files.append(open_file.information)
+            for name, count in open_file.counts.items():
+                counts[name] = counts.get(name, 0) + count
+        return BagMetadata(
+            topics=tuple(self._topics.values()),
+            counts=counts,
+            files=tuple(files),
+            custom_data=self.custom_data,
+        )

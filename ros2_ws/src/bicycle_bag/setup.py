@@ -1,0 +1,32 @@
+from setuptools import find_packages, setup
+
+package_name = "bicycle_bag"
+
+setup(
+    name=package_name,
+    version="0.1.0",
+    packages=find_packages(include=[package_name, f"{package_name}.*"]),
+    package_data={package_name: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
+        (f"share/{package_name}", ["package.xml"]),
+    ],
+    python_requires=">=3.10",
+    install_requires=["setuptools", "mcap", "mcap-ros2-support", "numpy", "pyyaml", "tqdm"],
+    extras_require={"test": ["pytest"]},
+    zip_safe=True,
+    maintainer="Self-driving bicycle maintainers",
+    maintainer_email="maintainers@self-driving-bicycle.org",
+    description=(
+        "Records and replays ROS 2 topics as MCAP bags that rosbag2 reads, "
+        "and reads them without ROS."
+    ),
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "bicycle_record = bicycle_bag.nodes.recorder_node:main",
+            "bicycle_play = bicycle_bag.nodes.player_node:main",
+            "bicycle_repair = bicycle_bag.repair:main",
+        ],
+    },
+)
