@@ -1,0 +1,120 @@
+"""Every topic, service and QoS profile of the stack, in one place.
+
+Names are relative, so that a namespace makes one bicycle of a fleet; `/clock` and `/diagnostics`
+are absolute by convention. Publishers offer deadlines and reliability; no subscriber demands
+more than ROS defaults offer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from bicycle_msgs.msg import (
+    BicycleCommand,
+    BicycleState,
+    EpisodeInfo,
+    GoalStatus,
+    LoopTiming,
+    Transition,
+)
+from bicycle_msgs.srv import LoadPolicy, Reset
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry, Path
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_srvs.srv import SetBool, Trigger
+from visualization_msgs.msg import MarkerArray
+
+ODOM_FRAME = "odom"
+BASE_FRAME = "base_link"
+GOAL_FRAMES = ("odom", "map")
+"""Frames that goals may be in: the simulated truth has the identity between the two."""
+
+STATE_PERIOD = 0.1
+"""s after which the present state is published again while nothing moves."""
+
+
+def _profile(depth: int, latched: bool = False, reliable: bool = True) -> QoSProfile:
+    """Keep the last `depth`; latched ones are kept for who comes later."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def _offered(depth: int, deadline: float) -> QoSProfile:
+    """A publisher's profile that offers a deadline, s."""
+    profile = _profile(depth)
+    profile.deadline = Duration(seconds=deadline)
+    return profile
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One topic: its name, its type, and the profiles to publish and to subscribe with."""
+
+    name: str
+    type: Any
+    publish: QoSProfile
+    subscribe: QoSProfile
+
+
+def _topic(name: str, kind: Any, depth: int = 5, latched: bool = False) -> Topic:
+    profile = _profile(depth, latched)
+    return Topic(name, kind, profile, profile)
+
+
+STATE = Topic("bicycle/state", BicycleState, _offered(5, 2.5 * STATE_PERIOD), _profile(5))
+COMMAND = Topic("bicycle/command", BicycleCommand, _offered(1, 2.5 * STATE_PERIOD), _profile(5))
+ODOMETRY = Topic("odom", Odometry, _offered(5, 2.5 * STATE_PERIOD), _profile(5))
+JOINT_STATES = Topic("joint_states", JointState, _offered(5, 2.5 * STATE_PERIOD), _profile(5))
+CLOCK = Topic("/clock", Clock, _profile(1, reliable=False), _profile(1, reliable=False))
+MARKERS = _topic("bicycle/markers", MarkerArray, depth=1)
+DIAGNOSTICS = _topic("/diagnostics", DiagnosticArray, depth=10)
+TRANSITION = _topic("bicycle/transition", Transition, depth=1000)
+TIMING = _topic("bicycle/timing", LoopTiming, depth=10)
+EPISODE = _topic("bicycle/episode", EpisodeInfo, depth=1, latched=True)
+INITIAL_POSE = _topic("initialpose", PoseWithCovarianceStamped)
+GOAL_POSE = _topic("goal_pose", PoseStamped)
+GOAL_PATH = _topic("goal_path", Path)
+ACTIVE_GOAL = _topic("bicycle/active_goal", PoseStamped, depth=1, latched=True)
+GOAL_STATUS = _topic("bicycle/goal_status", GoalStatus, depth=10, latched=True)
+
+TOPICS: tuple[Topic, ...] = (
+    STATE,
+    COMMAND,
+    ODOMETRY,
+    JOINT_STATES,
+    CLOCK,
+    MARKERS,
+    DIAGNOSTICS,
+    TRANSITION,
+    TIMING,
+    EPISODE,
+    INITIAL_POSE,
+    GOAL_POSE,
+    GOAL_PATH,
+    ACTIVE_GOAL,
+    GOAL_STATUS,
+)
+"""All of them."""
+
+
+@dataclass(frozen=True)
+class Service:
+    """One service: its name and its type."""
+
+    name: str
+    type: Any
+
+
+RESET = Service("bicycle/reset", Reset)
+PAUSE = Service("bicycle/pause", SetBool)
+STEP = Service("bicycle/step", Trigger)
+LOAD_POLICY = Service("bicycle/load_policy", LoadPolicy)

@@ -1,0 +1,115 @@
+"""Start, spin and end a node: clean on SIGINT and SIGTERM, one line for a user's mistake."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import rclpy
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
+
+WAKE_PERIOD = 0.1
+"""s: how soon a signal is noticed; the executor sleeps in C, where Python's handlers wait."""
+
+
+class UserError(Exception):
+    """A mistake of the user; its text is one line with the remedy."""
+
+
+class Closing(Protocol):
+    """A node that has something to do while its topics still work."""
+
+    def close(self) -> None:
+        """Publish or save what is left."""
+
+
+class _Stop:
+    """Set by the first signal."""
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    def __call__(self, number: int, frame: object) -> None:
+        self.asked = True
+
+
+def run(
+    name: str, make: Callable[[], Any], usage: str = "", args: Sequence[str] | None = None
+) -> int:
+    """Run one node until a signal, on one thread.
+
+    Args:
+        name: of the program, in front of error lines.
+        make: makes the node; it may raise UserError.
+        usage: printed by `--help`.
+        args: command line with the program's name; the process's own by default.
+
+    Returns:
+        The exit status: 0 after SIGINT, SIGTERM or `--help`, 2 for a user's mistake.
+    """
+    words = list(sys.argv if args is None else args)
+    stop = _Stop()
+    try:
+        if not _understood(words, usage):
+            return 0
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, stop)
+        _spin(words, make, stop)
+    except UserError as error:
+        print(f"{name}: {error}", file=sys.stderr, flush=True)
+        return 2
+    except ExternalShutdownException:
+        pass
+    finally:
+        rclpy.try_shutdown()
+    return 0
+
+
+def _understood(words: list[str], usage: str) -> bool:
+    """Whether to go on: not after `--help`.
+
+    Raises:
+        UserError: on a word that belongs to nobody.
+    """
+    try:
+        others = remove_ros_args(words)[1:]
+    except Exception as error:
+        raise UserError(f"cannot read the ROS arguments: {_first_line(error)}") from None
+    if "--help" in others or "-h" in others:
+        print(usage)
+        return False
+    if others:
+        raise UserError(
+            f"unknown argument {others[0]!r}; parameters go as --ros-args -p name:=value"
+        )
+    return True
+
+
+def _spin(words: list[str], make: Callable[[], Any], stop: _Stop) -> None:
+    """Make the node and serve it until `stop` is asked for."""
+    try:
+        rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:
+        raise UserError(f"cannot start ROS: {_first_line(error)}") from None
+    node = make()
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    steady = Clock(clock_type=ClockType.STEADY_TIME)
+    node.create_timer(WAKE_PERIOD, lambda: None, clock=steady)
+    try:
+        while not stop.asked:
+            executor.spin_once()
+        node.close()
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+
+
+def _first_line(error: Exception) -> str:
+    """The first line of an exception's text."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0]
