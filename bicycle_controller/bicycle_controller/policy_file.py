@@ -100,14 +100,9 @@ def _numbers(name: str, values: Any, size: int) -> tuple[float, ...]:
     return numbers
 
 
-def encode(info: PolicyInfo, tensors: Tensors) -> bytes:
-    """The file's bytes, the same for the same policy.
-
-    Raises:
-        PolicyError: when the tensors do not make a network for `info`.
-    """
-    check_tensors(info, tensors)
-    metadata = {
+def metadata(info: PolicyInfo) -> dict[str, str]:
+    """The file's metadata, see the top of this module."""
+    return {
         "format": FORMAT,
         "version": VERSION,
         "name": info.name,
@@ -120,8 +115,17 @@ def encode(info: PolicyInfo, tensors: Tensors) -> bytes:
         "time_step": json.dumps(info.physics.constants.time_step),
         "trained": json.dumps(info.trained, sort_keys=True),
     }
-    data = save({name: np.ascontiguousarray(tensors[name]) for name in sorted(tensors)}, metadata)
-    return _ordered_header(data)
+
+
+def encode(info: PolicyInfo, tensors: Tensors) -> bytes:
+    """The file's bytes, the same for the same policy.
+
+    Raises:
+        PolicyError: when the tensors do not make a network for `info`.
+    """
+    check_tensors(info, tensors)
+    ordered = {name: np.ascontiguousarray(tensors[name]) for name in sorted(tensors)}
+    return _ordered_header(save(ordered, metadata(info)))
 
 
 def _ordered_header(data: bytes) -> bytes:

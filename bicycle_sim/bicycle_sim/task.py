@@ -131,6 +131,13 @@ class BicycleTask:
         self.fallen[mask] = False
         self._frozen_reward[mask] = 0.0
 
+    def keep(self, mask: np.ndarray) -> None:
+        """Go on with the bicycles of `mask` (N,) only; N becomes their number."""
+        self.state = State(**{name: values[mask] for name, values in vars(self.state).items()})
+        for name in ("goal_x", "goal_y", "steps", "fallen", "_frozen_reward"):
+            setattr(self, name, getattr(self, name)[mask])
+        self.count = int(mask.sum())
+
     def step(self, action: np.ndarray) -> Step:
         """Apply one action to every bicycle.
 

@@ -1,0 +1,69 @@
+"""An evaluation's summary as aligned text and as Markdown."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+RATES = (
+    ("reached the goal", "reach_rate"),
+    ("fell", "fall_rate"),
+    ("ran out of time", "timeout_rate"),
+    ("  of these, orbits", "orbit_rate"),
+)
+MEASURES = (
+    ("time to goal, median", "median_time_s", 1.0, "s"),
+    ("time to goal, 95 %", "p95_time_s", 1.0, "s"),
+    ("path over shortest, median", "path_ratio", 1.0, ""),
+    ("path over shortest, mean", "path_ratio_mean", 1.0, ""),
+    ("peak lean, median", "peak_lean", 180.0 / math.pi, "deg"),
+    ("peak lean, largest", "peak_lean_max", 180.0 / math.pi, "deg"),
+    ("torque, mean size", "mean_torque", 1.0, "N m"),
+    ("displacement, mean size", "mean_displacement", 100.0, "cm"),
+    ("pedal force, mean size", "mean_pedal_force", 1.0, "N"),
+    ("speed, mean", "mean_speed", 1.0, "m/s"),
+    ("return, mean", "mean_return", 1.0, ""),
+)
+
+Row = tuple[str, list[str]]
+
+
+def rows(summaries: list[dict[str, Any]]) -> list[Row]:
+    """Label and one cell per summary, for every line of the table."""
+    table: list[Row] = [
+        ("controller", [str(item["controller"]) for item in summaries]),
+        ("scenario", [str(item["scenario"]["name"]) for item in summaries]),
+        ("rides", [f"{item['episodes']:,}" for item in summaries]),
+    ]
+    table += [(label, [_rate(item, key) for item in summaries]) for label, key in RATES]
+    for label, key, factor, unit in MEASURES:
+        table.append((label, [_measure(item[key], factor, unit) for item in summaries]))
+    return table
+
+
+def _rate(summary: dict[str, Any], key: str) -> str:
+    low, high = (100.0 * value for value in summary[f"{key}_interval"])
+    return f"{100.0 * summary[key]:.2f} % ({low:.2f} to {high:.2f})"
+
+
+def _measure(value: float | None, factor: float, unit: str) -> str:
+    return "-" if value is None else f"{value * factor:.4g} {unit}".rstrip()
+
+
+def as_text(summaries: list[dict[str, Any]]) -> str:
+    """Aligned columns, one per summary."""
+    table = rows(summaries)
+    first = max(len(label) for label, _ in table)
+    widths = [max(len(cells[i]) for _, cells in table) for i in range(len(summaries))]
+    lines = []
+    for label, cells in table:
+        padded = (cell.rjust(width) for cell, width in zip(cells, widths, strict=True))
+        lines.append("  ".join([label.ljust(first), *padded]))
+    return "\n".join(lines)
+
+
+def as_markdown(summary: dict[str, Any]) -> str:
+    """A Markdown table of one summary."""
+    lines = ["| | |", "| --- | --- |"]
+    lines += [f"| {label.strip()} | {cells[0]} |" for label, cells in rows([summary])]
+    return "\n".join(lines)
