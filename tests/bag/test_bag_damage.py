@@ -6,7 +6,8 @@ import random
 import resource
 import shutil
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,15 @@ def one_line(error: pytest.ExceptionInfo[BagError]) -> str:
     text = str(error.value)
     assert "\n" not in text
     return text
+
+
+def error_of(action: Callable[[], object]) -> str:
+    """The text of the BagError that an action ends in, or nothing."""
+    try:
+        action()
+    except BagError as error:
+        return str(error)
+    return ""
 
 
 def record_ends(file: Path) -> list[tuple[int, int]]:
@@ -145,15 +155,11 @@ def test_flipped_bits_never_hang_nor_traceback(bag: Path, tmp_path: Path) -> Non
             data[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
         target = tmp_path / f"flip_{trial}.mcap"
         target.write_bytes(data)
-        try:
-            columns.load_topics(target, [STATE, COMMAND])
-        except BagError as error:
-            assert "\n" not in str(error)
-        try:
-            repair.repair(target)
+        assert "\n" not in error_of(partial(columns.load_topics, target, [STATE, COMMAND]))
+        trouble = error_of(partial(repair.repair, target))
+        assert trouble == "" or "not an MCAP file" in trouble
+        if not trouble:
             list(BagReader(target).messages())
-        except BagError as error:
-            assert "not an MCAP file" in str(error)
 
 
 def test_announced_sizes_are_not_trusted(tmp_path: Path) -> None:
@@ -165,7 +171,7 @@ def test_announced_sizes_are_not_trusted(tmp_path: Path) -> None:
     for name, data in (("record", huge_record), ("chunk", huge_chunk)):
         path = tmp_path / f"{name}.mcap"
         path.write_bytes(data + end)
-        with pytest.raises(BagError, match="record.sh --repair"):
+        with pytest.raises(BagError, match=r"record\.sh --repair"):
             list(BagReader(path).messages())
         assert repair.repair(path).messages == 0
         assert list(BagReader(path).messages()) == []
@@ -212,7 +218,7 @@ def test_an_existing_directory_is_refused(bag: Path) -> None:
 def test_options_out_of_range_are_refused(tmp_path: Path) -> None:
     for options in ({"compression": "gzip"}, {"split_bytes": 10}, {"split_seconds": -1.0}):
         with pytest.raises(BagError, match="choose"):
-            BagWriter(tmp_path / "bag", **options)  # type: ignore[arg-type]
+            BagWriter(tmp_path / "bag", **options)
     assert not (tmp_path / "bag").exists()
 
 
@@ -228,12 +234,12 @@ def small_disk() -> Iterator[None]:
 def test_a_full_disk_keeps_what_was_written(tmp_path: Path, small_disk: None) -> None:
     writer = BagWriter(tmp_path / "bag", compression="none", chunk_bytes=1000)
     writer.add_topic(Topic("/numbers", "x/msg/Numbers"), "float64[64] values\n")
-    written = 0
-    with pytest.raises(BagError) as error:
-        for index in range(1000):
-            writer.write("/numbers", b"\0\1\0\0" + bytes(512), index, index)
-            written += 1
-    assert "free some space" in one_line(error)
+    trouble, written = "", -1
+    while not trouble and written < 1000:
+        written += 1
+        data = b"\0\1\0\0" + bytes(512)
+        trouble = error_of(partial(writer.write, "/numbers", data, written, written))
+    assert "free some space" in trouble
     report = repair.repair(tmp_path / "bag")
     assert written - 5 <= report.messages <= written + 1
 

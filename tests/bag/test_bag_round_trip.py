@@ -64,7 +64,7 @@ def test_rosbags_and_mcap_ros2_read_the_same(
         first = next(iter(reader.messages([c for c in reader.connections if c.topic == STATE])))
         state = reader.deserialize(first[2], first[0].msgtype)
         assert reader.duration == BagReader(tmp_path / "bag").duration_ns + 1
-    assert state.header.frame_id == "odom"
+    assert state.header.frame_id == "odom"  # type: ignore[attr-defined]
     with (tmp_path / "bag" / "bag_0.mcap").open("rb") as stream:
         decoded = make_reader(stream, decoder_factories=[DecoderFactory()])
         by_mcap = Counter(item.channel.topic for item in decoded.iter_decoded_messages())
@@ -75,9 +75,9 @@ def test_rosbags_and_mcap_ros2_read_the_same(
 
 def test_split_by_size_and_by_time(tmp_path: Path, make_bag: MakeBag, ride: Ride) -> None:
     by_time = make_bag(tmp_path / "time", 100, split_seconds=1.0)
-    by_size = make_bag(tmp_path / "size", 100, split_bytes=2048, chunk_bytes=1024)
+    by_size = make_bag(tmp_path / "size", 100, split_bytes=6000, chunk_bytes=1024)
     assert [file.path for file in by_time.files] == ["time_0.mcap", "time_1.mcap", "time_2.mcap"]
-    assert len(by_size.files) > 3
+    assert len(by_size.files) > 2
     for name in ("time", "size"):
         reader = BagReader(tmp_path / name)
         assert [(m.topic, m.data, m.log_time_ns) for m in reader.messages()] == ride(100)

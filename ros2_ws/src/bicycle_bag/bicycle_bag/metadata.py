@@ -8,8 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from bicycle_bag import yaml_text
 from bicycle_bag.errors import BagError
 from bicycle_bag.qos import QosProfile, parse_profiles
 
@@ -92,7 +91,7 @@ class BagMetadata:
 
     def to_record(self) -> dict[str, str]:
         """The contents of the MCAP metadata record named ``rosbag2``."""
-        return {"serialized_metadata": _dump(self.to_yaml_map())}
+        return {"serialized_metadata": yaml_text.dump(self.to_yaml_map())}
 
 
 def _topic_map(topic: Topic) -> dict[str, Any]:
@@ -114,10 +113,6 @@ def _file_map(file: FileInformation) -> dict[str, Any]:
     }
 
 
-def _dump(content: Mapping[str, Any]) -> str:
-    return yaml.safe_dump(dict(content), sort_keys=False, allow_unicode=True)
-
-
 def write(folder: Path, metadata: BagMetadata) -> None:
     """Write ``metadata.yaml`` into ``folder``: whole or not at all, also on a power cut.
 
@@ -126,7 +121,7 @@ def write(folder: Path, metadata: BagMetadata) -> None:
     """
     temporary = folder / f".{FILE_NAME}.tmp"
     with temporary.open("w", encoding="utf-8") as file:
-        file.write(_dump({ROOT: metadata.to_yaml_map()}))
+        file.write(yaml_text.dump({ROOT: metadata.to_yaml_map()}))
         file.flush()
         os.fsync(file.fileno())
     temporary.replace(folder / FILE_NAME)
@@ -140,9 +135,9 @@ def read(folder: Path) -> BagMetadata:
     """
     path = folder / FILE_NAME
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = yaml_text.load(path.read_text(encoding="utf-8"))
         return from_yaml_map(content[ROOT])
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, RecursionError) as error:
+    except (OSError, UnicodeDecodeError, yaml_text.YAMLError, RecursionError) as error:
         raise BagError(f"cannot read {path} ({_one_line(error)}): {_REMEDY}") from None
     except (KeyError, TypeError, ValueError, AttributeError):
         raise BagError(f"{path} is not rosbag2 metadata: {_REMEDY}") from None

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-import yaml
+from bicycle_bag import yaml_text
 
 # rmw writes "for ever" as the largest int64 count of nanoseconds.
 INFINITE_NS = 2**63 - 1
@@ -88,7 +88,7 @@ def from_yaml_map(values: Mapping[str, Any]) -> QosProfile:
 
 def dump_profiles(profiles: Sequence[QosProfile]) -> str:
     """YAML text of profiles, for the ``offered_qos_profiles`` of an MCAP channel."""
-    return yaml.safe_dump([profile.to_yaml_map() for profile in profiles], sort_keys=False)
+    return yaml_text.dump([profile.to_yaml_map() for profile in profiles])
 
 
 def parse_profiles(offered: object) -> tuple[QosProfile, ...]:
@@ -97,8 +97,8 @@ def parse_profiles(offered: object) -> tuple[QosProfile, ...]:
     A profile that cannot be understood is left out: the messages matter more than the offer.
     """
     try:
-        entries = yaml.safe_load(offered) if isinstance(offered, str) else offered
-    except yaml.YAMLError:
+        entries = yaml_text.load(offered) if isinstance(offered, str) else offered
+    except yaml_text.YAMLError:
         return ()
     profiles = []
     for entry in entries if isinstance(entries, list) else []:

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-import yaml
 from mcap.opcode import Opcode
 
-from bicycle_bag import container, metadata
+from bicycle_bag import container, metadata, yaml_text
 from bicycle_bag.container import DamageError, RawMessage, Record, Registry
 from bicycle_bag.errors import BagError
 
@@ -95,7 +94,7 @@ class Salvage:
     def _remember(self, record: Record) -> None:
         text = container.parse_metadata(record.body).metadata.get("serialized_metadata", "")
         try:
-            stored = metadata.from_yaml_map(yaml.safe_load(text))
-        except (yaml.YAMLError, BagError, KeyError, TypeError, ValueError, AttributeError):
+            stored = metadata.from_yaml_map(yaml_text.load(text))
+        except (yaml_text.YAMLError, BagError, KeyError, TypeError, ValueError, AttributeError):
             return
         self.custom_data.update(stored.custom_data)
