@@ -193,27 +193,27 @@ def load_policy(name_or_path: str | Path = DEFAULT_POLICY) -> Policy:
     try:
         info, tensors = decode(data)
     except PolicyError as error:
-        raise PolicyError(f"cannot load policy {text}: {error}") from None
+        raise PolicyError(f"cannot load policy {text!r}: {error}") from None
     return Policy(info, tensors, hashlib.sha256(data).hexdigest())
 
 
 def _read(path: Path, shipped: list[str]) -> bytes:
     """The bytes of a file that is small enough to be a policy, or PolicyError."""
-    choices = f"shipped policies: {', '.join(shipped) or 'none'}"
+    name, choices = repr(str(path)), f"shipped policies: {', '.join(shipped) or 'none'}"
     try:
         if not path.is_file():
             what = "is not a file" if path.exists() else "does not exist"
             hint = nearest(str(path), shipped)
-            raise PolicyError(f"policy {path} {what}{hint}; give a {SUFFIX} file; {choices}")
+            raise PolicyError(f"policy {name} {what}{hint}; give a {SUFFIX} file; {choices}")
         with path.open("rb") as file:
             data = file.read(MAX_FILE_BYTES + 1)
     except (OSError, ValueError) as error:
         if isinstance(error, PolicyError):
             raise
         reason = getattr(error, "strerror", None) or error
-        raise PolicyError(f"cannot read policy {path}: {reason}; {choices}") from None
+        raise PolicyError(f"cannot read policy {name}: {reason}; {choices}") from None
     if len(data) > MAX_FILE_BYTES:
-        raise PolicyError(f"{path} is too large for a policy ({MAX_FILE_BYTES} bytes); {choices}")
+        raise PolicyError(f"{name} is too large for a policy: {MAX_FILE_BYTES} bytes; {choices}")
     return data
 
 

@@ -66,7 +66,7 @@ class PolicyInfo:
 
     def __post_init__(self) -> None:
         _check(
-            _NAME.fullmatch(self.name) is not None,
+            isinstance(self.name, str) and _NAME.fullmatch(self.name) is not None,
             f"name {self.name!r} is not a word of letters, digits, '.', '_' and '-'",
         )
         for name, size in (("observation_scale", 6), ("action_limits", 3)):
@@ -192,7 +192,7 @@ def _info(metadata: Any) -> PolicyInfo:
     trained = _json(metadata, "trained")
     _check(isinstance(trained, dict), "its 'trained' is not a mapping")
     info = PolicyInfo(
-        name=str(metadata.get("name")),
+        name=metadata.get("name", ""),
         scenario=_config(metadata, "scenario", Scenario),
         physics=_config(metadata, "physics", Physics),
         observation_scale=_json(metadata, "observation_scale"),

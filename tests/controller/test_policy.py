@@ -1,0 +1,313 @@
+import hashlib
+import json
+import math
+import pickle
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import torch
+from bicycle_controller import policy_file
+from bicycle_controller.policy import (
+    CHUNK,
+    Policy,
+    PolicyError,
+    PolicyInfo,
+    load_policy,
+    save_policy,
+    shipped_policies,
+)
+from bicycle_controller.torch_policy import TorchPolicy
+from bicycle_sim.parameters import Physics
+from bicycle_sim.scenario import SCENARIOS
+from policy_maker import make_policy
+from safetensors.numpy import save_file
+
+SCENARIO = SCENARIOS["fixed-start-fixed-goal"]
+
+
+def small(norm: bool, limits=(2.0, 0.0, 100.0)) -> Policy:
+    """Two hidden units that see the steering angle as 3 x and 1 x, and two outputs."""
+    tensors = {
+        "layer.0.weight": np.array([[3, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0]], np.float32),
+        "layer.0.bias": np.array([0.0, 0.0], np.float32),
+        "layer.1.weight": np.array([[0.5, -0.25], [-0.5, 1.0]], np.float32),
+        "layer.1.bias": np.array([0.1, 0.0], np.float32),
+    }
+    if norm:
+        tensors["norm.0.weight"] = np.array([2.0, 1.0], np.float32)
+        tensors["norm.0.bias"] = np.array([0.5, 0.25], np.float32)
+    info = PolicyInfo("small", SCENARIO, Physics(), (0.5, 1, 1, 1, 1, 1), limits)
+    return Policy(info, tensors)
+
+
+def steered(angle: float) -> np.ndarray:
+    return np.array([[angle, 0.0, 0.0, 0.0, 0.0, 0.0]])
+
+
+def test_network_worked_by_hand():
+    # 0.4 / 0.5 = 0.8; hidden 2.4, 0.8; sums 0.5*2.4 - 0.25*0.8 + 0.1 = 1.1, -1.2 + 0.8 = -0.4.
+    action = small(norm=False).act(steered(0.4))
+    expected = [[2.0 * math.tanh(1.1), 0.0, 100.0 * math.tanh(-0.4)]]
+    np.testing.assert_allclose(action, expected, rtol=1e-6)
+    # To the other side relu closes both units: only the bias is left.
+    action = small(norm=False).act(steered(-0.4))
+    np.testing.assert_allclose(action, [[2.0 * math.tanh(0.1), 0.0, 0.0]], rtol=1e-6)
+
+
+def test_layer_norm_worked_by_hand():
+    # Sums 3 and 1: mean 2, variance 1, so +-1 / sqrt(1 + 1e-5); then 2 n + 0.5 and n + 0.25.
+    one = 1.0 / math.sqrt(1.0 + 1e-5)
+    first = 2.0 * one + 0.5
+    action = small(norm=True).act(steered(0.5))
+    expected = [[2.0 * math.tanh(0.5 * first + 0.1), 0.0, 100.0 * math.tanh(-0.5 * first)]]
+    np.testing.assert_allclose(action, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("norm", [False, True])
+@pytest.mark.parametrize("limits", [(2.0, 0.2, 0.0), (2.0, 0.02, 100.0), (0.0, 0.0, 50.0)])
+def test_equals_torch(norm, limits):
+    policy = make_policy(hidden=(400, 300), limits=limits, norm=norm)
+    observation = np.random.default_rng(1).normal(size=(CHUNK * 2 + 7, 6))
+    difference = policy.act(observation) - TorchPolicy(policy).act(observation)
+    assert np.abs(difference / np.maximum(limits, 1e-9)).max() < 1e-5
+    largest = np.abs(policy.act(observation)).max(axis=0)
+    assert (largest <= limits).all()
+    assert (largest >= 0.1 * np.array(limits)).all()
+
+
+@pytest.mark.parametrize("norm", [False, True])
+def test_a_batch_is_its_rows(norm):
+    policy = make_policy(norm=norm)
+    observation = np.random.default_rng(2).normal(size=(CHUNK + 3, 6))
+    batch = policy.act(observation)
+    singles = np.concatenate([policy.act(row[None]) for row in observation])
+    np.testing.assert_allclose(batch, singles, atol=1e-6)
+
+
+def test_answers_are_not_overwritten_by_the_next():
+    policy = make_policy()
+    first = policy.act(np.zeros((1, 6)))
+    kept = first.copy()
+    policy.act(np.ones((1, 6)))
+    assert (first == kept).all()
+
+
+def test_no_bicycles_no_actions():
+    assert make_policy().act(np.zeros((0, 6))).shape == (0, 3)
+
+
+def test_nan_is_not_hidden():
+    action = make_policy().act(np.full((1, 6), np.nan))
+    assert np.isnan(action[0, :2]).all()
+
+
+@pytest.mark.parametrize("shape", [(6,), (1, 5), (2, 3, 6)])
+def test_wrong_observation_shape(shape):
+    with pytest.raises(ValueError, match="must have shape"):
+        make_policy().act(np.zeros(shape))
+
+
+def test_speed_is_ignored():
+    policy, observation = make_policy(), np.ones((4, 6))
+    np.testing.assert_array_equal(policy.act(observation, np.ones(4)), policy.act(observation))
+
+
+def test_file_round_trip(tmp_path):
+    policy = make_policy(norm=True)
+    path = tmp_path / "deep" / "a.safetensors"
+    save_policy(policy, path)
+    again = load_policy(path)
+    assert again.info == policy.info
+    assert set(again.tensors) == set(policy.tensors)
+    assert all((again.tensors[name] == policy.tensors[name]).all() for name in policy.tensors)
+    assert again.policy_id == policy.policy_id
+    assert again.policy_id == "random@" + hashlib.sha256(path.read_bytes()).hexdigest()[:10]
+    assert [item.name for item in path.parent.iterdir()] == ["a.safetensors"]
+
+
+def test_equal_policies_make_equal_files():
+    files = {policy_file.encode(p.info, p.tensors) for p in (make_policy() for _ in range(8))}
+    assert len(files) == 1
+
+
+def test_other_weights_have_another_id():
+    assert make_policy(seed=0).policy_id != make_policy(seed=1).policy_id
+
+
+def test_failed_write_leaves_nothing(tmp_path):
+    target = tmp_path / "a.safetensors"
+    target.mkdir()
+    with pytest.raises(OSError, match=r"a\.safetensors"):
+        save_policy(make_policy(), target)
+    assert [item.name for item in tmp_path.iterdir()] == ["a.safetensors"]
+
+
+def test_shipped_policies_load():
+    for name in shipped_policies():
+        assert load_policy(name).policy_id.startswith(f"{name}@")
+
+
+def refused(path) -> str:
+    """The one line with which a policy is refused."""
+    with pytest.raises(PolicyError) as caught:
+        load_policy(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert ";" in message, "no remedy"
+    return message
+
+
+def write(path, data: bytes):
+    path.write_bytes(data)
+    return path
+
+
+def encoded() -> bytes:
+    policy = make_policy()
+    return policy_file.encode(policy.info, policy.tensors)
+
+
+def test_missing_file_and_directory(tmp_path):
+    assert "does not exist" in refused(tmp_path / "none.safetensors")
+    assert "is not a file" in refused(tmp_path)
+    assert "shipped policies" in refused("no-such-policy")
+    refused("nul\0byte")
+    refused("two\nlines")
+
+
+def test_every_truncation_is_refused(tmp_path):
+    data = encoded()
+    lengths = [*range(0, 64), *range(64, len(data), 331), len(data) - 1]
+    for length in lengths:
+        refused(write(tmp_path / "cut.safetensors", data[:length]))
+    refused(write(tmp_path / "long.safetensors", data + b"\0"))
+
+
+def test_no_damage_to_the_header_gets_through_as_another_error(tmp_path):
+    data, rng = encoded(), np.random.default_rng(3)
+    size = 8 + int.from_bytes(data[:8], "little")
+    refusals = 0
+    for _ in range(400):
+        damaged = bytearray(data)
+        damaged[rng.integers(size)] = rng.integers(256)
+        try:
+            load_policy(write(tmp_path / "damaged.safetensors", bytes(damaged)))
+        except PolicyError as error:
+            refusals += 1
+            assert "\n" not in str(error)
+    assert refusals > 200
+
+
+def test_pickles_are_never_opened(tmp_path):
+    class Bomb:
+        def __reduce__(self):
+            return (exec, ("raise SystemExit('pickle was run')",))
+
+    bombs = [pickle.dumps(Bomb(), protocol) for protocol in (2, 4, 5)]
+    for bomb in bombs:
+        assert "pickle" in refused(write(tmp_path / "bomb.safetensors", bomb))
+    torch.save({"weight": torch.zeros(3)}, tmp_path / "checkpoint.safetensors")
+    assert "pickle" in refused(tmp_path / "checkpoint.safetensors")
+
+
+@pytest.mark.parametrize("size", [2**63, 2**40, policy_file.MAX_HEADER_BYTES + 1])
+def test_huge_header(tmp_path, size):
+    data = size.to_bytes(8, "little") + b"{" * 1000
+    assert "header" in refused(write(tmp_path / "huge.safetensors", data))
+
+
+def test_huge_file(tmp_path):
+    path = tmp_path / "sparse.safetensors"
+    with path.open("wb") as file:
+        file.truncate(policy_file.MAX_FILE_BYTES * 64)
+    assert "too large" in refused(path)
+
+
+def test_nested_header(tmp_path):
+    header = b"[" * 100_000
+    data = len(header).to_bytes(8, "little") + header
+    assert "header" in refused(write(tmp_path / "nested.safetensors", data))
+
+
+def metadata() -> dict[str, str]:
+    return policy_file.metadata(make_policy().info)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "expected"),
+    [
+        ("format", "other", "not a bicycle policy"),
+        ("version", "2", "version '2'"),
+        ("name", "two words", "name"),
+        ("observation_fields", json.dumps(["lean_angle"] * 6), "observation_fields"),
+        ("observation_fields", "nonsense", "observation_fields"),
+        ("action_fields", json.dumps(["displacement", "torque", "pedal_force"]), "action_fields"),
+        ("observation_scale", "[1, 1, 1, 1, 1, 0]", "observation_scale"),
+        ("observation_scale", "[1, 1, 1, 1, 1, NaN]", "observation_scale"),
+        ("observation_scale", "[1, 1]", "observation_scale"),
+        ("observation_scale", '"abc"', "observation_scale"),
+        ("action_limits", "[0, 0, 0]", "action_limits"),
+        ("action_limits", "[2, -1, 0]", "action_limits"),
+        ("action_limits", "[2, 0.2, 100]", "outputs"),
+        ("scenario", '{"name": "x"}', "scenario"),
+        ("scenario", "[]", "scenario"),
+        ("physics", '{"gravity": 9.8}', "physics"),
+        ("time_step", "0.01", "time_step"),
+        ("trained", "[]", "trained"),
+    ],
+)
+def test_wrong_metadata(tmp_path, name, value, expected):
+    path = tmp_path / "wrong.safetensors"
+    save_file(make_policy().tensors, path, metadata() | {name: value})
+    assert expected in refused(path)
+
+
+def test_missing_metadata(tmp_path):
+    path = tmp_path / "missing.safetensors"
+    save_file(make_policy().tensors, path)
+    assert "not a bicycle policy" in refused(path)
+    for name in metadata():
+        rest = {key: value for key, value in metadata().items() if key != name}
+        save_file(make_policy().tensors, path, rest)
+        refused(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "tensor"),
+    [
+        ("layer.0.weight", np.zeros((32, 5), np.float32)),
+        ("layer.0.weight", np.zeros((32, 6), np.float64)),
+        ("layer.0.weight", np.zeros((32, 6), np.float16)),
+        ("layer.0.weight", np.full((32, 6), np.nan, np.float32)),
+        ("layer.1.bias", np.full(24, np.inf, np.float32)),
+        ("layer.1.bias", np.zeros(23, np.float32)),
+        ("layer.2.weight", np.zeros((1, 24), np.float32)),
+        ("layer.2.weight", np.zeros(24, np.float32)),
+        ("layer.7.weight", np.zeros((2, 2), np.float32)),
+        ("norm.0.weight", np.zeros(32, np.float32)),
+        ("extra", np.zeros(2, np.float32)),
+        ("layer.1.weight", None),
+        ("layer.2.bias", None),
+    ],
+)
+def test_wrong_tensors(tmp_path, name, tensor):
+    tensors = dict(make_policy().tensors)
+    tensors.pop(name, None)
+    if tensor is not None:
+        tensors[name] = tensor
+    path = tmp_path / "wrong.safetensors"
+    save_file(tensors, path, metadata())
+    refused(path)
+
+
+def test_needs_no_torch_scipy_or_ros():
+    code = (
+        "import sys, bicycle_controller.policy;"
+        "print([m for m in ('torch', 'scipy', 'rclpy', 'onnx', 'gymnasium') if m in sys.modules])"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert found.stdout.strip() == "[]"
