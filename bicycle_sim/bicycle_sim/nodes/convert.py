@@ -105,7 +105,7 @@ def to_snapshot(message: BicycleState) -> Snapshot:
         ValueError: on an unknown command source.
     """
     front, rear = message.front_contact, message.rear_contact
-    corners = (np.array([value]) for value in (rear.x, rear.y, front.x, front.y))
+    x_b, y_b, x_f, y_f = (np.array([value]) for value in (rear.x, rear.y, front.x, front.y))
     return Snapshot(
         episode=int(message.episode),
         step=int(message.step),
@@ -114,7 +114,7 @@ def to_snapshot(message: BicycleState) -> Snapshot:
         lean_acceleration=-message.lean_acceleration,
         steer_angle=message.steer_angle,
         steer_rate=message.steer_rate,
-        heading=float(heading_between(*corners)[0]),
+        heading=float(heading_between(x_b, y_b, x_f, y_f)[0]),
         front_x=front.x,
         front_y=front.y,
         rear_x=rear.x,

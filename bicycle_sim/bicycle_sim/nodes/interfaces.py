@@ -7,6 +7,7 @@ more than ROS defaults offer.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +24,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -118,3 +121,19 @@ RESET = Service("bicycle/reset", Reset)
 PAUSE = Service("bicycle/pause", SetBool)
 STEP = Service("bicycle/step", Trigger)
 LOAD_POLICY = Service("bicycle/load_policy", LoadPolicy)
+
+
+def advertise(node: Node, *topics: Topic) -> dict[str, Publisher]:
+    """Publishers of `topics` by the topics' names."""
+    return {t.name: node.create_publisher(t.type, t.name, t.publish) for t in topics}
+
+
+def listen(node: Node, topic: Topic, callback: Callable[[Any], None], depth: int = 0) -> None:
+    """Call `callback` with every message of `topic`; with a depth, of the newest only."""
+    profile = topic.subscribe if depth == 0 else depth
+    node.create_subscription(topic.type, topic.name, callback, profile)
+
+
+def serve(node: Node, service: Service, callback: Callable[[Any, Any], Any]) -> None:
+    """Answer calls of `service`."""
+    node.create_service(service.type, service.name, callback)

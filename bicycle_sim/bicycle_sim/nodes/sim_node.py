@@ -1,0 +1,293 @@
+"""The simulator as a ROS 2 node: topics, services and timers around `bicycle_sim.loop`."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from typing import Any
+
+from bicycle_msgs.msg import BicycleCommand, EpisodeInfo, LoopTiming
+from bicycle_msgs.srv import Reset
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_srvs.srv import SetBool, Trigger
+
+from bicycle_sim import __version__
+from bicycle_sim.loop import Loop, Made
+from bicycle_sim.nodes import convert, interfaces, views
+from bicycle_sim.nodes.busy import refuse_second_simulator
+from bicycle_sim.nodes.interfaces import STATE_PERIOD, Topic, advertise, listen, serve
+from bicycle_sim.nodes.params import declare
+from bicycle_sim.nodes.runner import UserError, run
+from bicycle_sim.nodes.sim_report import SimReport
+from bicycle_sim.nodes.sim_settings import SimSettings
+from bicycle_sim.settings import describe
+from bicycle_sim.simulator import Simulator, Start
+from bicycle_sim.transitions import Transition
+
+NAME = "bicycle_sim"
+
+
+class SimNode(Node):
+    """One bicycle that obeys `bicycle/command` and tells all about itself."""
+
+    def __init__(self) -> None:
+        """Start the first episode.
+
+        Raises:
+            UserError: on a bad parameter, or where another simulator runs already.
+        """
+        super().__init__(NAME)
+        self._settings = declare(self, SimSettings)
+        self._loop = self._make_loop()
+        self._constants = self._loop.simulator.physics.constants
+        self._joints = views.Joints(self._constants)
+        self._report = SimReport(self.get_fully_qualified_name().lstrip("/"), self._loop)
+        self._last_state = self._last_markers = self._fallen_at = -math.inf
+        self._was_starved = self._was_silent = False
+        refuse_second_simulator(self)
+        self._publishers_by_name = advertise(
+            self,
+            interfaces.STATE,
+            interfaces.ODOMETRY,
+            interfaces.JOINT_STATES,
+            interfaces.CLOCK,
+            interfaces.MARKERS,
+            interfaces.DIAGNOSTICS,
+            interfaces.TRANSITION,
+            interfaces.TIMING,
+            interfaces.EPISODE,
+        )
+        self._listen()
+        self._start_timers()
+        self._begin(self._settings.make_start(), self._settings.seed)
+
+    def _make_loop(self) -> Loop:
+        """The bicycle and its schedule, as the parameters want them."""
+        settings = self._settings
+        try:
+            simulator = Simulator(settings.make_scenario(), settings.make_physics(), settings.seed)
+            settings.make_start()
+            return Loop(simulator, settings.make_options())
+        except ValueError as error:
+            raise UserError(str(error)) from None
+
+    def _listen(self) -> None:
+        listen(self, interfaces.COMMAND, self._on_command)
+        listen(self, interfaces.INITIAL_POSE, self._on_initial_pose)
+        serve(self, interfaces.RESET, self._on_reset)
+        serve(self, interfaces.PAUSE, self._on_pause)
+        serve(self, interfaces.STEP, self._on_step)
+
+    def _start_timers(self) -> None:
+        """All on a steady clock, which no adjustment of the system's time moves."""
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        period = self._loop.pacer.period_ns * 1e-9
+        self._pace = self.create_timer(period, self._on_due, clock=steady)
+        self._pace.timer_period_ns = self._loop.pacer.period_ns
+        if self._loop.lockstep:
+            self._pace.cancel()
+        self.create_timer(0.5 * STATE_PERIOD, self._on_idle, clock=steady)
+        self.create_timer(self._settings.diagnostics_period, self._on_report, clock=steady)
+
+    def close(self) -> None:
+        """Publish the transition that waited for the next step."""
+        self._publish_transitions(self._loop.close())
+
+    @property
+    def _now(self) -> int:
+        """Simulated time in ns since the node started; it goes on over resets."""
+        return self._loop.total_steps * round(self._constants.time_step * 1e9)
+
+    def _publish(self, topic: Topic, message: Any) -> None:
+        self._publishers_by_name[topic.name].publish(message)
+
+    # What comes in.
+
+    def _on_command(self, message: BicycleCommand) -> None:
+        was_held = self._loop.held
+        warning, made = self._loop.receive(convert.to_command(message))
+        if warning:
+            self.get_logger().warning(
+                f"command for step {message.step} from {message.controller!r} ignored: {warning}"
+            )
+        if was_held and not self._loop.held:
+            self._pace_from_now()
+            self.get_logger().info(
+                f"episode {message.episode} rides under {message.controller!r} from step "
+                f"{self._loop.gate.newest.step if self._loop.gate.newest else 0}"
+            )
+        self._on_made(made)
+
+    def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
+        pose = message.pose.pose
+        try:
+            convert.to_goal(message.header.frame_id, pose.position, math.inf)
+            speed = self._settings.speed_or_default(self._settings.start_speed)
+            self._begin(convert.to_start(pose, speed), None)
+        except ValueError as error:
+            self.get_logger().warning(f"initial pose ignored: {error}")
+
+    def _on_reset(self, request: Reset.Request, response: Reset.Response) -> Reset.Response:
+        try:
+            speed = self._settings.speed_or_default(request.speed)
+            start = None if request.random_start else convert.to_start(request.pose, speed)
+            self._begin(start, None if request.seed < 0 else int(request.seed))
+            response.success = True
+            response.message = (
+                f"episode {self._loop.snapshot.episode} waits for its first command, seed "
+                f"{self._loop.simulator.seed}"
+            )
+        except ValueError as error:
+            response.success, response.message = False, f"not reset: {error}"
+        response.episode = int(self._loop.snapshot.episode)
+        return response
+
+    def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        made = self._loop.pause(bool(request.data))
+        self._pace_from_now()
+        response.success = True
+        response.message = "paused" if request.data else "goes on"
+        self.get_logger().info(f"{response.message} at step {self._loop.snapshot.step}")
+        self._on_made(made)
+        return response
+
+    def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        made = self._loop.single_step()
+        self._on_made(made)
+        response.success = made is not None
+        if made is not None:
+            response.message = f"step {made.snapshot.step}: {made.snapshot.command_source.name}"
+        elif self._loop.snapshot.fallen:
+            response.message = "the bicycle lies: call bicycle/reset first"
+        else:
+            response.message = "not paused: call bicycle/pause with true first"
+        return response
+
+    # What time brings.
+
+    def _on_due(self) -> None:
+        self._on_made(self._loop.tick())
+        if self._loop.starved and not self._was_starved:
+            what = "zero input" if self._settings.on_timeout == "zero" else "held"
+            self.get_logger().warning(
+                f"no valid command for {self._settings.watchdog_timeout:g} s at step "
+                f"{self._loop.snapshot.step}: {what} until the next one; is the controller "
+                "running?"
+            )
+        elif self._was_starved and not self._loop.starved:
+            self.get_logger().info(f"commands again at step {self._loop.snapshot.step}")
+        self._was_starved = self._loop.starved
+
+    def _on_idle(self) -> None:
+        """Repeat the state while nothing moves, reset after a fall, notice silence."""
+        now = time.monotonic()
+        wait = self._settings.reset_after_fall
+        if self._loop.snapshot.fallen and 0 < wait < now - self._fallen_at:
+            self._begin(self._settings.make_start(), None)
+        if now - self._last_state >= STATE_PERIOD:
+            self._publish_state()
+        silent = self._loop.lockstep and self._loop.riding and self._loop.gate.silence() > 1.0
+        if silent and not self._was_silent:
+            self.get_logger().warning(
+                f"no answer to step {self._loop.snapshot.step} for 1 s, lock-step waits: is the "
+                "controller running?"
+            )
+        self._was_silent = silent
+
+    def _on_report(self) -> None:
+        array = DiagnosticArray(
+            status=self._report.statuses(self.count_publishers("bicycle/state"))
+        )
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._publish(interfaces.DIAGNOSTICS, array)
+
+    def _pace_from_now(self) -> None:
+        """The next step falls due one period from now."""
+        if not self._loop.lockstep:
+            self._pace.reset()
+
+    # What goes out.
+
+    def _begin(self, start: Start | None, seed: int | None) -> None:
+        """Start an episode; see `Loop.reset`, which may raise ValueError."""
+        self._publish_transitions(self._loop.reset(start, seed))
+        self._was_starved = False
+        simulator, settings = self._loop.simulator, self._settings
+        info = EpisodeInfo(
+            header=convert.to_header(self._now),
+            episode=int(self._loop.snapshot.episode),
+            seed=int(simulator.seed),
+            pace=settings.pace,
+            physics=simulator.physics.to_json(),
+            scenario=simulator.scenario.to_json(),
+            version=__version__,
+        )
+        self._publish(interfaces.EPISODE, info)
+        self._publish_state()
+        self._loop.published()
+        self.get_logger().info(f"episode {info.episode} waits for its first command")
+
+    def _on_made(self, made: Made | None) -> None:
+        """Publish a step, the state first: the controller waits for it."""
+        if made is None:
+            return
+        self._joints.advance(made.snapshot)
+        self._publish_state()
+        self._loop.published()
+        self._publish_transitions(made.transitions)
+        pacer = self._loop.pacer
+        timing = LoopTiming(
+            header=convert.to_header(self._now),
+            episode=int(made.snapshot.episode),
+            step=int(made.snapshot.step),
+            period=float(made.timing.period),
+            lateness=float(made.timing.lateness),
+            latency=float(made.latency),
+            late_steps=int(pacer.late),
+            dropped_steps=int(pacer.dropped),
+        )
+        self._publish(interfaces.TIMING, timing)
+        self._report.add(made)
+        if made.snapshot.fallen:
+            self._fallen_at = time.monotonic()
+            self.get_logger().warning(
+                f"fell at step {made.snapshot.step} of episode {made.snapshot.episode}, leaning "
+                f"{math.degrees(-made.snapshot.lean_angle):.0f} degrees"
+            )
+
+    def _publish_state(self) -> None:
+        snapshot, now, clock = self._loop.snapshot, self._now, time.monotonic()
+        self._publish(interfaces.STATE, convert.from_snapshot(snapshot, now))
+        self._last_state = clock
+        if self._settings.publish_clock:
+            self._publish(interfaces.CLOCK, ClockMessage(clock=convert.to_stamp(now)))
+        self._publish(interfaces.ODOMETRY, views.odometry(snapshot, now, self._constants))
+        self._publish(interfaces.JOINT_STATES, self._joints.message(snapshot, now))
+        rate = self._settings.marker_rate
+        if rate > 0 and clock - self._last_markers >= 1.0 / rate:
+            self._last_markers = clock
+            radius = self._loop.simulator.scenario.goal_radius
+            drawn = views.markers(snapshot, now, self._constants, radius)
+            self._publish(interfaces.MARKERS, drawn)
+
+    def _publish_transitions(self, transitions: list[Transition]) -> None:
+        for transition in transitions:
+            self._publish(interfaces.TRANSITION, convert.from_transition(transition, self._now))
+
+
+def main() -> None:
+    """Run the simulator until SIGINT or SIGTERM."""
+    usage = (
+        "usage: bicycle_sim [--ros-args -p NAME:=VALUE ... --params-file FILE]\n\n"
+        "Simulates one bicycle at 40 Hz. Parameters and their defaults:\n" + describe(SimSettings)
+    )
+    sys.exit(run(NAME, SimNode, usage))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,104 @@
+"""What can be set on the simulator, and what it makes of it; no ROS here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from bicycle_sim.geometry import yaw_to_heading
+from bicycle_sim.loop import LoopOptions
+from bicycle_sim.parameters import Physics
+from bicycle_sim.scenario import SCENARIOS, Scenario, named
+from bicycle_sim.settings import parameter
+from bicycle_sim.simulator import FARTHEST_START, FASTEST_START, Start
+
+
+@dataclass(frozen=True)
+class SimSettings:
+    """The simulator's ROS parameters."""
+
+    pace: str = parameter(
+        "realtime",
+        "realtime steps by the clock, lockstep when the answer to the last state arrives",
+        choices=("realtime", "lockstep"),
+    )
+    real_time_factor: float = parameter(
+        1.0, "simulated seconds in a second, in real time", 0.01, 100.0
+    )
+    scenario: str = parameter(
+        "random-start-random-goal",
+        "limits, start speed and goal radius of the paper's experiment",
+        choices=tuple(SCENARIOS),
+    )
+    physics: str = parameter(
+        "faithful",
+        "as the paper's authors ran it, or with all corrections",
+        choices=("faithful", "corrected"),
+    )
+    chord_follows_steering: bool = parameter(
+        False, "true switches this correction on in faithful physics (errata row 5)"
+    )
+    gyroscopic_correction: bool = parameter(
+        False, "true switches this correction on in faithful physics (errata row 13)"
+    )
+    stop_absorbs_steering: bool = parameter(
+        False, "true switches this correction on in faithful physics (errata row 22)"
+    )
+    displacement_noise: float = parameter(
+        0.0, "m, half width of uniform noise on the rider's displacement", 0.0, 0.2
+    )
+    seed: int = parameter(1, "of the first episode; each next one adds 1", 0, 2**62)
+    random_start: bool = parameter(False, "draw starts from the scenario, not start_x, y, yaw")
+    start_x: float = parameter(0.0, "m, rear contact", -FARTHEST_START, FARTHEST_START)
+    start_y: float = parameter(0.0, "m, rear contact", -FARTHEST_START, FARTHEST_START)
+    start_yaw: float = parameter(0.0, "rad, counter-clockwise from +x", -1000.0, 1000.0)
+    start_speed: float = parameter(-1.0, "m/s; negative takes the scenario's", -1.0, FASTEST_START)
+    reset_after_fall: float = parameter(
+        0.0, "s by the clock until a fallen bicycle is reset; 0 waits for a reset", 0.0, 3600.0
+    )
+    watchdog_timeout: float = parameter(
+        0.25, "simulated s without a valid command before on_timeout; 0 is never", 0.0, 3600.0
+    )
+    on_timeout: str = parameter(
+        "zero",
+        "ride on with zero input, or hold the bicycle until the next command",
+        choices=("zero", "pause"),
+    )
+    marker_rate: float = parameter(
+        20.0, "Hz, markers for RViz and Foxglove; 0 is none", 0.0, 100.0
+    )
+    publish_clock: bool = parameter(
+        True, "publish /clock; false for all but one bicycle of a fleet"
+    )
+    diagnostics_period: float = parameter(1.0, "s", 0.1, 3600.0)
+
+    def make_physics(self) -> Physics:
+        """Constants and corrections."""
+        physics = Physics.named(self.physics)
+        return replace(
+            physics,
+            displacement_noise=self.displacement_noise,
+            chord_follows_steering=physics.chord_follows_steering or self.chord_follows_steering,
+            gyroscopic_correction=physics.gyroscopic_correction or self.gyroscopic_correction,
+            stop_absorbs_steering=physics.stop_absorbs_steering or self.stop_absorbs_steering,
+        )
+
+    def make_scenario(self) -> Scenario:
+        """The paper's experiment of that name."""
+        return named(self.scenario)
+
+    def make_options(self) -> LoopOptions:
+        """Pace and watchdog."""
+        return LoopOptions(
+            self.pace, self.real_time_factor, self.watchdog_timeout, self.on_timeout
+        )
+
+    def make_start(self) -> Start | None:
+        """The start of an episode that nobody asked for by pose; None draws one."""
+        if self.random_start:
+            return None
+        heading = float(yaw_to_heading(self.start_yaw))
+        return Start(self.start_x, self.start_y, heading, self.speed_or_default(self.start_speed))
+
+    def speed_or_default(self, speed: float) -> float:
+        """The speed, or the scenario's start speed for a negative one; m/s."""
+        return self.make_scenario().start_speed if speed < 0 else speed
