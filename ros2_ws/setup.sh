@@ -1,16 +1,18 @@
 #!/usr/bin/env bash
 # Makes this clone ready to ride: virtual environment, locked Python packages, colcon build.
 #
-# Usage: setup.sh [--with train|dev|bench]... [--force] [--help]
+# Usage: setup.sh [--with train|dev|bench]... [--force] [--quiet]
 #
 #   --with train   also what training needs: torch, Ray, Gymnasium, TensorBoard, ONNX
 #   --with dev     also what tests and checks need (holds train)
 #   --with bench   also stable-baselines3, which tests/benchmarks compares with (holds train)
 #   --force        do every stage again, done or not
+#   --quiet        say nothing when there is nothing to do
 #
 # A stage that is done is skipped, so a second call takes a moment. The full log is ros2_ws/log/setup.log.
 # PYTHON=/path/to/python chooses the interpreter (3.10 to 3.13). torch comes from PyPI; for a smaller one
 # without CUDA set PIP_EXTRA_INDEX_URL=https://download.pytorch.org/whl/cpu.
+# requirements/lock.sh makes the locks again after a change of requirements/*.in.
 # Where ROS 2 Jazzy is sourced from /opt/ros/jazzy, that is used: nothing is installed, only built.
 # Exit status: 0 ready, 1 a stage failed, 2 bad arguments, 3 something is missing on this machine.
 set -euo pipefail
@@ -28,6 +30,7 @@ venv=$(dirname "$ws")/.venv
 stamps=$venv/.bicycle
 sets=(ride)
 force=
+quiet=
 
 while (($#)); do
   case $1 in
@@ -39,6 +42,7 @@ while (($#)); do
       shift
       ;;
     --force) force=yes ;;
+    --quiet) quiet=yes ;;
     -h | --help) usage "${BASH_SOURCE[0]}" && exit 0 ;;
     *) die 2 "unknown option '$1'; see setup.sh --help." ;;
   esac
@@ -114,4 +118,4 @@ if ! is_done "$ws/install/.bicycle.stamp" "$inputs"; then
   build
   mark "$ws/install/.bicycle.stamp" "$inputs"
 fi
-((stages)) || echo "Set-up is complete; nothing to do."
+((stages)) || [[ -n $quiet ]] || echo "Set-up is complete; nothing to do."

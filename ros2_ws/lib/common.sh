@@ -1,5 +1,5 @@
-# shellcheck shell=bash
-# What the scripts share. Sourced; the caller sets ws to the folder of the workspace.
+# shellcheck shell=bash disable=SC2154 # ws is the caller's: the folder of the workspace
+# What the scripts share: messages, help, the environment, and how a node is started. Sourced.
 
 die() { # STATUS MESSAGE: one line for a person, then out
   printf '%s: %s\n' "$(basename "$0")" "$2" >&2
@@ -22,4 +22,93 @@ join() { # SEPARATOR WORD...
 
 usage() { # SCRIPT: its opening comment is its help
   sed -n '2,/^[^#]/{s/^# \{0,1\}//p}' "$1"
+}
+
+help_wanted() { # ARGUMENT...: whether one of them asks for help
+  local word
+  for word in "$@"; do
+    [[ $word != -h && $word != --help ]] || return 0
+  done
+  return 1
+}
+
+node_usage() { # SCRIPT MODULE: its help, then the node's own, which lists the parameters
+  usage "$1"
+  if [[ -d $ws/install/bicycle_msgs ]]; then
+    enter_workspace
+    echo
+    "$python" -m "$2" --help | sed '/^usage:/,/^$/d'
+  fi
+}
+
+enter_workspace() { # Loads env.sh, or says what to do
+  local status=0
+  # shellcheck source-path=SCRIPTDIR source=../env.sh
+  . "$ws/env.sh" || status=$?
+  ((status == 0)) || exit "$status"
+  [[ -d $ws/install/bicycle_msgs ]] || die 1 "the workspace is not built; run $ws/setup.sh first."
+  if [[ -n ${VIRTUAL_ENV:-} && :$PATH: == *":$VIRTUAL_ENV/bin:"* ]]; then
+    python=$VIRTUAL_ENV/bin/python
+  else
+    python=python3 # a native ROS 2
+  fi
+}
+
+start_time() { # PID: when the process began, in the kernel's ticks; with the pid it names one process for ever
+  local stat fields
+  stat=$(<"/proc/$1/stat") || return 1
+  read -ra fields <<<"${stat##*) }" # the name in brackets before may hold spaces
+  echo "${fields[19]}"
+}
+
+register() { # NAME: lets stop.sh find this process, which keeps its pid through exec
+  local folder=$ws/runs/pids/$ROS_DOMAIN_ID file pid
+  mkdir -p "$folder"
+  for file in "$folder"/*; do
+    pid=${file##*.}
+    [[ ! -f $file || -d /proc/$pid ]] || rm -f "$file"
+  done
+  start_time $$ >"$folder/$1.$$"
+}
+
+ros_arguments() { # ARGUMENT...: sets arguments, with name:=value and *.yaml turned into what ROS takes
+  local word ros=() own=()
+  while (($#)); do
+    word=$1
+    shift
+    case $word in
+      --ros-args)
+        while (($#)) && [[ $1 != -- ]]; do
+          ros+=("$1")
+          shift
+        done
+        (($# == 0)) || shift
+        ;;
+      --*) own+=("$word") ;;
+      __*:=*) ros+=(-r "$word") ;;
+      *:=*) ros+=(-p "$word") ;;
+      *.yaml | *.yml)
+        [[ -f $word ]] || die 2 "no parameter file '$word'."
+        ros+=(--params-file "$word")
+        ;;
+      *) own+=("$word") ;;
+    esac
+  done
+  arguments=("${own[@]}")
+  ((${#ros[@]} == 0)) || arguments+=(--ros-args "${ros[@]}")
+}
+
+run() { # NAME MODULE ARGUMENT...: becomes that Python program, so that signals and its status pass
+  local name=$1 module=$2
+  shift 2
+  register "$name"
+  exec "$python" -m "$module" "$@"
+}
+
+run_node() { # NAME MODULE ARGUMENT...: the same for a node: its config/NAME.yaml, then the arguments
+  local name=$1 module=$2 config=$ws/src/bicycle_bringup/config/$1.yaml arguments
+  shift 2
+  enter_workspace
+  ros_arguments "$config" "$@"
+  run "$name" "$module" "${arguments[@]}"
 }

@@ -1,0 +1,21 @@
+#!/usr/bin/env bash
+# Sends the bicycle to a goal, or to each point of a file in order.
+#
+# Usage: goal.sh X Y [--wait] [--timeout S]
+#        goal.sh --file waypoints.yaml|waypoints.csv [--wait] [--timeout S]
+#
+#   X Y           metres in the odom frame; the same as a 2D Goal Pose from RViz or Foxglove
+#   --file FILE   points to ride to one after the other: YAML (a list of [x, y]) or CSV (x,y a line)
+#   --wait        stay until the last goal is decided, with distance left, speed and lean
+#   --timeout S   seconds to wait for the controller to accept, and with --wait for each goal
+#
+# Exit status: 0 accepted (with --wait: reached), 2 bad input or rejected, 3 fallen,
+# 4 timed out, missed or given up.
+set -euo pipefail
+ws=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+# shellcheck source-path=SCRIPTDIR source=lib/common.sh
+. "$ws/lib/common.sh"
+
+! help_wanted "$@" || { usage "${BASH_SOURCE[0]}" && exit 0; }
+enter_workspace
+run goal bicycle_bringup.goal "$@"

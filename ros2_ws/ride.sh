@@ -1,0 +1,28 @@
+#!/usr/bin/env bash
+# Rides the bicycle to random goals and records it: set-up, simulator, controller, recorder, summary.
+#
+# Usage: ride.sh [--goals N | --minutes M] [--seed S] [--field METRES] [--output FOLDER]
+#                [--no-respawn] [NODE.name:=value]... [parameters.yaml]...
+#
+#   --goals N         goals to ride to, 10 unless named
+#   --minutes M       ride for M minutes of simulated time instead
+#   --seed S          of goals and start, 0 unless named: the same seed gives the same goals
+#   --field METRES    side of the square around the start that goals lie in, 60 unless named
+#   --output FOLDER   where the run goes; runs/<date>-<n> of the workspace unless named
+#   --no-respawn      end the ride when the controller dies, instead of starting it again
+#   NODE.name:=value  a parameter of simulator, controller or recorder, such as controller.policy:=lqr
+#
+# The first call sets everything up, which takes some minutes; later calls ride at once.
+# The run's folder then holds bag/, ride.png, summary.json and the nodes' logs.
+# Ctrl-C ends the ride, with the summary of what was ridden.
+# Exit status: 0 every goal reached without a fall, 3 fallen, 4 a goal not reached,
+# 1 a part failed, 2 bad arguments, 130 interrupted.
+set -euo pipefail
+ws=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+# shellcheck source-path=SCRIPTDIR source=lib/common.sh
+. "$ws/lib/common.sh"
+
+! help_wanted "$@" || { usage "${BASH_SOURCE[0]}" && exit 0; }
+"$ws/setup.sh" --quiet
+enter_workspace
+run ride bicycle_bringup.ride "$@"

@@ -1,0 +1,94 @@
+"""What became of each goal, from the status messages of one ride."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+from bicycle_bringup.course import Point
+from bicycle_bringup.ride_log import Columns
+
+
+class Status(IntEnum):
+    """The constants of GoalStatus."""
+
+    QUEUED = 0
+    ACTIVE = 1
+    REACHED = 2
+    MISSED = 3
+    GIVEN_UP = 4
+    REPLACED = 5
+    FALLEN = 6
+    REJECTED = 7
+    CANCELLED = 8
+
+
+DECIDED = (Status.REACHED, Status.MISSED, Status.GIVEN_UP)
+"""What a controller makes of a goal by itself; anything else leaves it to be ridden to again."""
+_OPEN = (Status.QUEUED, Status.ACTIVE)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One goal as it ended."""
+
+    position: Point
+    status: Status
+    straight: float
+    """m along the straight line that were to be ridden; NaN if it never became active."""
+    path_length: float
+    """m ridden to it."""
+    elapsed: float
+    """s of simulated time on the way to it."""
+
+
+def outcomes(statuses: Columns) -> list[Outcome]:
+    """The goals of a ride in the order they were taken, each once.
+
+    A goal that was still open when the controller died or the bicycle fell, and that was sent
+    again, counts once, as it ended at last.
+
+    Args:
+        statuses: columns of GoalStatus.
+    """
+    goals: dict[tuple[int, int], Outcome] = {}
+    life = 0  # a controller that is started anew counts goals from 1 again
+    for row in range(len(statuses.get("status", ()))):
+        status = Status(int(statuses["status"][row]))
+        if status is Status.REJECTED:
+            continue
+        number = int(statuses["goal_id"][row])
+        position = (float(statuses["position.x"][row]), float(statuses["position.y"][row]))
+        known = goals.get((life, number))
+        if known and status in _OPEN and (known.status not in _OPEN or known.position != position):
+            life, known = life + 1, None
+        goals[life, number] = _update(known, position, status, statuses, row)
+    return _without_resent(list(goals.values()))
+
+
+def _update(
+    known: Outcome | None, position: Point, status: Status, statuses: Columns, row: int
+) -> Outcome:
+    """The goal after one more status message."""
+    distance = float(statuses["distance"][row])
+    straight = distance if status is Status.ACTIVE else known.straight if known else float("nan")
+    if status is Status.REACHED:
+        straight -= distance
+    return Outcome(
+        position=position,
+        status=status,
+        straight=straight,
+        path_length=float(statuses["path_length"][row]),
+        elapsed=float(statuses["elapsed"][row]),
+    )
+
+
+def _without_resent(goals: list[Outcome]) -> list[Outcome]:
+    """Leave out those that were left open and sent again later."""
+    kept: list[Outcome] = []
+    later: set[Point] = set()
+    for goal in reversed(goals):
+        if goal.status in DECIDED or goal.position not in later:
+            kept.append(goal)
+        later.add(goal.position)
+    return kept[::-1]

@@ -1,0 +1,101 @@
+"""What a summary, a picture and a verification need of a bag, as numpy columns."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bicycle_bag.columns import load_topics
+from bicycle_bag.errors import BagError
+from bicycle_bag.reader import BagReader
+
+Columns = Mapping[str, NDArray[Any]]
+"""One array per field of a message, one row per message, in recorded order."""
+
+STATE = "/bicycle/state"
+COMMAND = "/bicycle/command"
+TIMING = "/bicycle/timing"
+GOAL_STATUS = "/bicycle/goal_status"
+EPISODE = "/bicycle/episode"
+_READ = (STATE, COMMAND, TIMING, GOAL_STATUS, EPISODE)
+
+
+@dataclass(frozen=True)
+class RideLog:
+    """One bicycle's messages of a bag."""
+
+    path: Path
+    states: Columns
+    """BicycleState; each step once, see `distinct`."""
+    commands: Columns
+    timing: Columns
+    statuses: Columns
+    episodes: Columns
+    segment: NDArray[np.intp]
+    """(n,) of `states`: which unbroken ride each belongs to, from 0; a reset begins the next."""
+    message_count: int
+    """Of all topics of the bag."""
+
+
+def read_ride(path: Path | str) -> RideLog:
+    """Read one bicycle's ride from a bag.
+
+    Args:
+        path: bag directory or MCAP file.
+
+    Raises:
+        BagError: when it cannot be read, or holds no bicycle or more than one.
+    """
+    reader = BagReader(path)
+    prefix = _prefix(reader)
+    there = [name for name in _READ if prefix + name in reader.topics]
+    loaded = load_topics(reader, [prefix + name for name in there])
+    columns = {name: loaded[prefix + name] if name in there else {} for name in _READ}
+    states, segment = distinct(columns[STATE])
+    return RideLog(
+        path=Path(path),
+        states=states,
+        commands=columns[COMMAND],
+        timing=columns[TIMING],
+        statuses=columns[GOAL_STATUS],
+        episodes=columns[EPISODE],
+        segment=segment,
+        message_count=reader.message_count,
+    )
+
+
+def _prefix(reader: BagReader) -> str:
+    """The namespace of the bag's bicycle, such as "" or "/red"."""
+    found = [name[: -len(STATE)] for name in reader.topics if name.endswith(STATE)]
+    if not found:
+        raise BagError(
+            f"{reader.path} holds no bicycle: it has no topic {STATE}; name a bag of record.sh"
+        )
+    if len(found) > 1:
+        raise BagError(f"{reader.path} holds {len(found)} bicycles: record one at a time")
+    return found[0]
+
+
+def distinct(states: Columns) -> tuple[Columns, NDArray[np.intp]]:
+    """Each step once, as a state is published again while the bicycle is held.
+
+    Args:
+        states: columns of BicycleState with `episode` and `step`.
+
+    Returns:
+        The columns without repetitions, and for each row the number of its segment: a new one
+        begins where the episode changes or the step goes back (the simulator was started anew).
+    """
+    episode = states["episode"].astype(np.int64)
+    step = states["step"].astype(np.int64)
+    begins = np.ones(len(step), dtype=bool)
+    begins[1:] = (np.diff(episode) != 0) | (np.diff(step) < 0)
+    repeats = np.zeros(len(step), dtype=bool)
+    repeats[1:] = ~begins[1:] & (np.diff(step) == 0)
+    kept = {name: column[~repeats] for name, column in states.items()}
+    return kept, (np.cumsum(begins) - 1)[~repeats]
