@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
+
 from bicycle_controller.policy import Policy, PolicyInfo
 from bicycle_sim.parameters import Physics
 from bicycle_sim.scenario import SCENARIOS
@@ -20,7 +23,7 @@ def make_policy(
     rng = np.random.default_rng(seed)
     sizes = [6, *hidden, sum(limit > 0 for limit in limits)]
     tensors = {}
-    for index, (inputs, outputs) in enumerate(zip(sizes, sizes[1:], strict=False)):
+    for index, (inputs, outputs) in enumerate(pairwise(sizes)):
         weight = rng.normal(size=(outputs, inputs)) / np.sqrt(inputs)
         tensors[f"layer.{index}.weight"] = weight.astype(np.float32)
         tensors[f"layer.{index}.bias"] = rng.normal(size=outputs).astype(np.float32)
