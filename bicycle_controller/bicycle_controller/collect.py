@@ -51,12 +51,8 @@ class Collector:
         self.observation = self.task.observation()
 
     def step(self, agent: Agent) -> None:
-        """Step every bicycle once, at random in the warm-up, and store what is complete."""
-        shape = (self.config.bicycles, len(self.driven))
-        if self.steps < self.config.warm_up:
-            action = self.warm_rng.uniform(-1.0, 1.0, shape)
-        else:
-            action = np.clip(agent.act(self.observation) + self.noise.sample(), -1.0, 1.0)
+        """Step every bicycle once and store the transitions that are complete."""
+        action = self._chosen(agent)
         physical = np.zeros((self.config.bicycles, 3))
         physical[:, self.driven] = action * self.limits[self.driven]
         step = self.task.step(physical)
@@ -74,6 +70,18 @@ class Collector:
         self.steps += self.config.bicycles
         self.rounds += 1
         self.observation = self._after(step)
+
+    def _chosen(self, agent: Agent) -> np.ndarray:
+        """Normalised actions (N, actions): at random in the warm-up, else the noisy policy's."""
+        if self.steps < self.config.warm_up:
+            return self.warm_rng.uniform(-1.0, 1.0, (self.config.bicycles, len(self.driven)))
+        action: np.ndarray = np.clip(agent.act(self.observation) + self.noise.sample(), -1.0, 1.0)
+        if not np.isfinite(action).all():
+            raise ValueError(
+                f"training has diverged after {self.steps} steps (the actor gives numbers that are"
+                " not finite): lower the learning rates or ddpg.reward_scale"
+            )
+        return action
 
     def _after(self, step: Step) -> np.ndarray:
         """Start again what has ended; the observation (N, 6) to act on next."""

@@ -219,6 +219,8 @@ class EvaluationConfig:
     """Starts per evaluation."""
     seed: int = 1_000_003
     """Of those starts, the same every time."""
+    max_steps: int = 0
+    """Step limit of its episodes; 0 keeps the scenario's."""
     stop_at: float = 0.0
     """Reach rate that ends the run; 0 never does."""
     stop_falls: float = 1.0
@@ -228,6 +230,7 @@ class EvaluationConfig:
         for name in ("every", "episodes"):
             value = getattr(self, name)
             require(value >= 1, f"evaluation.{name} must be at least 1, not {value!r}")
+        _require_between("evaluation.max_steps", self.max_steps, 0, math.inf)
         for name in ("stop_at", "stop_falls"):
             _require_between(f"evaluation.{name}", getattr(self, name), 0.0, 1.0)
 
@@ -261,13 +264,17 @@ class RunConfig:
     """`cpu` or `cuda`."""
     threads: int = 1
     """Threads of torch; at these sizes more than one does not pay."""
+    tensorboard: bool = True
+    """Whether to write TensorBoard's files too, where it is installed."""
+    log_every: int = 1_000
+    """Updates between two lines of the log."""
     save_every: float = 30.0
     """s between two checkpoints; `kill -9` loses at most this much."""
     preset: str = ""
     """Name of the preset that this came from."""
 
     def __post_init__(self) -> None:
-        for name in ("steps", "bicycles", "updates", "update_every", "threads"):
+        for name in ("steps", "bicycles", "updates", "update_every", "threads", "log_every"):
             value = getattr(self, name)
             require(value >= 1, f"{name} must be at least 1, not {value!r}")
         for name in ("warm_up", "save_every", "seed"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
@@ -111,3 +112,11 @@ def initialise(network: Actor | Critic, scheme: str, generator: torch.Generator)
             for parameter, limit in ((layer.weight, weight_range), (layer.bias, bias_range)):
                 drawn = torch.rand(parameter.shape, generator=generator)
                 parameter.copy_((2.0 * drawn - 1.0) * limit)
+
+
+def policy_tensors(actor: Actor) -> dict[str, np.ndarray]:
+    """The actor's weights under the names of a policy file, copied."""
+    return {
+        name.replace("layers.", "layer.").replace("norms.", "norm."): value.cpu().numpy().copy()
+        for name, value in actor.state_dict().items()
+    }

@@ -1,29 +1,30 @@
-"""The training run: collect, update, evaluate, keep the best policy, save."""
+"""The training run: collect, update, evaluate, keep the best policy, save, go on."""
 
 from __future__ import annotations
 
-import argparse
-import json
+import re
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
-from bicycle_controller import metrics, settings
+from bicycle_controller import checkpoint
 from bicycle_controller.agents.base import Agent
 from bicycle_controller.agents.ddpg import Ddpg
+from bicycle_controller.agents.fused import FusedDdpg
 from bicycle_controller.collect import Collector
 from bicycle_controller.config import RunConfig
+from bicycle_controller.interrupt import Interrupt, InterruptError
+from bicycle_controller.metrics import Log, Progress
+from bicycle_controller.networks import policy_tensors
 from bicycle_controller.policy import Policy, PolicyInfo, save_policy
 from bicycle_controller.replay import Replay
+from bicycle_controller.run_folder import RunFolder, origin
 from bicycle_controller.score import Score, score
-
-WORST = (-2.0, -float("inf"))
-"""Below the rank of any policy."""
 
 
 @dataclass(frozen=True)
@@ -32,166 +33,222 @@ class Result:
 
     status: str
     """`finished` (all steps made), `reached` (`stop_at` was met) or `interrupted`."""
+    signal: int
+    """Number of the signal that interrupted it; 0 otherwise."""
     steps: int
     """Environment steps made."""
     updates: int
     best: Score | None
     """Score of `best.safetensors`."""
-    seconds: float
-    """Wall time of this call."""
-
-
-class Trainer:
-    """All the state of a run, and its one loop."""
-
-    def __init__(self, config: RunConfig, folder: Path) -> None:
-        """Build everything from the configuration and its seed."""
-        torch.set_num_threads(config.threads)
-        self.config, self.folder = config, folder
-        actions = int((config.scenario.action_limits > 0).sum())
-        self.replay = Replay(config.ddpg.capacity, actions, config.device)
-        self.collector = Collector(config, self.replay)
-        self.agent: Agent = Ddpg(config.ddpg, actions, config.seed, config.device)
-        self.updates = 0
-        self.best: Score | None = None
-
-    def policy(self) -> Policy:
-        """The actor as it is now, with what is known about it."""
-        config = self.config
-        trained = {
-            "algorithm": "ddpg",
-            "preset": config.preset,
-            "seed": config.seed,
-            "steps": self.collector.steps,
-            "updates": self.updates,
-        }
-        info = PolicyInfo(
-            name=config.preset or "ddpg",
-            scenario=config.scenario,
-            physics=config.physics,
-            observation_scale=config.ddpg.observation_scale,
-            action_limits=tuple(config.scenario.action_limits.tolist()),
-            trained=trained,
-        )
-        tensors: dict[str, np.ndarray] = {}
-        for name, value in self.agent.actor.state_dict().items():
-            tensors[name.replace("layers.", "layer.").replace("norms.", "norm.")] = (
-                value.cpu().numpy().copy()
-            )
-        return Policy(info, tensors)
-
-    def advance(self) -> bool:
-        """Step all bicycles once and make the updates that are due; whether to evaluate."""
-        config = self.config
-        self.collector.step(self.agent)
-        warm = self.collector.steps >= config.warm_up
-        if not warm or self.collector.rounds % config.update_every:
-            return False
-        before = self.updates // config.evaluation.every
-        self.agent.update(self.replay, config.updates)
-        self.updates += config.updates
-        return self.updates // config.evaluation.every > before
-
-    def evaluate(self) -> Score:
-        """Score the actor, and keep it as the best if it is."""
-        config, policy = self.config, self.policy()
-        fixed = config.evaluation
-        found = score(policy, config.scenario, config.physics, fixed.episodes, fixed.seed)
-        if found.rank > (self.best.rank if self.best else WORST):
-            self.best = found
-            save_policy(policy, self.folder / "best.safetensors")
-        save_policy(policy, self.folder / "last.safetensors")
-        return found
+    wall_s: float
+    """s of wall time, over all calls that the run took."""
+    cpu_s: float
+    """s of processor time, likewise."""
 
 
 def run(
     config: RunConfig,
     folder: Path,
-    show_progress: bool = True,
+    progress: bool = False,
     stop: Callable[[], bool] = lambda: False,
 ) -> Result:
-    """Train until the steps are made, the goal rate is met or `stop` says so.
+    """Train in a new folder until the steps are made, the goal rate is met or `stop` says so.
 
     Args:
         config: the whole run.
-        folder: made if need be; gets config.yaml, log.jsonl and the policies.
-        show_progress: whether to draw the bar.
+        folder: made if need be; see `run_folder`.
+        progress: whether to draw a bar on standard error.
         stop: asked after every step of all bicycles.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "config.yaml").write_text(settings.dump(config))
-    trainer = Trainer(config, folder)
-    log = metrics.Log(folder, None, 0, tensorboard=False)
-    bar = metrics.progress_bar(config.steps, 0, show_progress)
-    start, cpu = time.monotonic(), time.process_time()
-    status = "finished"
-    while trainer.collector.steps < config.steps:
-        due = trainer.advance()
-        bar.update(config.bicycles)
-        if due:
-            found = trainer.evaluate()
-            row: dict[str, Any] = trainer.collector.metrics() | trainer.agent.metrics()
-            row |= {"updates": trainer.updates, "reach_rate": found.reach_rate}
-            row |= {"eval_falls": found.fall_rate, "median_time_s": found.median_time}
-            row |= {"wall_s": time.monotonic() - start, "cpu_s": time.process_time() - cpu}
-            log.write("evaluation", trainer.collector.steps, row)
-            bar.set_postfix(reach=found.reach_rate, falls=found.fall_rate, ret=row["return"])
-            limits = config.evaluation
-            met = found.reach_rate >= limits.stop_at and found.fall_rate <= limits.stop_falls
-            if limits.stop_at > 0 and met:
-                status = "reached"
-                break
-        if stop():
-            status = "interrupted"
-            break
-    bar.close()
-    log.close()
-    seconds = time.monotonic() - start
-    return Result(status, trainer.collector.steps, trainer.updates, trainer.best, seconds)
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments of `bicycle train`."""
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="the run folder")
-    parser.add_argument(
-        "--preset", help=f"one of {', '.join(settings.preset_names())} (default: fast)"
-    )
-    parser.add_argument("--config", type=Path, metavar="FILE", help="YAML instead of a preset")
-    parser.add_argument("--scenario", help="where from and where to (default: the preset's)")
-    parser.add_argument("--seed", type=int, help="of everything random (default: the preset's)")
-    parser.add_argument("--device", choices=("cpu", "cuda"), help="where to train")
-    parser.add_argument("--steps", help="environment steps over all bicycles")
-    parser.add_argument(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="change one value, for instance ddpg.tau=0.01; may be repeated",
-    )
-    parser.add_argument("--quiet", action="store_true", help="no progress bar")
-
-
-def config_of(args: argparse.Namespace) -> RunConfig:
-    """The configuration that the arguments ask for.
 
     Raises:
-        ValueError: on an unknown name or a value out of range.
+        ValueError: when the folder holds a run already, or training diverges.
     """
-    named = {name: getattr(args, name) for name in ("scenario", "seed", "device", "steps")}
-    overrides = [f"{name}={value}" for name, value in named.items() if value is not None]
-    overrides += args.overrides
-    if args.config is not None:
-        return settings.load(args.config, overrides)
-    return settings.preset(args.preset or "fast", overrides)
+    files = RunFolder(folder)
+    files.create(config)
+    return Trainer(config, files).train(progress, stop)
 
 
-def run_command(args: argparse.Namespace) -> int:
-    """Run `bicycle train`; the exit status.
+def resume(
+    folder: Path,
+    overrides: Sequence[str] = (),
+    progress: bool = False,
+    stop: Callable[[], bool] = lambda: False,
+) -> Result:
+    """Go on with the run in `folder` from its last checkpoint, to the bit.
+
+    Args:
+        folder: of the run.
+        overrides: `NAME=VALUE` changes, see `run_folder.RESUMABLE`.
+        progress: whether to draw a bar on standard error.
+        stop: asked after every step of all bicycles.
 
     Raises:
-        ValueError: on a user's mistake, with the remedy in one line.
+        ValueError: when there is no run, it cannot be read or a change is not allowed.
     """
-    result = run(config_of(args), args.out, show_progress=not args.quiet)
-    print(json.dumps(asdict(result)))
-    return 130 if result.status == "interrupted" else 0
+    files = RunFolder(folder)
+    trainer = Trainer(files.resumed_config(list(overrides)), files)
+    if files.checkpoint.exists():
+        trainer.load_state_dict(checkpoint.load(files.checkpoint))
+    return trainer.train(progress, stop)
+
+
+def make_agent(config: RunConfig, device: str) -> Agent:
+    """The learner; the fused one supports every switch, so `auto` means it."""
+    kind = Ddpg if config.ddpg.backend == "autograd" else FusedDdpg
+    actions = int((config.scenario.action_limits > 0).sum())
+    return kind(config.ddpg, actions, config.seed, device)
+
+
+def usable_device(device: str) -> str:
+    """`device`, or the CPU with one line on standard error when there is no CUDA here."""
+    if device == "cuda" and not torch.cuda.is_available():
+        print("no CUDA device was found: training on the CPU", file=sys.stderr)
+        return "cpu"
+    return device
+
+
+class Trainer:
+    """All the state of a run, and its loop.
+
+    Attributes:
+        updates: critic updates made.
+        best: score of the best policy so far.
+    """
+
+    def __init__(self, config: RunConfig, files: RunFolder) -> None:
+        """Build everything from the configuration and its seed."""
+        torch.set_num_threads(config.threads)
+        device = usable_device(config.device)
+        self.config, self.files = config, files
+        actions = int((config.scenario.action_limits > 0).sum())
+        self.replay = Replay(config.ddpg.capacity, actions, device)
+        self.collector = Collector(config, self.replay)
+        self.agent = make_agent(config, device)
+        self.updates = 0
+        self.best: Score | None = None
+        self.evaluation_due = False
+        self.log_bytes = 0
+        self.spent = (0.0, 0.0)
+        self._started = (time.monotonic(), time.process_time())
+        self._origin = origin()
+
+    def train(self, progress: bool, stop: Callable[[], bool]) -> Result:
+        """The loop: until all steps are made, the goal rate is met or somebody stops it."""
+        steps = self.collector.steps
+        self._started = (time.monotonic(), time.process_time())
+        saved = time.monotonic()
+        status = "finished"
+        log = Log(self.files.path, self.log_bytes, steps, self.config.tensorboard)
+        bar = Progress(self.config.steps, steps, progress)
+        with log, bar, Interrupt() as interrupt:
+            while self.evaluation_due or self.collector.steps < self.config.steps:
+                if not self.evaluation_due:
+                    self._advance(log, bar)
+                if (
+                    self.evaluation_due
+                    and not interrupt.signal
+                    and self._evaluate(log, bar, interrupt)
+                ):
+                    status = "reached"
+                    break
+                if interrupt.signal or stop():
+                    status = "interrupted"
+                    break
+                if time.monotonic() - saved >= self.config.save_every:
+                    self.save(log)
+                    saved = time.monotonic()
+            self.save(log)
+        save_policy(self.policy(), self.files.last)
+        wall, cpu = self._time()
+        steps = self.collector.steps
+        return Result(status, interrupt.signal, steps, self.updates, self.best, wall, cpu)
+
+    def _advance(self, log: Log, bar: Progress) -> None:
+        """Step all bicycles once and make the updates that are due."""
+        config, before = self.config, self.updates
+        self.collector.step(self.agent)
+        bar.advance(config.bicycles)
+        warm = self.collector.steps >= config.warm_up
+        if not warm or self.collector.rounds % config.update_every:
+            return
+        self.agent.update(self.replay, config.updates)
+        self.updates += config.updates
+        every = config.evaluation.every
+        self.evaluation_due = self.updates // every > before // every
+        if self.updates // config.log_every > before // config.log_every:
+            row = self.collector.metrics() | self.agent.metrics()
+            log.write("train", self.collector.steps, self._row(row))
+            bar.show(updates=self.updates, ret=row["return"], goals=row["goal_rate"])
+
+    def _evaluate(self, log: Log, bar: Progress, interrupt: Interrupt) -> bool:
+        """Score the actor and keep it as the best if it is; whether the run may end."""
+        config, policy = self.config, self.policy()
+        try:
+            with interrupt.at_once():
+                found = score(policy, config.scenario, config.physics, config.evaluation)
+        except InterruptError:
+            return False
+        self.evaluation_due = False
+        if self.best is None or found.rank > self.best.rank:
+            self.best = found
+            save_policy(policy, self.files.best)
+        save_policy(policy, self.files.last)
+        log.write("evaluation", self.collector.steps, self._row(asdict(found)))
+        bar.show(reach=found.reach_rate, falls=found.fall_rate)
+        limits = config.evaluation
+        met = found.reach_rate >= limits.stop_at and found.fall_rate <= limits.stop_falls
+        return limits.stop_at > 0 and met
+
+    def _row(self, values: dict[str, Any]) -> dict[str, Any]:
+        wall, cpu = self._time()
+        return {"updates": self.updates} | values | {"wall_s": wall, "cpu_s": cpu}
+
+    def _time(self) -> tuple[float, float]:
+        """s of wall and of processor time, over all calls of the run."""
+        wall = self.spent[0] + time.monotonic() - self._started[0]
+        return wall, self.spent[1] + time.process_time() - self._started[1]
+
+    def policy(self) -> Policy:
+        """The actor as it is now, with what is known about it."""
+        config = self.config
+        about = {"algorithm": "ddpg", "preset": config.preset, "seed": config.seed}
+        about |= {"steps": self.collector.steps, "updates": self.updates}
+        name = f"{config.preset or 'ddpg'}-{config.scenario.name}-{config.seed}"
+        info = PolicyInfo(
+            name=re.sub(r"[^A-Za-z0-9._-]", "-", name)[:64],
+            scenario=config.scenario,
+            physics=config.physics,
+            observation_scale=config.ddpg.observation_scale,
+            action_limits=tuple(config.scenario.action_limits.tolist()),
+            trained=about | {key: self._origin[key] for key in ("command", "commit", "version")},
+        )
+        return Policy(info, policy_tensors(self.agent.actor))
+
+    def save(self, log: Log) -> None:
+        """Write the checkpoint."""
+        self.log_bytes = log.sync()
+        checkpoint.save(self.files.checkpoint, self.state_dict())
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that the numbers to come depend on."""
+        return {
+            "agent": self.agent.state_dict(),
+            "collector": self.collector.state_dict(),
+            "replay": self.replay.state_dict(),
+            "updates": self.updates,
+            "evaluation_due": self.evaluation_due,
+            "best": None if self.best is None else asdict(self.best),
+            "log_bytes": self.log_bytes,
+            "spent": list(self._time()),
+            "origin": self._origin,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from `state`, to the bit."""
+        self.agent.load_state_dict(state["agent"])
+        self.collector.load_state_dict(state["collector"])
+        self.replay.load_state_dict(state["replay"])
+        self.updates, self.evaluation_due = state["updates"], state["evaluation_due"]
+        self.best = None if state["best"] is None else Score(**state["best"])
+        self.log_bytes = state["log_bytes"]
+        self.spent = (state["spent"][0], state["spent"][1])

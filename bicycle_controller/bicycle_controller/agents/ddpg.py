@@ -18,6 +18,9 @@ from bicycle_controller.config import DdpgConfig
 from bicycle_controller.networks import Actor, Critic, initialise
 from bicycle_controller.replay import OBSERVATIONS, Batch, Replay
 
+LOG_EVERY = 12
+"""Updates between two that enter the metrics."""
+
 
 class Ddpg:
     """Actor, critics, their targets and their optimisers.
@@ -59,11 +62,11 @@ class Ddpg:
             network.to(self.device)
         self.actor_target = copy.deepcopy(self.actor).requires_grad_(False)
         self.critic_targets = copy.deepcopy(self.critics).requires_grad_(False)
-        self.actor_optimiser = torch.optim.Adam(
-            self.actor.parameters(), config.actor_learning_rate, fused=True
-        )
-        self.critic_optimiser = torch.optim.Adam(
-            self.critics.parameters(), config.critic_learning_rate, fused=True
+        actor, critics = self.actor.parameters(), self.critics.parameters()
+        # Any optimiser with a state will do: the fused learner has its own.
+        self.actor_optimiser: Any = torch.optim.Adam(actor, config.actor_learning_rate, fused=True)
+        self.critic_optimiser: Any = torch.optim.Adam(
+            critics, config.critic_learning_rate, fused=True
         )
         self.generator = torch.Generator(self.device).manual_seed(seed + 1)
         self.scale = torch.tensor(config.observation_scale, device=self.device)
@@ -77,38 +80,47 @@ class Ddpg:
         action: np.ndarray = self.actor(raw / self.scale).cpu().numpy()
         return action
 
+    @property
+    def logs(self) -> bool:
+        """Whether this update enters the metrics: every one would cost more than it tells."""
+        return self.updates % LOG_EVERY < self.config.actor_every
+
     def update(self, replay: Replay, count: int) -> None:
         """Make `count` updates from one draw out of the memory."""
         size = self.config.batch
-        drawn = replay.sample(count * size, self.generator)
-        for index in range(count):
-            rows = slice(index * size, (index + 1) * size)
-            self.update_on(Batch(*(column[rows] for column in vars(drawn).values())))
+        drawn = self._prepared(replay.sample(count * size, self.generator))
+        columns = (torch.split(column, size) for column in vars(drawn).values())
+        for batch in zip(*columns, strict=True):
+            self._learn(Batch(*batch))
 
     def update_on(self, batch: Batch) -> None:
-        """Make one update from `batch`: steps (5) to (7) of section 4.3."""
-        config = self.config
-        batch = self._prepared(batch)
+        """Make one update from `batch`, as it came from the memory."""
+        self._learn(self._prepared(batch))
+
+    def _learn(self, batch: Batch) -> None:
+        """Steps (5) to (7) of section 4.3, for a scaled batch."""
         self._update_critics(batch, self.targets(batch))
-        self.updates += 1
-        if self.updates % config.actor_every == 0:
+        if (self.updates + 1) % self.config.actor_every == 0:
             self._update_actor(batch)
             self._update_targets()
+        self.updates += 1
 
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """The critics' targets y (B,), equation (15), for a scaled batch."""
-        config = self.config
-        action = self.actor_target(batch.next_observation)
-        if config.smoothing > 0:
-            noise = torch.randn(action.shape, generator=self.generator, device=self.device)
-            noise = (noise * config.smoothing).clamp(-config.smoothing_clip, config.smoothing_clip)
-            action = (action + noise).clamp(-1.0, 1.0)
+        action = self._smoothed(self.actor_target(batch.next_observation))
         values = [critic(batch.next_observation, action) for critic in self.critic_targets]
         target = batch.reward + batch.discount * torch.stack(values).amin(dim=0)
-        if config.bound_values:
-            target = target.clamp(config.value_min, 0.0)
-        return target
+        return target.clamp(self.config.value_min, 0.0) if self.config.bound_values else target
+
+    def _smoothed(self, action: Tensor) -> Tensor:
+        """TD3's clipped noise on the target's action."""
+        config = self.config
+        if config.smoothing == 0:
+            return action
+        noise = torch.randn(action.shape, generator=self.generator, device=self.device)
+        noise = (noise * config.smoothing).clamp(-config.smoothing_clip, config.smoothing_clip)
+        return (action + noise).clamp(-1.0, 1.0)
 
     def _prepared(self, batch: Batch) -> Batch:
         """The batch with scaled observations and rewards, half of it mirrored if so wished."""
@@ -128,20 +140,22 @@ class Ddpg:
 
     def _update_critics(self, batch: Batch, target: Tensor) -> None:
         """Equation (14): the squared distance of Q to its target."""
-        config = self.config
         values = [critic(batch.observation, batch.action) for critic in self.critics]
-        if config.huber > 0:
-            loss = sum(functional.huber_loss(q, target, delta=config.huber) for q in values)
-        else:
-            loss = sum(functional.mse_loss(q, target) for q in values)
-        assert isinstance(loss, Tensor)
+        losses = [self._loss(value, target) for value in values]
+        loss = torch.stack(losses).sum()
         self.critic_optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         for critic in self.critics:
             self._clip(critic)
         self.critic_optimiser.step()
-        self._note("critic_loss", loss)
-        self._note("q_data", values[0].mean())
+        if self.logs:
+            self._note("critic_loss", losses[0])
+            self._note("q_data", values[0].mean())
+
+    def _loss(self, value: Tensor, target: Tensor) -> Tensor:
+        if self.config.huber > 0:
+            return functional.huber_loss(value, target, delta=self.config.huber)
+        return functional.mse_loss(value, target)
 
     def _update_actor(self, batch: Batch) -> None:
         """Equation (17): up the first critic's slope; with bc_weight not far from the data."""
@@ -161,7 +175,8 @@ class Ddpg:
         self._clip(self.actor)
         self.actor_optimiser.step()
         self.critics.requires_grad_(True)
-        self._note("q_policy", value.mean())
+        if self.logs:
+            self._note("q_policy", value.mean())
 
     @torch.no_grad()
     def _update_targets(self) -> None:
@@ -191,7 +206,9 @@ class Ddpg:
         networks = ("actor", "critics", "actor_target", "critic_targets")
         optimisers = ("actor_optimiser", "critic_optimiser")
         state = {name: getattr(self, name).state_dict() for name in (*networks, *optimisers)}
-        return state | {"generator": self.generator.get_state(), "updates": self.updates}
+        notes = {name: [value.item(), self._counts[name]] for name, value in self._sums.items()}
+        generator = self.generator.get_state()
+        return state | {"generator": generator, "updates": self.updates, "notes": notes}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from `state`, to the bit."""
@@ -200,5 +217,8 @@ class Ddpg:
                 self.generator.set_state(value.cpu())
             elif name == "updates":
                 self.updates = int(value)
+            elif name == "notes":
+                self._sums = {key: torch.tensor(total) for key, (total, _) in value.items()}
+                self._counts = {key: count for key, (_, count) in value.items()}
             else:
                 getattr(self, name).load_state_dict(value)

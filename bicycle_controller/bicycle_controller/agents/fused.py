@@ -1,0 +1,145 @@
+"""The update of `ddpg.py` with hand-written gradients: the same numbers in a third of the time.
+
+All parameters, gradients, moments and targets are flat vectors with named views, and every
+large result goes into memory that was there before. Every switch of `DdpgConfig` is supported;
+a test holds it against the autograd reference.
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from bicycle_controller.agents.ddpg import Ddpg
+from bicycle_controller.agents.fused_net import Flat, FusedNet
+from bicycle_controller.config import DdpgConfig
+from bicycle_controller.networks import Critic
+from bicycle_controller.replay import Batch
+
+BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8
+"""Adam's own defaults."""
+
+
+class FlatAdam:
+    """Adam on a slice of a flat vector, in one fused call."""
+
+    def __init__(self, values: Tensor, gradient: Tensor, learning_rate: float) -> None:
+        """Start with zero moments."""
+        self.values, self.gradient, self.rate = values, gradient, learning_rate
+        self.mean, self.square = torch.zeros_like(values), torch.zeros_like(values)
+        self.count = torch.zeros((), device=values.device)
+
+    def step(self) -> None:
+        """Move the values against the gradient."""
+        self.count += 1
+        torch._fused_adam_(
+            [self.values],
+            [self.gradient],
+            [self.mean],
+            [self.square],
+            [],
+            [self.count],
+            lr=self.rate,
+            beta1=BETA_1,
+            beta2=BETA_2,
+            weight_decay=0.0,
+            eps=EPSILON,
+            amsgrad=False,
+            maximize=False,
+        )
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Both moments and the number of steps."""
+        return {"mean": self.mean, "square": self.square, "count": self.count}
+
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+        """Go on from `state`."""
+        for name, own in self.state_dict().items():
+            own.copy_(state[name])
+
+
+class FusedDdpg(Ddpg):
+    """`Ddpg` without autograd; networks and checkpoints look the same from outside."""
+
+    def __init__(
+        self, config: DdpgConfig, actions: int, seed: int, device: torch.device | str = "cpu"
+    ) -> None:
+        """Draw the same networks as `Ddpg` and move them into flat memory."""
+        super().__init__(config, actions, seed, device)
+        batch = config.batch
+        main = Flat([self.actor, *self.critics])
+        slow = Flat([self.actor_target, *self.critic_targets])
+        self._main, self._slow = main.values, slow.values
+        gradient = torch.zeros_like(main.values)
+        own, *parts = torch.split(gradient, main.sizes)
+        self._actor = FusedNet(self.actor, batch, own)
+        self._actor_target = FusedNet(self.actor_target, batch, None)
+        critics = [critic for critic in self.critics if isinstance(critic, Critic)]
+        self._critics = [
+            FusedNet(net, batch, part) for net, part in zip(critics, parts, strict=True)
+        ]
+        targets = [critic for critic in self.critic_targets if isinstance(critic, Critic)]
+        self._critic_targets = [FusedNet(net, batch, None) for net in targets]
+        rest = main.sizes[0]
+        self.actor_optimiser = FlatAdam(main.values[:rest], own, config.actor_learning_rate)
+        self.critic_optimiser = FlatAdam(
+            main.values[rest:], gradient[rest:], config.critic_learning_rate
+        )
+        self._minus_mean = torch.full((batch, 1), -1.0 / batch, device=self.device)
+
+    @torch.no_grad()
+    def targets(self, batch: Batch) -> Tensor:
+        """The critics' targets y (B,), equation (15), for a scaled batch."""
+        action = self._smoothed(self._actor_target.forward(batch.next_observation).tanh_())
+        values = [net.forward(batch.next_observation, action) for net in self._critic_targets]
+        least = values[0] if len(values) == 1 else torch.minimum(*values)
+        target = torch.addcmul(batch.reward, batch.discount, least.squeeze(1))
+        return target.clamp_(self.config.value_min, 0.0) if self.config.bound_values else target
+
+    @torch.no_grad()
+    def _update_critics(self, batch: Batch, target: Tensor) -> None:
+        """Equation (14); the slope of the loss at Q is 2 (Q - y) / B, bounded by Huber's."""
+        config, size = self.config, len(target)
+        for index, net in enumerate(self._critics):
+            value = net.forward(batch.observation, batch.action)
+            error = value - target.unsqueeze(1)
+            if self.logs and index == 0:
+                self._note("critic_loss", self._loss(value.squeeze(1), target))
+                self._note("q_data", value.mean())
+            if config.huber > 0:
+                error.clamp_(-config.huber, config.huber).mul_(1.0 / size)
+            else:
+                error.mul_(2.0 / size)
+            net.backward(error)
+            self._clip_gradient(net)
+        self.critic_optimiser.step()
+
+    @torch.no_grad()
+    def _update_actor(self, batch: Batch) -> None:
+        """Equation (17): the critic's slope at the action, through tanh into the actor."""
+        config = self.config
+        raw = self._actor.forward(batch.observation)
+        action = torch.tanh(raw)
+        value = self._critics[0].forward(batch.observation, action)
+        slope = self._critics[0].action_slope(self._minus_mean)
+        if config.bc_weight > 0:
+            slope.mul_(config.bc_alpha / value.abs().mean().clamp_min(1e-6))
+            slope.add_(action - batch.action, alpha=2.0 * config.bc_weight / action.numel())
+        slope.mul_(1.0 - action * action)
+        if config.saturation_penalty > 0:
+            slope.add_(raw, alpha=2.0 * config.saturation_penalty / raw.numel())
+        if self.logs:
+            self._note("q_policy", value.mean())
+        self._actor.backward(slope)
+        self._clip_gradient(self._actor)
+        self.actor_optimiser.step()
+
+    @torch.no_grad()
+    def _update_targets(self) -> None:
+        """Equations (16) and (18)."""
+        self._slow.lerp_(self._main, self.config.tau)
+
+    def _clip_gradient(self, net: FusedNet) -> None:
+        if self.config.grad_clip > 0 and net.gradient is not None:
+            norm = net.gradient.norm()
+            net.gradient.mul_((self.config.grad_clip / (norm + 1e-6)).clamp(max=1.0))

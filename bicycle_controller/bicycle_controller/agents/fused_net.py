@@ -1,0 +1,158 @@
+"""A multilayer perceptron with hand-written gradients on flat, preallocated memory.
+
+It works on the parameters of an `Actor` or a `Critic`, which become views of one flat vector,
+so that one call of Adam and one of the target update serve all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor, nn
+
+from bicycle_controller.networks import Actor, Critic
+from bicycle_controller.replay import OBSERVATIONS
+
+ATEN = torch.ops.aten
+
+
+class Flat:
+    """The parameters of several networks as views of one vector.
+
+    Attributes:
+        values: all parameters, network by network.
+        sizes: how many each network has.
+    """
+
+    def __init__(self, networks: Sequence[nn.Module]) -> None:
+        """Move the parameters of `networks` into one new vector."""
+        parameters = [[item.data for item in net.parameters()] for net in networks]
+        self.values = torch.cat([item.reshape(-1) for items in parameters for item in items])
+        self.sizes = [sum(item.numel() for item in items) for items in parameters]
+        for net, part in zip(networks, self.values.split(self.sizes), strict=True):  # type: ignore[no-untyped-call]
+            for item, view in zip(net.parameters(), _views(net, part), strict=True):
+                item.data = view
+
+
+def _views(network: nn.Module, flat: Tensor) -> list[Tensor]:
+    """`flat` in the shapes of the network's parameters, in their order."""
+    sizes = [item.numel() for item in network.parameters()]
+    parts = torch.split(flat, sizes)
+    shapes = (item.shape for item in network.parameters())
+    return [part.view(shape) for part, shape in zip(parts, shapes, strict=True)]
+
+
+class FusedNet:
+    """Forward and backward pass of one network for batches of one size.
+
+    Each pass reuses the same memory, so a result is good until the next pass.
+
+    Attributes:
+        gradient: flat, in the order of the network's parameters; the last `backward`'s.
+        output: (B, outputs) of the last `forward`, before any tanh.
+    """
+
+    def __init__(self, network: Actor | Critic, batch: int, gradient: Tensor | None) -> None:
+        """Prepare the memory.
+
+        Args:
+            network: its parameters are read where they are, so they must stay there.
+            batch: B.
+            gradient: flat memory for `backward`; None for a network that is never trained.
+        """
+        self.network, self.batch = network, batch
+        self.layers = [layer for layer in network.layers if isinstance(layer, nn.Linear)]
+        self.norms = [norm for norm in network.norms if isinstance(norm, nn.LayerNorm)]
+        self.join = network.action_layer - 1 if isinstance(network, Critic) else -1
+        self.gradient = gradient
+        if gradient is not None:
+            names = [name for name, _ in network.named_parameters()]
+            self._grads = dict(zip(names, _views(network, gradient), strict=True))
+        device = self.layers[0].weight.device
+        self._transposed = [layer.weight.detach().t() for layer in self.layers]
+        self._weights = [layer.weight.detach() for layer in self.layers]
+        self._biases = [layer.bias.detach() for layer in self.layers]
+        self._inputs = [torch.empty(batch, w.shape[1], device=device) for w in self._weights]
+        self._slopes = [torch.empty(batch, w.shape[1], device=device) for w in self._weights]
+        hidden = [layer.out_features for layer in self.layers[:-1]]
+        # What a layer gives goes straight into the next one's input, left of the action.
+        pairs = list(zip(self._inputs[1:], hidden, strict=True))
+        self._hidden = [memory[:, :width] for memory, width in pairs]
+        self._products = self._hidden
+        if self.norms:
+            self._products = [torch.empty(batch, width, device=device) for width in hidden]
+        self._moments: list[tuple[Tensor, Tensor]] = []
+        self.output = torch.empty(batch, self.layers[-1].out_features, device=device)
+
+    def forward(self, observation: Tensor, action: Tensor | None = None) -> Tensor:
+        """(B, outputs) of scaled observations (B, 6), and for a critic of actions (B, A)."""
+        if self.join == 0:
+            self._inputs[0][:, : observation.shape[1]] = observation
+        else:
+            self._inputs[0] = observation
+        if action is not None:
+            self._inputs[self.join][:, -action.shape[1] :] = action
+        self._moments.clear()
+        last = len(self.layers) - 1
+        for index, (bias, weight) in enumerate(zip(self._biases, self._transposed, strict=True)):
+            target = self.output if index == last else self._products[index]
+            torch.addmm(bias, self._inputs[index], weight, out=target)
+            if index < last:
+                if self.norms:
+                    self._normalise(index)
+                torch.relu_(self._hidden[index])
+        return self.output
+
+    def _normalise(self, index: int) -> None:
+        norm = self.norms[index]
+        result, mean, scale = torch.native_layer_norm(
+            self._products[index],
+            norm.normalized_shape,
+            norm.weight.data,
+            norm.bias.data,
+            norm.eps,
+        )
+        self._hidden[index].copy_(result)
+        self._moments.append((mean, scale))
+
+    def backward(self, slope: Tensor) -> None:
+        """Fill `gradient` from the loss's slope at the output, (B, outputs)."""
+        for index in range(len(self.layers) - 1, -1, -1):
+            torch.mm(slope.t(), self._inputs[index], out=self._grads[f"layers.{index}.weight"])
+            torch.sum(slope, 0, out=self._grads[f"layers.{index}.bias"])
+            if index > 0:
+                slope = self._through_hidden(slope, index, learn=True)
+
+    def action_slope(self, slope: Tensor) -> Tensor:
+        """The loss's slope at the action (B, A), from that at the output; a critic's only."""
+        for index in range(len(self.layers) - 1, self.join, -1):
+            slope = self._through_hidden(slope, index, learn=False)
+        before = self._hidden[self.join - 1].shape[1] if self.join > 0 else OBSERVATIONS
+        return torch.mm(slope, self._weights[self.join][:, before:])
+
+    def _through_hidden(self, slope: Tensor, index: int, learn: bool) -> Tensor:
+        """From the slope at layer `index`'s product to that at the product before it."""
+        hidden = self._hidden[index - 1]
+        width = hidden.shape[1]
+        result = self._slopes[index][:, :width]
+        torch.mm(slope, self._weights[index][:, :width], out=result)
+        ATEN.threshold_backward.grad_input(result, hidden, 0.0, grad_input=result)
+        if not self.norms:
+            return result
+        norm = self.norms[index - 1]
+        mean, scale = self._moments[index - 1]
+        back, weight, bias = ATEN.native_layer_norm_backward(
+            result,
+            self._products[index - 1],
+            norm.normalized_shape,
+            mean,
+            scale,
+            norm.weight.data,
+            norm.bias.data,
+            [True, learn, learn],
+        )
+        if learn:
+            self._grads[f"norms.{index - 1}.weight"].copy_(weight)
+            self._grads[f"norms.{index - 1}.bias"].copy_(bias)
+        return back
