@@ -1,0 +1,195 @@
+"""A classical controller: LQR on lean and steering inside, a heading loop around it.
+
+It sees what a learned actor sees, the six observations and the speed, and nothing else: no
+distance to the goal, no memory. It is the yardstick that learned actors must beat.
+
+The heading loop turns the heading error into a wanted turn: a handlebar angle and the lean at
+which that turn is steady. The LQR rides it. Two facts shape the wanted turn:
+
+- A circle around a goal is ridden at a heading error of 90 degrees. It attracts the bicycle
+  where the wanted curvature grows with the error and repels it where the curvature falls, so
+  the turn is tightest at 60 degrees and widens steeply through 90.
+- The error jumps from +180 to -180 degrees, and a bicycle countersteers over that edge before
+  it turns. So the wanted turn is small there, or it would flip from side to side.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from dataclasses import asdict, dataclass, fields
+
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+from bicycle_sim.config import require
+from bicycle_sim.linear import discrete, steady_lean
+from bicycle_sim.parameters import Physics
+
+SPEEDS = np.linspace(1.0, 5.0, 33)
+"""m/s, for which gains are computed; between them they are interpolated, beyond them held."""
+
+TURN_ERRORS = np.radians([0.0, 60.0, 90.0, 120.0, 150.0, 180.0])
+"""rad, the heading errors at which `LqrConfig.turn_shape` is given."""
+
+
+@dataclass(frozen=True)
+class LqrConfig:
+    """What the controller is tuned by.
+
+    Raises:
+        ValueError: on a weight, limit or table that makes no sense.
+    """
+
+    use_displacement: bool = False
+    """Whether the centre of mass is moved too; by default only the handlebar is."""
+    use_pedal: bool = False
+    """Whether the speed is held by pedalling; by default the pedal is left alone."""
+    torque_limit: float = 2.0
+    """N m, largest |T|."""
+    displacement_limit: float = 0.02
+    """m, largest |d|."""
+    pedal_limit: float = 100.0
+    """N, largest |F|."""
+    state_weights: tuple[float, ...] = (6.0, 0.5, 0.05, 0.5, 13.0)
+    """Cost of squared lean, lean rate, steering, steering rate and heading error."""
+    torque_weight: float = 1.0
+    """Cost of squared torque."""
+    displacement_weight: float = 400.0
+    """Cost of squared displacement."""
+    lean_limit: float = 0.36
+    """rad, the steepest lean wanted in a turn."""
+    steer_limit: float = 0.7
+    """rad, the largest steering wanted in a turn."""
+    lean_step: float = 0.18
+    """rad that the wanted lean may run ahead of the present one."""
+    turn_shape: tuple[float, ...] = (1.0, 1.0, 0.67, 0.38, 0.69, 0.12)
+    """Share of the tightest turn that is wanted at the heading errors TURN_ERRORS."""
+    straight_speed: float = 4.0
+    """m/s held when the goal lies ahead."""
+    turn_speed: float = 2.0
+    """m/s held when the heading error is `turn_error` or more."""
+    turn_error: float = 1.0
+    """rad of heading error from which on `turn_speed` is held."""
+    speed_gain: float = 200.0
+    """N of pedal force per m/s that is missing."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "state_weights", tuple(map(float, self.state_weights)))
+        object.__setattr__(self, "turn_shape", tuple(map(float, self.turn_shape)))
+        require(len(self.state_weights) == 5, "state_weights needs five numbers")
+        require(
+            len(self.turn_shape) == len(TURN_ERRORS),
+            f"turn_shape needs {len(TURN_ERRORS)} numbers",
+        )
+        for item in fields(self):
+            value = getattr(self, item.name)
+            for number in value if isinstance(value, tuple) else (value,):
+                require(
+                    math.isfinite(number) and (number > 0 or isinstance(value, bool)),
+                    f"{item.name} must be finite and above zero, not {value!r}",
+                )
+        require(self.steer_limit < math.pi / 2, "steer_limit must be below pi/2")
+        require(self.lean_limit < math.pi / 2, "lean_limit must be below pi/2")
+
+
+class LqrController:
+    """The classical controller, gain-scheduled on speed; it holds no state between calls."""
+
+    def __init__(self, config: LqrConfig | None = None, physics: Physics | None = None) -> None:
+        """Compute the gains for every speed of SPEEDS.
+
+        Args:
+            config: the tuning; steering only by default.
+            physics: the bicycle that is ridden; faithful by default.
+        """
+        self.config = config or LqrConfig()
+        self.physics = physics or Physics()
+        tuning = json.dumps([asdict(self.config), json.loads(self.physics.to_json())])
+        self._policy_id = "lqr-" + hashlib.sha256(tuning.encode()).hexdigest()[:8]
+        self._schedule = np.array([self._design(float(speed)) for speed in SPEEDS])
+        self._slopes = np.diff(self._schedule, axis=0, append=self._schedule[-1:])
+        self._speed_scale = 1.0 / (SPEEDS[1] - SPEEDS[0])
+
+    @property
+    def policy_id(self) -> str:
+        """`lqr-` and a digest of tuning and physics."""
+        return self._policy_id
+
+    def act(self, observation: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """The action for each bicycle.
+
+        Args:
+            observation: (N, 6), see `bicycle_sim.task.OBSERVATION_FIELDS`.
+            speed: (N,) m/s.
+
+        Returns:
+            (N, 3): N m of torque, m of displacement, N of pedal force, within the limits.
+        """
+        config = self.config
+        steer, steer_rate, lean, lean_rate, _, error = observation.T
+        torque_gains, displacement_gains, heading_gain, tightest = self._gains(speed)
+
+        share = np.interp(np.abs(error), TURN_ERRORS, config.turn_shape)
+        wanted_steer = -_limited(heading_gain * error, tightest * share)
+        ahead = steady_lean(wanted_steer, speed, self.physics.constants) - lean
+        state = (-_limited(ahead, config.lean_step), lean_rate, steer - wanted_steer, steer_rate)
+
+        action = np.zeros((len(speed), 3))
+        action[:, 0] = _limited(-_dot(torque_gains, state), config.torque_limit)
+        if config.use_displacement:
+            wanted = -_dot(displacement_gains, state)
+            action[:, 1] = _limited(wanted, config.displacement_limit)
+        if config.use_pedal:
+            action[:, 2] = self._pedal(error, speed)
+        return action
+
+    def _gains(self, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """(4, N), (4, N), (N,) and (N,): the columns of `_design` at each speed."""
+        place = (speed - SPEEDS[0]) * self._speed_scale
+        place = np.minimum(np.maximum(place, 0.0), len(SPEEDS) - 1.0)
+        index = place.astype(np.intp)
+        row = (self._schedule[index] + (place - index)[:, None] * self._slopes[index]).T
+        return row[0:4], row[4:8], row[8], row[9]
+
+    def _pedal(self, error: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """Pedal force, (N,) N: fast when the goal lies ahead, slow in turns."""
+        config = self.config
+        turning = np.minimum(np.abs(error) / config.turn_error, 1.0)
+        wanted = config.straight_speed + turning * (config.turn_speed - config.straight_speed)
+        return _limited(config.speed_gain * (wanted - speed), config.pedal_limit)
+
+    def _design(self, speed: float) -> list[float]:
+        """Four torque gains, four displacement gains, heading gain and tightest steering.
+
+        The LQR's fifth gain, on the heading error, becomes the steady steering that the
+        other gains would answer it with; so the loop is the LQR's for small errors, and can
+        be limited in terms of turns for large ones.
+        """
+        config, constants = self.config, self.physics.constants
+        a, b = discrete(speed, self.physics)
+        inputs = 2 if config.use_displacement else 1
+        b = b[:, :inputs]
+        q = np.diag(config.state_weights)
+        r = np.diag([config.torque_weight, config.displacement_weight][:inputs])
+        cost = solve_discrete_are(a, b, q, r)
+        gain = np.zeros((2, 5))
+        gain[:inputs] = np.linalg.solve(r + b.T @ cost @ b, b.T @ cost @ a)
+
+        steer = np.linspace(0.0, config.steer_limit, 1001)
+        lean = steady_lean(steer, np.full_like(steer, speed), constants)
+        lean_per_steer = lean[1] / steer[1]
+        heading_gain = gain[0, 4] / (gain[0, 0] * lean_per_steer + gain[0, 2])
+        tightest = np.interp(config.lean_limit, lean, steer)
+        return [*gain[0, :4], *gain[1, :4], heading_gain, tightest]
+
+
+def _dot(gains: np.ndarray, state: tuple[np.ndarray, ...]) -> np.ndarray:
+    """Sum over the four states of gain times state, (N,)."""
+    return gains[0] * state[0] + gains[1] * state[1] + gains[2] * state[2] + gains[3] * state[3]
+
+
+def _limited(value: np.ndarray, limit: np.ndarray | float) -> np.ndarray:
+    """`value` between -limit and limit; quicker than numpy.clip for few bicycles."""
+    return np.minimum(np.maximum(value, -limit), limit)
