@@ -132,6 +132,7 @@ class GoalTracker:
         self.turns = turns
         self._next_id = 1
         self._incoming: list[Goal] | None = None
+        self._superseded: list[Goal] = []
         self._announced = False
         self._queue: deque[Goal] = deque()
         self._pursuit: _Pursuit | None = None
@@ -160,6 +161,7 @@ class GoalTracker:
 
     def replace(self, points: Sequence[Point]) -> list[Goal]:
         """Ride to these points, in order, instead of all goals so far; none means stop aiming."""
+        self._superseded += self._incoming or []
         self._incoming = self._numbered(points)
         self._announced = False
         return self._incoming
@@ -188,7 +190,8 @@ class GoalTracker:
 
     def update(self, pose: Pose) -> list[Event]:
         """Take in the state of one step; returns what has changed, in order."""
-        events: list[Event] = []
+        newer, self._superseded = self._superseded, []
+        events = [self._waits(goal, "a newer goal came", Status.REPLACED) for goal in newer]
         if self._episode not in (None, pose.episode):
             events += self._drop(Status.CANCELLED, Status.CANCELLED, "the simulator was reset")
         self._episode = pose.episode

@@ -1,0 +1,264 @@
+"""The controller as a ROS 2 node: states in, commands out, goals and policies on the way."""
+
+from __future__ import annotations
+
+import math
+import os
+import secrets
+import sys
+from typing import Any
+
+import numpy as np
+from bicycle_msgs.msg import BicycleState, EpisodeInfo, GoalStatus
+from bicycle_msgs.srv import LoadPolicy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from bicycle_controller.controllers import Controller, load_controller
+from bicycle_controller.driver import Driver
+from bicycle_controller.goals import Event, GoalTracker, Point, Status
+from bicycle_controller.nodes.controller_settings import ControllerSettings
+from bicycle_controller.nodes.loading import Loading
+from bicycle_controller.policy import PolicyError
+from bicycle_sim.nodes import convert, interfaces
+from bicycle_sim.nodes.interfaces import Topic, advertise, listen, serve
+from bicycle_sim.nodes.params import declare
+from bicycle_sim.nodes.report import OK, WARN, percentiles, status
+from bicycle_sim.nodes.runner import UserError, run
+from bicycle_sim.settings import describe
+
+NAME = "bicycle_controller"
+MOST_WAYPOINTS = 10_000
+NO_LIMITS = np.full(3, np.inf)
+
+
+class ControllerNode(Node):
+    """Answers every state of one bicycle with one command."""
+
+    def __init__(self) -> None:
+        """Load the policy and wait for states.
+
+        Raises:
+            UserError: on a bad parameter or a policy that cannot be loaded.
+        """
+        super().__init__(NAME)
+        self._settings = declare(self, ControllerSettings)
+        self._driver = self._make_driver()
+        self._simulator_limits = NO_LIMITS
+        self._bad_states = 0
+        self._state_was_bad = False
+        self._publishers_by_name = advertise(
+            self,
+            interfaces.COMMAND,
+            interfaces.GOAL_STATUS,
+            interfaces.ACTIVE_GOAL,
+            interfaces.DIAGNOSTICS,
+        )
+        # Before the goals: what a reset cancels are the goals from before it.
+        listen(self, interfaces.EPISODE, self._on_episode)
+        listen(self, interfaces.STATE, self._on_state, depth=1)
+        listen(self, interfaces.GOAL_POSE, self._on_goal_pose)
+        listen(self, interfaces.GOAL_PATH, self._on_goal_path)
+        serve(self, interfaces.LOAD_POLICY, self._on_load_policy)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(self._settings.diagnostics_period, self._on_report, clock=steady)
+        self.get_logger().info(f"{self._driver.policy.policy_id} waits for a goal")
+
+    def _make_driver(self) -> Driver:
+        settings = self._settings
+        try:
+            policy, fallback = load_controller(settings.policy), settings.make_fallback()
+        except PolicyError as error:
+            raise UserError(str(error)) from None
+        return Driver(
+            f"{self.get_fully_qualified_name()}.{os.getpid()}.{secrets.token_hex(2)}",
+            policy,
+            GoalTracker(settings.goal_radius or 1.0, settings.goal_timeout, settings.orbit_turns),
+            limits_of(policy),
+            settings.make_noise(),
+            fallback,
+            settings.take_over,
+        )
+
+    def close(self) -> None:
+        """Nothing is left to do."""
+
+    def _publish(self, topic: Topic, message: Any) -> None:
+        self._publishers_by_name[topic.name].publish(message)
+
+    def _warn(self, text: str) -> None:
+        self.get_logger().warning(text)
+
+    def _on_state(self, message: BicycleState) -> None:
+        """Answer the newest state."""
+        try:
+            snapshot = convert.to_snapshot(message)
+        except ValueError as error:
+            self._on_bad_state(str(error))
+            return
+        if not convert.is_finite(snapshot):
+            self._on_bad_state("it holds a number that is not finite")
+            return
+        self._state_was_bad = False
+        stamp = message.header.stamp
+        answer = self._driver.answer(snapshot, stamp.sec + stamp.nanosec * 1e-9)
+        if answer.command is not None:
+            now = self.get_clock().now().to_msg()
+            self._publish(interfaces.COMMAND, convert.from_command(answer.command, now))
+        if answer.warning:
+            self._warn(answer.warning)
+        for event in answer.events:
+            self._on_event(event)
+
+    def _on_bad_state(self, why: str) -> None:
+        self._bad_states += 1
+        if not self._state_was_bad:
+            self._warn(f"state not answered: {why}; reset the simulator")
+        self._state_was_bad = True
+
+    def _on_episode(self, info: EpisodeInfo) -> None:
+        """Keep to the simulator's limits and goal radius."""
+        try:
+            scenario, _ = convert.to_setting(info)
+        except (ValueError, TypeError) as error:
+            self._warn(f"episode info ignored: {error}; are both of one version?")
+            return
+        if self._settings.goal_radius == 0:
+            self._driver.tracker.radius = scenario.goal_radius
+        self._simulator_limits = scenario.action_limits
+        self._limit()
+
+    def _limit(self) -> None:
+        """Send nothing that the simulator would refuse."""
+        policy = self._driver.policy
+        own = limits_of(policy)
+        self._driver.limits = np.minimum(own, self._simulator_limits)
+        if (own[np.isfinite(own)] > self._simulator_limits[np.isfinite(own)]).any():
+            self._warn(
+                f"policy {policy.policy_id} may use {_shown(own)}, the simulator allows "
+                f"{_shown(self._simulator_limits)}: its commands are cut; choose a scenario "
+                "that suits it"
+            )
+
+    def _on_goal_pose(self, message: PoseStamped) -> None:
+        self._take(message.header.frame_id, [message])
+
+    def _on_goal_path(self, message: Path) -> None:
+        self._take(message.header.frame_id, message.poses)
+
+    def _take(self, frame: str, poses: list[PoseStamped]) -> None:
+        """Ride to these poses instead of all goals so far, or refuse all of them."""
+        points: list[Point] = []
+        try:
+            if len(poses) > MOST_WAYPOINTS:
+                raise ValueError(f"{len(poses)} waypoints are more than {MOST_WAYPOINTS}")
+            for pose in poses:
+                position = pose.pose.position
+                points.append(convert.to_goal(pose.header.frame_id or frame, position))
+        except ValueError as error:
+            self._warn(f"goal rejected: {error}")
+            self._publish(interfaces.GOAL_STATUS, self._rejection(poses, str(error)))
+            return
+        self._driver.tracker.replace(points)
+
+    def _rejection(self, poses: list[PoseStamped], why: str) -> GoalStatus:
+        position = poses[0].pose.position
+        return GoalStatus(
+            header=convert.to_header(self.get_clock().now().nanoseconds),
+            status=GoalStatus.REJECTED,
+            position=convert.to_point((position.x, position.y)),
+            distance=math.nan,
+            message=why,
+        )
+
+    def _on_event(self, event: Event) -> None:
+        """Publish what has become of a goal."""
+        header = convert.to_header(self.get_clock().now().nanoseconds)
+        point = convert.to_point(event.goal.point)
+        message = GoalStatus(
+            header=header,
+            goal_id=int(event.goal.goal_id),
+            status=int(event.status),
+            position=point,
+            distance=float(event.distance),
+            elapsed=float(event.elapsed),
+            path_length=float(event.path_length),
+            remaining=int(event.remaining),
+            message=event.message,
+        )
+        self._publish(interfaces.GOAL_STATUS, message)
+        if event.status is Status.ACTIVE:
+            pose = PoseStamped(header=header)
+            pose.pose.position = point
+            self._publish(interfaces.ACTIVE_GOAL, pose)
+        x, y = event.goal.point
+        name = event.status.name.lower().replace("_", " ")
+        text = f"goal {event.goal.goal_id} ({x:g}, {y:g}) {name}: {event.message}"
+        self.get_logger().info(text)
+
+    async def _on_load_policy(
+        self, request: LoadPolicy.Request, response: LoadPolicy.Response
+    ) -> LoadPolicy.Response:
+        """Load beside the loop, then swap between two steps."""
+        try:
+            policy = await Loading(request.path)
+            self._driver.policy = policy
+            self._limit()
+            response.success, response.message = True, f"{policy.policy_id} is in charge"
+        except PolicyError as error:
+            kept = self._driver.policy.policy_id
+            response.success, response.message = False, f"{error}; {kept} stays in charge"
+        response.policy = str(self._driver.policy.policy_id)
+        self.get_logger().info(response.message)
+        return response
+
+    def _on_report(self) -> None:
+        array = DiagnosticArray(status=[self._status()])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._publish(interfaces.DIAGNOSTICS, array)
+
+    def _status(self) -> DiagnosticStatus:
+        driver = self._driver
+        goal = driver.tracker.active
+        text = f"rides to goal {goal.goal_id}" if goal else "waits for a goal"
+        bad = self._state_was_bad or driver.failing
+        name = f"{self.get_fully_qualified_name().lstrip('/')}: policy"
+        values: dict[str, object] = {
+            "policy": driver.policy.policy_id,
+            "controller": driver.name,
+            "answered": driver.answered,
+            "missed steps": driver.missed,
+            "answers by the fallback": driver.handed_over,
+            "bad states": self._bad_states,
+            "goals waiting": driver.tracker.waiting,
+            **percentiles(list(driver.times), "answer"),
+        }
+        return status(name, WARN if bad else OK, text, values)
+
+
+def limits_of(policy: Controller) -> np.ndarray:
+    """(3,) the largest |T|, |d| and |F| that a policy may use; infinite where it does not say."""
+    info = getattr(policy, "info", None)
+    return NO_LIMITS if info is None else np.array(info.action_limits, dtype=np.float64)
+
+
+def _shown(limits: np.ndarray) -> str:
+    torque, displacement, pedal = limits
+    return f"T ±{torque:g} N m, d ±{displacement:g} m, F ±{pedal:g} N"
+
+
+def main() -> None:
+    """Run the controller until SIGINT or SIGTERM."""
+    usage = (
+        "usage: bicycle_controller [--ros-args -p NAME:=VALUE ... --params-file FILE]\n\n"
+        "Balances the bicycle and rides it to goals. Parameters and their defaults:\n"
+        + describe(ControllerSettings)
+    )
+    sys.exit(run(NAME, ControllerNode, usage))
+
+
+if __name__ == "__main__":
+    main()

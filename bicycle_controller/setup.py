@@ -1,0 +1,37 @@
+"""Packaging of bicycle_controller, for colcon and for plain pip."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = "bicycle_controller"
+VERSION = next(
+    line.split('"')[1]
+    for line in (Path(__file__).parent / NAME / "__init__.py").read_text().splitlines()
+    if line.startswith("__version__")
+)
+
+setup(
+    name=NAME,
+    version=VERSION,
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["models/*", "presets/*.yaml"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=["numpy", "pyyaml", "safetensors", "scipy"],
+    extras_require={"train": ["torch", "tensorboard", "tqdm"], "test": ["pytest"]},
+    python_requires=">=3.10",
+    zip_safe=False,
+    maintainer="Self-driving bicycle maintainers",
+    maintainer_email="maintainers@self-driving-bicycle.org",
+    description="Controllers of the simulated bicycle: policies, LQR, training and ROS 2 nodes.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "bicycle_controller = bicycle_controller.nodes.controller_node:main",
+            "bicycle = bicycle_controller.cli:main",
+        ],
+    },
+)
