@@ -135,6 +135,7 @@ class Loop:
         self.gate.begin(snapshot.episode)
         self.held, self.starved = True, False
         self._last_step = None
+        self._latency = math.nan
         return self._log.cut()
 
     def close(self) -> list[Transition]:
@@ -142,9 +143,8 @@ class Loop:
         return self._log.cut()
 
     def published(self) -> None:
-        """Note that the present state was published for the first time."""
+        """Note that the present state is published now, for the first time or again."""
         self._published = self._clock()
-        self._latency = math.nan
 
     def receive(self, command: Command) -> tuple[str, Made | None]:
         """Take in a command.
@@ -211,4 +211,5 @@ class Loop:
         after = self.simulator.step(command)
         self.total_steps += 1
         transitions = self._log.add(before, after, command)
-        return Made(after, transitions, timing, self._latency)
+        latency, self._latency = self._latency, math.nan
+        return Made(after, transitions, timing, latency)

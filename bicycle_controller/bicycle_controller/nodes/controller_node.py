@@ -17,11 +17,11 @@ from nav_msgs.msg import Path
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from bicycle_controller.controllers import Controller, load_controller
+from bicycle_controller.controllers import Controller
 from bicycle_controller.driver import Driver
 from bicycle_controller.goals import Event, GoalTracker, Point, Status
 from bicycle_controller.nodes.controller_settings import ControllerSettings
-from bicycle_controller.nodes.loading import Loading
+from bicycle_controller.nodes.loading import Loading, load_controller
 from bicycle_controller.policy import PolicyError
 from bicycle_sim.nodes import convert, interfaces
 from bicycle_sim.nodes.interfaces import Topic, advertise, listen, serve

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bicycle_controller.config import NoiseConfig
-from bicycle_controller.controllers import LQR, Controller, load_controller
+from bicycle_controller.controllers import Controller
+from bicycle_controller.nodes.loading import LQR, load_controller
 from bicycle_controller.noise import Noise
 from bicycle_controller.policy import DEFAULT_POLICY
 from bicycle_sim.settings import parameter

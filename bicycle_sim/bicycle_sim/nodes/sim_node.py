@@ -229,7 +229,6 @@ class SimNode(Node):
         )
         self._publish(interfaces.EPISODE, info)
         self._publish_state()
-        self._loop.published()
         self.get_logger().info(f"episode {info.episode} waits for its first command")
 
     def _on_made(self, made: Made | None) -> None:
@@ -238,7 +237,6 @@ class SimNode(Node):
             return
         self._joints.advance(made.snapshot)
         self._publish_state()
-        self._loop.published()
         self._publish_transitions(made.transitions)
         pacer = self._loop.pacer
         timing = LoopTiming(
@@ -262,6 +260,7 @@ class SimNode(Node):
 
     def _publish_state(self) -> None:
         snapshot, now, clock = self._loop.snapshot, self._now, time.monotonic()
+        self._loop.published()
         self._publish(interfaces.STATE, convert.from_snapshot(snapshot, now))
         self._last_state = clock
         if self._settings.publish_clock:
