@@ -18,4 +18,4 @@ ws=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 
 ! help_wanted "$@" || { usage "${BASH_SOURCE[0]}" && exit 0; }
 enter_workspace
-run goal bicycle_bringup.goal "$@"
+run goal bicycle_bringup.nodes.goal "$@"

@@ -16,7 +16,7 @@ ws=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 ! help_wanted "$@" || { usage "${BASH_SOURCE[0]}" && exit 0; }
 enter_workspace
 if [[ ${1:-} == --verify ]]; then
-  run verify bicycle_bringup.verify "${@:2}"
+  run verify bicycle_bringup.nodes.verify "${@:2}"
 fi
 ros_arguments "$@"
 run player bicycle_bag.nodes.player_node "${arguments[@]}"

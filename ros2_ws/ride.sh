@@ -25,4 +25,4 @@ ws=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 ! help_wanted "$@" || { usage "${BASH_SOURCE[0]}" && exit 0; }
 "$ws/setup.sh" --quiet
 enter_workspace
-run ride bicycle_bringup.ride "$@"
+run ride bicycle_bringup.nodes.ride "$@"

@@ -14,4 +14,4 @@ ws=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 
 ! help_wanted "$@" || { usage "${BASH_SOURCE[0]}" && exit 0; }
 enter_workspace
-run topic bicycle_bringup.topic "$@"
+run topic bicycle_bringup.nodes.topic "$@"

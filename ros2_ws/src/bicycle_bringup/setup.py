@@ -34,10 +34,10 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "bicycle_ride = bicycle_bringup.ride:main",
-            "bicycle_goal = bicycle_bringup.goal:main",
-            "bicycle_topic = bicycle_bringup.topic:main",
-            "bicycle_verify = bicycle_bringup.verify:main",
+            "bicycle_ride = bicycle_bringup.nodes.ride:main",
+            "bicycle_goal = bicycle_bringup.nodes.goal:main",
+            "bicycle_topic = bicycle_bringup.nodes.topic:main",
+            "bicycle_verify = bicycle_bringup.nodes.verify:main",
         ],
     },
 )

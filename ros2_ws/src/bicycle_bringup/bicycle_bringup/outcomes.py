@@ -3,27 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import IntEnum
 
 from bicycle_bringup.course import Point
 from bicycle_bringup.ride_log import Columns
+from bicycle_controller.goals import Status
 
-
-class Status(IntEnum):
-    """The constants of GoalStatus."""
-
-    QUEUED = 0
-    ACTIVE = 1
-    REACHED = 2
-    MISSED = 3
-    GIVEN_UP = 4
-    REPLACED = 5
-    FALLEN = 6
-    REJECTED = 7
-    CANCELLED = 8
-
-
-DECIDED = (Status.REACHED, Status.MISSED, Status.GIVEN_UP)
+DECIDED = (Status.REACHED, Status.MISSED, Status.GIVEN_UP, Status.FALLEN)
 """What a controller makes of a goal by itself; anything else leaves it to be ridden to again."""
 _OPEN = (Status.QUEUED, Status.ACTIVE)
 

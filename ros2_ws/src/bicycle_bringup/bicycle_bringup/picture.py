@@ -13,9 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from bicycle_bringup.outcomes import Outcome, Status, outcomes
+from bicycle_bringup.outcomes import Outcome, outcomes
 from bicycle_bringup.ride_log import Columns, RideLog
 from bicycle_bringup.summary import RideSummary, summarise
+from bicycle_controller.goals import Status
 
 GOAL_RADIUS = 1.0
 """m around the rear contact (errata row 26)."""

@@ -14,6 +14,7 @@ from pathlib import Path
 PATIENCE = 2.0
 """s that a process gets to follow a signal."""
 
+_LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
 
 
@@ -132,7 +133,7 @@ def wait_until(
 
 def _die_with_parent() -> None:
     """Have the kernel send SIGTERM when the ride is gone, even by SIGKILL."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _start_time(pid: int) -> str:

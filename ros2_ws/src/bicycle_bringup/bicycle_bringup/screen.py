@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from bicycle_bringup.summary import Quantiles, RideSummary
 
 
-def render(summary: RideSummary) -> str:
-    """The summary as a person reads it."""
+def render(summary: RideSummary, events: Sequence[str] = ()) -> str:
+    """The summary as a person reads it, with what happened to the processes."""
     rows = [*_ride_rows(summary), *_loop_rows(summary)]
+    rows += [("event", event) for event in events]
     width = max(len(name) for name, _ in rows)
     return "\n".join(f"  {name:<{width}}  {value}" for name, value in rows)
 

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bicycle_bringup.outcomes import Outcome, Status, outcomes
+from bicycle_bringup.outcomes import Outcome, outcomes
 from bicycle_bringup.ride_log import Columns, RideLog
+from bicycle_controller.goals import Status
 
 HELD, ZERO = 2, 3
 """SOURCE_HELD and SOURCE_ZERO of BicycleState."""

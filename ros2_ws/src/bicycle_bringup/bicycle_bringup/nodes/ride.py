@@ -1,0 +1,303 @@
+"""`ride.sh`: three processes, a series of goals, and the summary of the bag.
+
+The ride owns its processes: it starts them, watches them, starts a dead controller again, and
+ends them in an order that leaves the bag whole.
+"""
+
+from __future__ import annotations
+
+import math
+import signal
+import sys
+import time
+from collections.abc import Callable
+from types import FrameType
+
+import numpy as np
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+from tqdm import tqdm
+
+from bicycle_bag.errors import BagError
+from bicycle_bringup.course import random_goals
+from bicycle_bringup.nodes.rider import Rider, progress_text
+from bicycle_bringup.plan import Plan
+from bicycle_bringup.processes import Child, registry_of
+from bicycle_bringup.report import report
+from bicycle_bringup.ride_options import MODULES, RideOptions, parse, workspace
+from bicycle_bringup.summary import RideSummary
+from bicycle_controller.goals import Status
+
+READY_TIMEOUT = 30.0
+"""s for a node to come up."""
+BACK_OFF = 1.0
+"""s between a controller's death and its next start."""
+MOST_DEATHS = 5
+"""Deaths without a goal decided in between after which a controller is given up."""
+STALL = 20.0
+"""s without a step after which a ride is given up."""
+ECHO = 2.0
+"""s for a controller to say what it does with a goal; then the goal is sent again."""
+REDRAW = 0.1
+"""s between two looks of the progress bar."""
+LIE_DOWN = 0.5
+"""s that a fallen bicycle lies before it is put up again, so that the bag shows it."""
+
+
+class RideError(Exception):
+    """Why a ride cannot go on; its text is one line with the remedy."""
+
+
+class Ride:
+    """One ride from the first process to the last.
+
+    Attributes:
+        events: lines about what happened to processes.
+        interrupted: set by SIGINT or SIGTERM.
+    """
+
+    def __init__(self, options: RideOptions, rider: Rider) -> None:
+        self.events: list[str] = []
+        self.interrupted = False
+        self._options = options
+        self._rider = rider
+        registry = registry_of(workspace())
+        self._children = {
+            name: Child(name, options.command(name), options.folder / f"{name}.log", registry)
+            for name in MODULES
+        }
+        self._plan = Plan(self._draw_goals())
+        self._deaths = 0
+        self._last_step = (0, 0)
+        self._stepped = time.monotonic()
+        self._drawn = 0.0
+        self._sent = math.inf
+        self._fell: float | None = None
+        # One at a time where nobody knows how many there will be.
+        self._batch = 1 if options.minutes else options.goals
+        self._bar = tqdm(
+            total=options.minutes * 60.0 if options.minutes else options.goals,
+            bar_format="{desc}{percentage:3.0f}%|{bar:20}| {elapsed}{postfix}",
+            disable=None,
+            leave=False,
+        )
+
+    def _draw_goals(self) -> list[tuple[float, float]]:
+        """As many as are asked for, or more than can be ridden to in the time."""
+        options = self._options
+        count = options.goals if not options.minutes else 10 + round(options.minutes * 60.0)
+        rng = np.random.default_rng(options.seed)
+        return random_goals(count, options.field, (0.0, 0.0), rng)
+
+    def on_signal(self, number: int, frame: FrameType | None) -> None:
+        """Ask the ride to end."""
+        self.interrupted = True
+
+    def run(self) -> None:
+        """Start everything and ride until the goals are decided or the time is over.
+
+        Raises:
+            RideError: when a process dies that cannot be replaced, or nothing moves any more.
+        """
+        for name in MODULES:
+            self._children[name].start()
+        self._wait("simulator", lambda: self._rider.state is not None)
+        self._wait("controller", self._rider.controller_listens)
+        self._wait("recorder", self._rider.recorder_listens)
+        self._send()
+        self._stepped = time.monotonic()
+        while not (self.interrupted or self._over()):
+            self._rider.spin()
+            self._check_processes()
+            self._take_changes()
+            self._check_bicycle()
+            self._show()
+
+    def close(self) -> None:
+        """End the processes: the recorder last, so that it hears the others' last words."""
+        self._bar.close()
+        for name in ("simulator", "controller", "recorder"):
+            self._children[name].stop()
+
+    def all_reached(self, summary: RideSummary) -> bool:
+        """Whether the bag shows that everything asked for was ridden to."""
+        if self._options.minutes:
+            return self._over() and summary.missed == summary.given_up == 0 < summary.reached
+        return summary.reached == self._options.goals
+
+    def _over(self) -> bool:
+        if self._options.minutes:
+            return self._rider.time >= 60.0 * self._options.minutes
+        return self._plan.finished
+
+    def _wait(self, name: str, ready: Callable[[], bool]) -> None:
+        """Wait until a node is ready.
+
+        Raises:
+            RideError: when it is not in time, or ends.
+        """
+        self._bar.set_description_str(f"waiting for the {name} ")
+        deadline = time.monotonic() + READY_TIMEOUT
+        while not (ready() or self.interrupted):
+            self._rider.spin()
+            for child in self._children.values():
+                if (ended := child.ended()) is not None:
+                    raise RideError(f"{ended} while starting: {self._blame(child)}")
+            if time.monotonic() > deadline:
+                child = self._children[name]
+                raise RideError(
+                    f"{name} is not ready after {READY_TIMEOUT:g} s: {self._blame(child)}"
+                )
+
+    def _blame(self, child: Child) -> str:
+        """The end of a process's log, and where the rest is."""
+        lines = child.last_lines(1)
+        return f"{lines[0] if lines else 'it said nothing'} (log: {child.log})"
+
+    def _send(self) -> None:
+        """Send the goals that come next."""
+        goals = self._plan.remaining[: self._batch]
+        if goals:
+            self._rider.send(goals)
+            self._sent = time.monotonic()
+
+    def _take_changes(self) -> None:
+        """Follow what becomes of the goals."""
+        while self._rider.changes:
+            change = self._rider.changes.popleft()
+            position = (change.position.x, change.position.y)
+            if not self._plan.finished and position == self._plan.remaining[0]:
+                self._sent = math.inf  # it has been heard
+            number = self._plan.take(position, Status(change.status))
+            if number is None:
+                continue
+            self._deaths = 0
+            self._say(f"goal {number} at ({position[0]:.1f}, {position[1]:.1f}): {change.message}")
+            if not self._options.minutes:
+                self._bar.update(1)
+            if self._batch == 1:
+                self._send()
+        if time.monotonic() - self._sent > ECHO:
+            self._send()
+
+    def _check_processes(self) -> None:
+        """Replace a dead controller; any other death ends the ride.
+
+        Raises:
+            RideError: when it does.
+        """
+        for name, child in self._children.items():
+            if (ended := child.ended()) is None:
+                continue
+            if name != "controller" or not self._options.respawn or self._deaths >= MOST_DEATHS:
+                raise RideError(f"{ended} at t = {self._rider.time:.1f} s: {self._blame(child)}")
+            self._deaths += 1
+            self._rider.controller_died()
+            self._note(f"{ended} at t = {self._rider.time:.1f} s")
+            until = time.monotonic() + BACK_OFF
+            while time.monotonic() < until and not self.interrupted:
+                self._rider.spin()
+            child.start()
+            self._wait(name, self._rider.controller_listens)
+            self._note(f"controller started again, ready at t = {self._rider.time:.1f} s")
+            self._stepped = time.monotonic()
+            self._rider.changes.clear()
+            self._send()
+
+    def _check_bicycle(self) -> None:
+        """Put a fallen bicycle up again, and notice one that stands still.
+
+        Raises:
+            RideError: when it stands still for long, or cannot be put up.
+        """
+        state, now = self._rider.state, time.monotonic()
+        if state is None:
+            return
+        if (state.episode, state.step) != self._last_step:
+            self._last_step = (state.episode, state.step)
+            self._stepped = now
+        if not state.fallen:
+            self._fell = None
+        elif self._fell is None:
+            self._fell = now
+            self._say(f"fell at t = {self._rider.time:.1f} s")
+        elif now - self._fell > LIE_DOWN and not self._plan.finished:
+            self._fell = None
+            if not self._rider.reset():
+                raise RideError(f"the simulator does not reset: {self._log_of('simulator')}")
+            self._send()
+        if now - self._stepped > STALL:
+            raise RideError(
+                f"no step for {STALL:g} s: is the bicycle paused? {self._log_of('controller')}"
+            )
+
+    def _log_of(self, name: str) -> str:
+        return f"log: {self._children[name].log}"
+
+    def _show(self) -> None:
+        """Bring the progress bar up to date."""
+        if self._options.minutes:
+            self._bar.n = min(self._rider.time, float(self._bar.total))
+        goals = "" if self._options.minutes else f" of {self._options.goals}"
+        self._bar.set_description_str(f"goal {self._plan.number}{goals} ", refresh=False)
+        self._bar.set_postfix_str(progress_text(self._rider.state), refresh=False)
+        if time.monotonic() - self._drawn > REDRAW:
+            self._drawn = time.monotonic()
+            self._bar.refresh()
+
+    def _note(self, line: str) -> None:
+        """Keep a line for the summary."""
+        self.events.append(line)
+        self._say(line)
+
+    def _say(self, line: str) -> None:
+        tqdm.write(line, file=sys.stdout)
+        sys.stdout.flush()
+
+
+def ride(options: RideOptions) -> int:
+    """Ride and sum up; returns the exit status."""
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    rider = Rider("bicycle_ride")
+    one = Ride(options, rider)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, one.on_signal)
+    failure = ""
+    try:
+        one.run()
+    except RideError as error:
+        failure = str(error)
+    finally:
+        one.close()
+        rider.close()
+        rclpy.try_shutdown()
+    if failure:
+        one.events.append(failure)
+        print(f"ride.sh: {failure}", file=sys.stderr, flush=True)
+    return _sum_up(options, one, failed=bool(failure))
+
+
+def _sum_up(options: RideOptions, one: Ride, failed: bool) -> int:
+    """Print the summary of the bag; returns the exit status."""
+    try:
+        summary, text = report(options.folder / "bag", options.folder, one.events)
+    except BagError as error:
+        print(f"ride.sh: {error}", file=sys.stderr)
+        return 130 if one.interrupted else 1
+    print(f"\n{text}\n\n  {options.folder}: bag, ride.png, summary.json, logs")
+    if failed:
+        return 1
+    if one.interrupted:
+        return 130
+    if summary.falls:
+        return 3
+    return 0 if one.all_reached(summary) else 4
+
+
+def main() -> None:
+    """Ride as the command line says."""
+    sys.exit(ride(parse(sys.argv[1:], workspace())))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,137 @@
+"""A node that sends goals and follows what becomes of them."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+from bicycle_msgs.msg import BicycleState, GoalStatus
+from bicycle_msgs.srv import Reset
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from bicycle_bringup.course import Point
+from bicycle_sim.nodes import interfaces
+from bicycle_sim.nodes.interfaces import Topic, advertise, listen
+
+RECORDED = (
+    interfaces.STATE,
+    interfaces.COMMAND,
+    interfaces.TIMING,
+    interfaces.TRANSITION,
+    interfaces.EPISODE,
+    interfaces.GOAL_STATUS,
+)
+"""What a bag of a ride must not miss the beginning of."""
+
+
+class Rider(Node):
+    """Sends goals, sees the bicycle's newest state, and keeps the goals' changes in order.
+
+    Attributes:
+        state: newest state; None before the first.
+        changes: changes of goals that nobody has taken yet, oldest first.
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.state: BicycleState | None = None
+        self.changes: deque[GoalStatus] = deque()
+        self._dead: set[bytes] = set()
+        self._goal_publishers = advertise(self, interfaces.GOAL_POSE, interfaces.GOAL_PATH)
+        listen(self, interfaces.STATE, self._on_state, depth=1)
+        listen(self, interfaces.GOAL_STATUS, lambda message: self.changes.append(message))
+        self._reset = self.create_client(interfaces.RESET.type, interfaces.RESET.name)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self)
+
+    def _on_state(self, message: BicycleState) -> None:
+        self.state = message
+
+    def spin(self, timeout: float = 0.05) -> None:
+        """Serve what has come, waiting at most `timeout` seconds for it."""
+        self._executor.spin_once(timeout_sec=timeout)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self.destroy_node()
+
+    @property
+    def time(self) -> float:
+        """s of simulated time, of the newest state."""
+        if self.state is None:
+            return 0.0
+        stamp = self.state.header.stamp
+        return float(stamp.sec + 1e-9 * stamp.nanosec)
+
+    def controller_listens(self) -> bool:
+        """Whether a living controller takes goals and answers states."""
+        alive = self._controllers() - self._dead
+        return bool(alive) and self.count_publishers(interfaces.COMMAND.name) > 0
+
+    def controller_died(self) -> None:
+        """Stop counting on those that take goals now: a killed one stays listed for seconds."""
+        self._dead = self._controllers()
+
+    def recorder_listens(self, name: str = "bicycle_recorder") -> bool:
+        """Whether a recorder of that name takes all that is published and that a bag needs."""
+        return all(
+            name in self._names(self.get_subscriptions_info_by_topic(self._full(topic)))
+            for topic in RECORDED
+            if self.count_publishers(topic.name)
+        )
+
+    def send(self, goals: Sequence[Point]) -> None:
+        """Publish one goal, or several to be ridden to in order, in place of all older ones."""
+        poses = [_pose(goal) for goal in goals]
+        if len(poses) == 1:
+            self._goal_publishers[interfaces.GOAL_POSE.name].publish(poses[0])
+            return
+        path = Path(poses=poses)
+        path.header.frame_id = interfaces.ODOM_FRAME
+        self._goal_publishers[interfaces.GOAL_PATH.name].publish(path)
+
+    def reset(self, timeout: float = 5.0) -> bool:
+        """Have the simulator begin a new episode at the origin; whether it did."""
+        if not self._reset.wait_for_service(timeout_sec=timeout):
+            return False
+        request = Reset.Request(speed=-1.0, seed=-1)
+        future = self._reset.call_async(request)
+        self._executor.spin_until_future_complete(future, timeout_sec=timeout)
+        answer = future.result() if future.done() else None
+        return bool(answer is not None and answer.success)
+
+    def _controllers(self) -> set[bytes]:
+        """Ids of the subscriptions to goals, but for recorders'."""
+        found = self.get_subscriptions_info_by_topic(self._full(interfaces.GOAL_PATH))
+        return {bytes(end.endpoint_gid) for end in found if end.node_name != "bicycle_recorder"}
+
+    def _full(self, topic: Topic) -> str:
+        return str(self.resolve_topic_name(topic.name))
+
+    @staticmethod
+    def _names(endpoints: Sequence[Any]) -> list[str]:
+        return [str(endpoint.node_name) for endpoint in endpoints]
+
+
+def _pose(goal: Point) -> PoseStamped:
+    """A goal as RViz sends it, with no direction to arrive in."""
+    pose = PoseStamped()
+    pose.header.frame_id = interfaces.ODOM_FRAME
+    pose.pose.position.x = float(goal[0])
+    pose.pose.position.y = float(goal[1])
+    pose.pose.orientation.w = 1.0
+    return pose
+
+
+def progress_text(state: BicycleState | None) -> str:
+    """Distance left, speed and lean, for a progress bar."""
+    if state is None:
+        return "no state yet"
+    left = f"{state.goal_distance:.1f} m left, " if math.isfinite(state.goal_distance) else ""
+    return f"{left}{state.speed:.2f} m/s, lean {math.degrees(state.lean_angle):+.1f}°"

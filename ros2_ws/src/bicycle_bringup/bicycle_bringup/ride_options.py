@@ -1,0 +1,158 @@
+"""What a ride is asked to do: its command line, its folder and the commands of its nodes."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from bicycle_sim.config import nearest
+
+MODULES = {
+    "recorder": "bicycle_bag.nodes.recorder_node",
+    "simulator": "bicycle_sim.nodes.sim_node",
+    "controller": "bicycle_controller.nodes.controller_node",
+}
+"""The nodes of a ride, in the order they are started."""
+
+MOST_GOALS = 10_000
+
+
+@dataclass(frozen=True)
+class RideOptions:
+    """A ride as it was asked for."""
+
+    goals: int
+    minutes: float
+    """Of simulated time; zero rides to `goals` goals instead."""
+    seed: int
+    field: float
+    """m, side of the square that goals lie in."""
+    respawn: bool
+    folder: Path
+    """Of the run."""
+    config: Path
+    """Folder with one parameter file per node."""
+    parameters: tuple[str, ...]
+    """``NODE.name:=value``."""
+    parameter_files: tuple[Path, ...]
+
+    def command(self, name: str) -> list[str]:
+        """The command that starts one node.
+
+        Args:
+            name: a key of `MODULES`.
+        """
+        ros: list[str] = []
+        own = self.config / f"{name}.yaml"
+        for file in (own, *self.parameter_files) if own.is_file() else self.parameter_files:
+            ros += ["--params-file", str(file)]
+        for entry in self.parameters:
+            node, _, assignment = entry.partition(".")
+            if node == name:
+                ros += ["-p", assignment]
+        words = [sys.executable, "-m", MODULES[name]]
+        if name == "recorder":
+            words += ["--output", str(self.folder / "bag")]
+        return [*words, "--ros-args", *ros] if ros else words
+
+
+def parse(arguments: Sequence[str], workspace: Path) -> RideOptions:
+    """Read the command line; ends the program with status 2 and one line when it is wrong."""
+    parser = argparse.ArgumentParser(
+        prog="ride.sh", usage="ride.sh [--help] ...", add_help=False, allow_abbrev=False
+    )
+    add = parser.add_argument
+    add("--goals", type=int, default=10)
+    add("--minutes", type=float, default=0.0)
+    add("--seed", type=int, default=0)
+    add("--field", type=float, default=60.0)
+    add("--output", type=Path)
+    add("--no-respawn", action="store_true")
+    add("rest", nargs="*")
+    given = parser.parse_intermixed_args(arguments)
+    try:
+        return _checked(given, workspace)
+    except ValueError as error:
+        parser.error(str(error))
+
+
+def _checked(given: argparse.Namespace, workspace: Path) -> RideOptions:
+    """The options.
+
+    Raises:
+        ValueError: on a value out of range, an unknown node or a missing file.
+    """
+    if not 1 <= given.goals <= MOST_GOALS:
+        raise ValueError(f"--goals is {given.goals}: choose 1 to {MOST_GOALS}")
+    if not (math.isfinite(given.minutes) and given.minutes >= 0):
+        raise ValueError(f"--minutes is {given.minutes}: choose a positive number")
+    if given.seed < 0:
+        raise ValueError(f"--seed is {given.seed}: choose zero or more")
+    if not (math.isfinite(given.field) and 20.0 <= given.field <= 2000.0):
+        raise ValueError(f"--field is {given.field}: choose 20 to 2000 m")
+    parameters = [_parameter(word) for word in given.rest if ":=" in word]
+    files = [_file(word) for word in given.rest if ":=" not in word]
+    return RideOptions(
+        goals=given.goals,
+        minutes=given.minutes,
+        seed=given.seed,
+        field=given.field,
+        respawn=not given.no_respawn,
+        folder=_new_folder(given.output, workspace),
+        config=workspace / "src" / "bicycle_bringup" / "config",
+        parameters=tuple(parameters),
+        parameter_files=tuple(files),
+    )
+
+
+def _parameter(word: str) -> str:
+    node, dot, _ = word.partition(":=")[0].partition(".")
+    if not dot or node not in MODULES:
+        raise ValueError(
+            f"{word!r} names no node{nearest(node, MODULES)}: write it as NODE.name:=value with "
+            f"{', '.join(MODULES)}"
+        )
+    return word
+
+
+def _file(word: str) -> Path:
+    path = Path(word)
+    if path.suffix not in (".yaml", ".yml"):
+        raise ValueError(f"unknown argument {word!r}: see ride.sh --help")
+    if not path.is_file():
+        raise ValueError(f"there is no parameter file {word!r}")
+    return path.resolve()
+
+
+def _new_folder(asked: Path | None, workspace: Path) -> Path:
+    """Make the run's folder: the one asked for, or runs/<date>-<n>."""
+    try:
+        if asked is not None:
+            asked.mkdir(parents=True)
+            return asked.resolve()
+        runs = workspace / "runs"
+        runs.mkdir(exist_ok=True)
+        day, number = time.strftime("%Y-%m-%d"), 1
+        while True:
+            folder = runs / f"{day}-{number}"
+            try:
+                folder.mkdir()
+                return folder
+            except FileExistsError:
+                number += 1
+    except FileExistsError:
+        raise ValueError(f"{asked} exists: choose another --output, or remove it") from None
+    except OSError as error:
+        place = asked or workspace / "runs"
+        raise ValueError(f"cannot make a folder in {place}: {error.strerror}") from None
+
+
+def workspace() -> Path:
+    """The workspace that the scripts belong to, or the present folder without one."""
+    return Path(os.environ.get("BICYCLE_WS", Path.cwd()))
