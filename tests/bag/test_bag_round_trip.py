@@ -18,9 +18,10 @@ from ride_bag import (
     PERIOD_NS,
     START_NS,
     STATE,
-    MakeBag,
-    Ride,
-    Serialise,
+    make_bag,
+    ride,
+    schemas,
+    serialise,
 )
 from rosbags.highlevel import AnyReader
 
@@ -29,11 +30,11 @@ from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import NO_START, Topic
 from bicycle_bag.qos import INFINITE_NS, QosProfile
 from bicycle_bag.reader import BagReader
-from bicycle_bag.schemas import Schemas, dependencies, fields
+from bicycle_bag.schemas import dependencies, fields
 from bicycle_bag.writer import BagWriter
 
 
-def test_messages_come_back_in_order(tmp_path: Path, make_bag: MakeBag, ride: Ride) -> None:
+def test_messages_come_back_in_order(tmp_path: Path) -> None:
     made = make_bag(tmp_path / "bag", 100)
     reader = BagReader(tmp_path / "bag")
     got = list(reader.messages())
@@ -48,16 +49,14 @@ def test_messages_come_back_in_order(tmp_path: Path, make_bag: MakeBag, ride: Ri
     assert [m.topic for m in reader.messages([STATE])] == [STATE] * 100
 
 
-def test_one_file_reads_as_the_directory_does(tmp_path: Path, make_bag: MakeBag) -> None:
+def test_one_file_reads_as_the_directory_does(tmp_path: Path) -> None:
     make_bag(tmp_path / "bag", 10)
     single = BagReader(tmp_path / "bag" / "bag_0.mcap")
     assert list(single.messages()) == list(BagReader(tmp_path / "bag").messages())
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
-def test_rosbags_and_mcap_ros2_read_the_same(
-    tmp_path: Path, make_bag: MakeBag, compression: str
-) -> None:
+def test_rosbags_and_mcap_ros2_read_the_same(tmp_path: Path, compression: str) -> None:
     make_bag(tmp_path / "bag", 200, compression=compression)
     with AnyReader([tmp_path / "bag"]) as reader:
         by_rosbags = Counter(connection.topic for connection, _, _ in reader.messages())
@@ -73,7 +72,7 @@ def test_rosbags_and_mcap_ros2_read_the_same(
     assert by_rosbags == by_mcap == BagReader(tmp_path / "bag").counts
 
 
-def test_split_by_size_and_by_time(tmp_path: Path, make_bag: MakeBag, ride: Ride) -> None:
+def test_split_by_size_and_by_time(tmp_path: Path) -> None:
     by_time = make_bag(tmp_path / "time", 100, split_seconds=1.0)
     by_size = make_bag(tmp_path / "size", 100, split_bytes=6000, chunk_bytes=1024)
     assert [file.path for file in by_time.files] == ["time_0.mcap", "time_1.mcap", "time_2.mcap"]
@@ -86,7 +85,7 @@ def test_split_by_size_and_by_time(tmp_path: Path, make_bag: MakeBag, ride: Ride
             assert foreign.message_count == 201
 
 
-def test_metadata_has_rosbag2s_keys_in_order(tmp_path: Path, make_bag: MakeBag) -> None:
+def test_metadata_has_rosbag2s_keys_in_order(tmp_path: Path) -> None:
     made = make_bag(tmp_path / "bag", 4)
     content = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())
     bag = content["rosbag2_bagfile_information"]
@@ -111,7 +110,7 @@ def test_metadata_has_rosbag2s_keys_in_order(tmp_path: Path, make_bag: MakeBag) 
     assert metadata.read(tmp_path / "bag") == made
 
 
-def test_metadata_before_version_9_is_read(tmp_path: Path, make_bag: MakeBag) -> None:
+def test_metadata_before_version_9_is_read(tmp_path: Path) -> None:
     make_bag(tmp_path / "bag", 4)
     path = tmp_path / "bag" / "metadata.yaml"
     content = yaml.safe_load(path.read_text())
@@ -141,7 +140,7 @@ def test_empty_bag(tmp_path: Path) -> None:
     assert bag["custom_data"] is None
 
 
-def test_columns_equal_decoded_messages(tmp_path: Path, make_bag: MakeBag) -> None:
+def test_columns_equal_decoded_messages(tmp_path: Path) -> None:
     make_bag(tmp_path / "bag", 100)
     table = columns.load_topics(tmp_path / "bag", [STATE, COMMAND, EPISODE])
     for topic, kind in ((STATE, "lean_angle"), (COMMAND, "torque")):
@@ -162,13 +161,11 @@ def test_columns_equal_decoded_messages(tmp_path: Path, make_bag: MakeBag) -> No
     assert table[EPISODE]["pace"][0] == "lockstep"
 
 
-def test_columns_of_arrays_and_of_no_messages(
-    tmp_path: Path, schemas: Schemas, serialise: Serialise
-) -> None:
+def test_columns_of_arrays_and_of_no_messages(tmp_path: Path) -> None:
     kind = "bicycle_msgs/msg/Transition"
     with BagWriter(tmp_path / "bag") as writer:
         for topic in ("/transition", "/silent"):
-            writer.add_topic(Topic(topic, kind), schemas.definition(kind))
+            writer.add_topic(Topic(topic, kind), schemas().definition(kind))
         for step in range(5):
             values = {"observation": np.arange(6.0) + step, "action": [1.0, 2.0, 3.0]}
             data = serialise("Transition", {**values, "fallen": step == 4, "policy": "p" * step})
@@ -211,8 +208,8 @@ def test_columns_refuse_short_messages_and_nested_sequences(tmp_path: Path) -> N
         list(messages.read(tmp_path / "bag", ["/short"]))
 
 
-def test_definition_lists_each_dependency_once_in_rosbag2s_order(schemas: Schemas) -> None:
-    text = schemas.definition("bicycle_msgs/msg/BicycleState")
+def test_definition_lists_each_dependency_once_in_rosbag2s_order() -> None:
+    text = schemas().definition("bicycle_msgs/msg/BicycleState")
     parts = [part.splitlines()[0] for part in text.split("=" * 80 + "\n")[1:]]
     assert parts == [
         "MSG: geometry_msgs/Point",
@@ -221,8 +218,8 @@ def test_definition_lists_each_dependency_once_in_rosbag2s_order(schemas: Schema
     ]
 
 
-def test_type_hash_is_the_one_of_the_rosbags_store(schemas: Schemas) -> None:
-    assert schemas.type_hash("std_msgs/msg/String") == (
+def test_type_hash_is_the_one_of_the_rosbags_store() -> None:
+    assert schemas().type_hash("std_msgs/msg/String") == (
         "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
     )
 
@@ -238,8 +235,8 @@ def test_definitions_are_parsed_without_constants_and_comments() -> None:
     assert dependencies(text, "pkg") == ["pkg/Pose"]
 
 
-def test_unknown_types_name_the_remedy(schemas: Schemas) -> None:
+def test_unknown_types_name_the_remedy() -> None:
     with pytest.raises(BagError, match="source the workspace"):
-        schemas.definition("nobody_msgs/msg/Nothing")
+        schemas().definition("nobody_msgs/msg/Nothing")
     with pytest.raises(BagError, match="package/msg/Type"):
-        schemas.definition("../msg/Nothing")
+        schemas().definition("../msg/Nothing")

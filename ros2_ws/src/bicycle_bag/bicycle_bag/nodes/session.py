@@ -1,0 +1,137 @@
+"""What the recorder and the player share: starting ROS, ending on a signal, types and QoS."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from types import FrameType
+from typing import Any
+
+import rclpy
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from rclpy.signals import SignalHandlerOptions
+
+from bicycle_bag import qos
+from bicycle_bag.errors import BagError
+
+
+class Stop:
+    """Set by SIGINT or SIGTERM; rclpy's own handlers would end the context with messages in it."""
+
+    def __init__(self) -> None:
+        self._event = threading.Event()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._handle)
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        self._event.set()
+
+    @property
+    def requested(self) -> bool:
+        """Whether a signal has come."""
+        return self._event.is_set()
+
+    def wait(self, seconds: float) -> bool:
+        """Wait at most so long; returns whether a signal has come."""
+        return self._event.wait(max(0.0, seconds))
+
+
+@contextlib.contextmanager
+def ros_node(name: str, arguments: Sequence[str]) -> Iterator[Node]:
+    """A plain node in a context of its own, shut down at the end.
+
+    Raises:
+        BagError: ROS does not start with these arguments or this environment.
+    """
+    try:
+        rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+        node = rclpy.create_node(name, enable_rosout=False, start_parameter_services=False)
+    except Exception as error:  # rcl's errors have no common public base
+        rclpy.try_shutdown()
+        reason = " ".join(str(error).split())
+        raise BagError(f"ROS does not start ({reason}): check --ros-args and ROS_*") from None
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def message_class(type_name: str) -> type[Any]:
+    """The Python class of ``pkg/msg/Type``.
+
+    Raises:
+        BagError: It is not installed here.
+    """
+    package, _, name = type_name.partition("/msg/")
+    try:
+        found: type[Any] = getattr(importlib.import_module(f"{package}.msg"), name)
+    except (ImportError, AttributeError, ValueError):
+        raise BagError(f"{type_name} is not installed: source the workspace that has it") from None
+    return found
+
+
+def offered(profile: QoSProfile) -> qos.QosProfile:
+    """A publisher's offer as discovery reports it, in the form that bags store."""
+    return qos.QosProfile(
+        history=profile.history.name.lower(),
+        depth=int(profile.depth),
+        reliability=profile.reliability.name.lower(),
+        durability=profile.durability.name.lower(),
+        deadline=int(profile.deadline.nanoseconds),
+        lifespan=int(profile.lifespan.nanoseconds),
+        liveliness=profile.liveliness.name.lower(),
+        liveliness_lease_duration=int(profile.liveliness_lease_duration.nanoseconds),
+        avoid_ros_namespace_conventions=bool(profile.avoid_ros_namespace_conventions),
+    )
+
+
+def subscription_profile(reliable: bool, transient_local: bool, depth: int) -> QoSProfile:
+    """A subscription that hears publishers of at least this quality."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL
+        if transient_local
+        else DurabilityPolicy.VOLATILE,
+    )
+
+
+def publisher_profile(recorded: Sequence[qos.QosProfile], depth: int, latched: int) -> QoSProfile:
+    """The recorded offer if all publishers agreed, as rosbag2 replays it, else the default.
+
+    Args:
+        recorded: What the publishers offered.
+        depth: Messages to keep for slow subscribers.
+        latched: Messages to keep for late subscribers, of a transient-local topic.
+    """
+    first = recorded[0] if recorded and all(offer == recorded[0] for offer in recorded) else None
+    offer = first or qos.QosProfile()
+    known = "unknown", "system_default", "best_available"
+    reliability = "reliable" if offer.reliability in known else offer.reliability
+    durability = "volatile" if offer.durability in known else offer.durability
+    liveliness = "automatic" if offer.liveliness in known else offer.liveliness
+    if liveliness == "manual_by_node":  # rclpy no longer has it
+        liveliness = "automatic"
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=latched if durability == "transient_local" else depth,
+        reliability=ReliabilityPolicy[reliability.upper()],
+        durability=DurabilityPolicy[durability.upper()],
+        deadline=Duration(nanoseconds=offer.deadline),
+        lifespan=Duration(nanoseconds=offer.lifespan),
+        liveliness=LivelinessPolicy[liveliness.upper()],
+        liveliness_lease_duration=Duration(nanoseconds=offer.liveliness_lease_duration),
+    )

@@ -1,0 +1,100 @@
+"""When each recorded message is due in a replay."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from bicycle_bag.errors import BagError
+from bicycle_bag.ordering import by_log_time
+from bicycle_bag.reader import BagMessage, BagReader
+from bicycle_bag.selection import absolute
+
+CLOCK = "/clock"
+
+
+@dataclass(frozen=True)
+class PlayOptions:
+    """How to replay.
+
+    Args:
+        rate: Bag seconds per second.
+        start_offset: Bag seconds to leave out at the start.
+        topics: Only these; all by default.
+        clock_hz: How often per second to publish the time of the bag on ``/clock`` instead of
+            the recorded one; 0 never does.
+
+    Raises:
+        BagError: A value is out of range.
+    """
+
+    rate: float = 1.0
+    start_offset: float = 0.0
+    topics: Collection[str] = ()
+    clock_hz: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.rate) and self.rate > 0.0):
+            raise BagError(f"rate is {self.rate}: choose a number above 0, as 2 for twice as fast")
+        for name in ("start_offset", "clock_hz"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise BagError(f"{name.replace('_', ' ')} is {value}: choose 0 or more")
+
+
+class ClockTick(NamedTuple):
+    """A moment at which ``/clock`` is due; bag time in nanoseconds."""
+
+    log_time_ns: int
+
+
+class Playback:
+    """A bag's messages and when they are due.
+
+    Args:
+        reader: The bag.
+        options: What to play and how fast.
+
+    Raises:
+        BagError: The bag lacks a topic or has no message to play.
+    """
+
+    def __init__(self, reader: BagReader, options: PlayOptions) -> None:
+        self._reader = reader
+        self._options = options
+        chosen = [absolute(name) for name in options.topics] or list(reader.topics)
+        reader.require(chosen)
+        self.topics = [name for name in chosen if not (options.clock_hz and name == CLOCK)]
+        self._start_ns = reader.starting_time_ns + int(options.start_offset * 1e9)
+        if not any(reader.counts[name] for name in self.topics):
+            raise BagError(f"{reader.path} has no message to play: choose other topics")
+        if options.start_offset * 1e9 > reader.duration_ns:
+            raise BagError(
+                f"the bag lasts {reader.duration_ns / 1e9:.1f} s: choose a smaller start offset "
+                f"than {options.start_offset}"
+            )
+
+    @property
+    def duration(self) -> float:
+        """Bag seconds to play."""
+        return self._reader.duration_ns / 1e9 - self._options.start_offset
+
+    def bag_seconds(self, item: BagMessage | ClockTick) -> float:
+        """Bag seconds from the start of the replay to an item of the timeline."""
+        return (item.log_time_ns - self._start_ns) / 1e9
+
+    def timeline(self) -> Iterator[tuple[float, BagMessage | ClockTick]]:
+        """Each message or clock tick with its time in s after the start of the replay."""
+        rate = self._options.rate
+        tick_ns = int(1e9 * rate / self._options.clock_hz) if self._options.clock_hz else 0
+        next_tick = self._start_ns
+        for message in by_log_time(self._reader.messages(self.topics)):
+            if message.log_time_ns < self._start_ns:
+                continue
+            while tick_ns and next_tick <= message.log_time_ns:
+                tick = ClockTick(next_tick)
+                yield self.bag_seconds(tick) / rate, tick
+                next_tick += tick_ns
+            yield self.bag_seconds(message) / rate, message
