@@ -42,7 +42,13 @@ class Collector:
         self.noise = Noise(config.noise, config.bicycles, actions, noise_rng)
         self.absorbing = ddpg.fall == "absorbing"
         self.returns = Returns(
-            config.bicycles, actions, ddpg.n_step, ddpg.gamma, ddpg.fall_penalty, self.absorbing
+            config.bicycles,
+            actions,
+            ddpg.n_step,
+            ddpg.gamma,
+            ddpg.fall_penalty,
+            self.absorbing,
+            ddpg.cost_cap,
         )
         self.steps = self.rounds = 0
         self.episode_return = np.zeros(config.bicycles)

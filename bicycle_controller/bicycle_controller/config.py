@@ -70,6 +70,9 @@ class DdpgConfig:
     fall_penalty: float = 0.0
     """Taken from the reward of every step that a bicycle lies, so that a fall costs
     fall_penalty / (1 - gamma) more; before `reward_scale`."""
+    cost_cap: float = 0.0
+    """Most that one step may cost, before `fall_penalty`; with a fall above it, turning round is
+    never worth a fall. 0 caps nothing."""
     n_step: int = 1
     """Rewards summed before the critic's own estimate is used."""
     critics: int = 1
@@ -92,6 +95,11 @@ class DdpgConfig:
     """Where the critic's loss turns from square to linear; 0 keeps it square."""
     grad_clip: float = 0.0
     """Largest norm of each network's gradient; 0 does not clip."""
+    learning_rate_end: float = 1.0
+    """Share of both learning rates that is left at the last step, reached in a straight line."""
+    actor_average: float = 0.0
+    """Share of the actor that enters, at each of its updates, the averaged actor that is scored
+    and kept; 0 keeps the actor itself."""
     mirror: bool = False
     """Whether half of every batch is mirrored left to right (exact in corrected physics)."""
     saturation_penalty: float = 0.0
@@ -115,9 +123,10 @@ class DdpgConfig:
             value = getattr(self, name)
             require(value >= 1, f"{name} must be at least 1, not {value!r}")
         not_negative = ("fall_penalty", "smoothing", "smoothing_clip", "huber", "grad_clip")
-        for name in (*not_negative, "saturation_penalty", "bc_weight"):
+        for name in (*not_negative, "saturation_penalty", "bc_weight", "cost_cap"):
             _require_between(name, getattr(self, name), 0.0, math.inf)
-        _require_between("tau", self.tau, 0.0, 1.0)
+        for name in ("tau", "learning_rate_end", "actor_average"):
+            _require_between(name, getattr(self, name), 0.0, 1.0)
         require(0.0 <= self.gamma < 1.0, f"gamma must lie within 0 and below 1, not {self.gamma}")
         _require_between("reward_min", self.reward_min, -math.inf, 0.0)
         require(self.critics in (1, 2), f"critics must be 1 or 2, not {self.critics!r}")
@@ -188,6 +197,8 @@ class StartsConfig:
     """rad, half width of the start steering angle."""
     steer_rate: float = 0.0
     """rad/s, half width of the start steering rate."""
+    any_speed: bool = False
+    """Whether the start speed is drawn between the scenario's limits, where it has some."""
     ride_on: float = 0.0
     """Share of reached goals and time-outs after which the bicycle rides on from where it is
     to a new goal, instead of starting again."""
@@ -217,6 +228,10 @@ class EvaluationConfig:
     """Updates between two evaluations."""
     episodes: int = 256
     """Starts per evaluation."""
+    near_episodes: int = 0
+    """Further starts with a goal within `near_distance`, where orbits show; they count by half."""
+    near_distance: float = 12.0
+    """m, half width of the square that those goals are drawn from, about the bicycle."""
     seed: int = 1_000_003
     """Of those starts, the same every time."""
     max_steps: int = 0
@@ -230,7 +245,9 @@ class EvaluationConfig:
         for name in ("every", "episodes"):
             value = getattr(self, name)
             require(value >= 1, f"evaluation.{name} must be at least 1, not {value!r}")
-        _require_between("evaluation.max_steps", self.max_steps, 0, math.inf)
+        for name in ("max_steps", "near_episodes"):
+            _require_between(f"evaluation.{name}", getattr(self, name), 0, math.inf)
+        _require_positive("evaluation.near_distance", self.near_distance)
         for name in ("stop_at", "stop_falls"):
             _require_between(f"evaluation.{name}", getattr(self, name), 0.0, 1.0)
 

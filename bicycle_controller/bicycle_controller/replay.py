@@ -126,6 +126,7 @@ class Returns:
         gamma: float,
         fall_penalty: float = 0.0,
         absorbing: bool = False,
+        cost_cap: float = 0.0,
     ) -> None:
         """Start with nothing pending.
 
@@ -136,9 +137,10 @@ class Returns:
             gamma: discount per step.
             fall_penalty: taken from the reward of every step that a bicycle lies.
             absorbing: whether a fall ends the episode with the value of lying for ever.
+            cost_cap: most that one step may cost; 0 caps nothing.
         """
         self.n_step, self.gamma = n_step, gamma
-        self.fall_penalty, self.absorbing = fall_penalty, absorbing
+        self.fall_penalty, self.absorbing, self.cost_cap = fall_penalty, absorbing, cost_cap
         self.observation = np.zeros((n_step, count, OBSERVATIONS), dtype=np.float32)
         self.action = np.zeros((n_step, count, actions), dtype=np.float32)
         self.sum = np.zeros((n_step, count))
@@ -170,6 +172,8 @@ class Returns:
         Returns:
             The transitions that are complete now, (M, width) float32, for `Replay.add`.
         """
+        if self.cost_cap > 0:
+            reward = np.maximum(reward, -self.cost_cap)
         reward = reward - self.fall_penalty * fallen
         absorbed = fallen & self.absorbing
         reward = np.where(absorbed, reward / (1.0 - self.gamma), reward)

@@ -1,4 +1,4 @@
-"""How well a policy rides, as the training loop asks: one batched call on fixed starts."""
+"""How well a policy rides, as the training loop asks: batched calls on fixed starts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from bicycle_controller.config import EvaluationConfig
 from bicycle_controller.evaluate import evaluate
 from bicycle_controller.policy import Policy
 from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import Scenario
+from bicycle_sim.scenario import Region, Scenario
+
+NEAR_STEPS = 1_200
+"""Step limit of a ride to a near goal: half a minute, several times what it takes."""
 
 
 @dataclass(frozen=True)
@@ -20,16 +23,44 @@ class Score:
     fall_rate: float
     orbit_rate: float
     median_time_s: float | None
+    near_reach_rate: float | None = None
+    """The same for goals near the start; None where they were not ridden."""
+    near_fall_rate: float | None = None
+    near_median_time_s: float | None = None
 
     @property
     def rank(self) -> tuple[float, float]:
         """What the best policy has most of: goals less falls, then the shorter time."""
-        time = float("inf") if self.median_time_s is None else self.median_time_s
-        return (self.reach_rate - self.fall_rate, -time)
+        worth = self.reach_rate - self.fall_rate
+        time = _or_infinite(self.median_time_s)
+        if self.near_reach_rate is not None and self.near_fall_rate is not None:
+            worth = 0.5 * (worth + self.near_reach_rate - self.near_fall_rate)
+            time += _or_infinite(self.near_median_time_s)
+        return (worth, -time)
 
 
 def score(policy: Policy, scenario: Scenario, physics: Physics, fixed: EvaluationConfig) -> Score:
     """Ride the fixed starts to their end."""
     scenario = dataclasses.replace(scenario, max_steps=fixed.max_steps or scenario.max_steps)
-    summary = evaluate(policy, scenario, physics, fixed.episodes, fixed.seed).summary()
-    return Score(**{item.name: summary[item.name] for item in dataclasses.fields(Score)})
+    far = evaluate(policy, scenario, physics, fixed.episodes, fixed.seed).summary()
+    names = ("reach_rate", "fall_rate", "orbit_rate", "median_time_s")
+    values = {name: far[name] for name in names}
+    if fixed.near_episodes > 0:
+        near_goals = near(scenario, fixed.near_distance)
+        found = evaluate(policy, near_goals, physics, fixed.near_episodes, fixed.seed).summary()
+        values |= {f"near_{name}": found[name] for name in names if name != "orbit_rate"}
+    return Score(**values)
+
+
+def near(scenario: Scenario, distance: float) -> Scenario:
+    """The scenario with goals in a square of half width `distance`, m, about the start."""
+    return dataclasses.replace(
+        scenario,
+        start=Region.point(0.0, 0.0),
+        goal=Region((-distance, -distance), (distance, distance)),
+        max_steps=NEAR_STEPS,
+    )
+
+
+def _or_infinite(seconds: float | None) -> float:
+    return float("inf") if seconds is None else seconds

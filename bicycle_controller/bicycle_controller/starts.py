@@ -44,6 +44,10 @@ def _disturb(task: BicycleTask, mask: np.ndarray, starts: StartsConfig) -> None:
         "steer_angle": starts.steer,
         "steer_rate": starts.steer_rate,
     }
+    if starts.any_speed and task.scenario.speed_limits is not None:
+        speed = task.state.speed.copy()
+        speed[mask] = task.rng.uniform(*task.scenario.speed_limits, int(mask.sum()))
+        task.state.speed = speed
     for name, spread in spreads.items():
         if spread > 0:
             values = getattr(task.state, name).copy()

@@ -171,6 +171,7 @@ class Trainer:
         warm = self.collector.steps >= config.warm_up
         if not warm or self.collector.rounds % config.update_every:
             return
+        self.agent.anneal(self.collector.steps / config.steps)
         self.agent.update(self.replay, config.updates)
         self.updates += config.updates
         every = config.evaluation.every
@@ -222,7 +223,7 @@ class Trainer:
             action_limits=tuple(config.scenario.action_limits.tolist()),
             trained=about | {key: self._origin[key] for key in ("command", "commit", "version")},
         )
-        return Policy(info, policy_tensors(self.agent.actor))
+        return Policy(info, policy_tensors(self.agent.deployed))
 
     def save(self, log: Log) -> None:
         """Write the checkpoint."""

@@ -17,6 +17,13 @@ class Agent(Protocol):
     def actor(self) -> Actor:
         """The current policy, for scaled observations."""
 
+    @property
+    def deployed(self) -> Actor:
+        """The policy to score and keep: the actor, or its running average."""
+
+    def anneal(self, progress: float) -> None:
+        """Set the learning rates for a run of which the share `progress` is done."""
+
     def act(self, observation: np.ndarray) -> np.ndarray:
         """Normalised actions (N, actions) for raw observations (N, 6), without noise."""
 

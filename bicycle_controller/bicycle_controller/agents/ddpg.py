@@ -29,6 +29,7 @@ class Ddpg:
         actor: the policy.
         critics: one, or the twins.
         actor_target: slow copy of the actor.
+        actor_average: running average of the actor, kept where `actor_average` is above 0.
         critic_targets: slow copies of the critics.
         updates: critic updates made.
     """
@@ -62,6 +63,7 @@ class Ddpg:
             network.to(self.device)
         self.actor_target = copy.deepcopy(self.actor).requires_grad_(False)
         self.critic_targets = copy.deepcopy(self.critics).requires_grad_(False)
+        self.actor_average = copy.deepcopy(self.actor_target)
         actor, critics = self.actor.parameters(), self.critics.parameters()
         # Any optimiser with a state will do: the fused learner has its own.
         self.actor_optimiser: Any = torch.optim.Adam(actor, config.actor_learning_rate, fused=True)
@@ -79,6 +81,22 @@ class Ddpg:
         raw = torch.as_tensor(observation, dtype=torch.float32, device=self.device)
         action: np.ndarray = self.actor(raw / self.scale).cpu().numpy()
         return action
+
+    @property
+    def deployed(self) -> Actor:
+        """The policy to score and keep: the actor, or its running average."""
+        return self.actor_average if self.config.actor_average > 0 else self.actor
+
+    def anneal(self, progress: float) -> None:
+        """Set the learning rates for a run of which the share `progress` is done."""
+        config = self.config
+        share = 1.0 - (1.0 - config.learning_rate_end) * min(progress, 1.0)
+        self._set_rates(share * config.actor_learning_rate, share * config.critic_learning_rate)
+
+    def _set_rates(self, actor: float, critic: float) -> None:
+        for optimiser, rate in ((self.actor_optimiser, actor), (self.critic_optimiser, critic)):
+            for group in optimiser.param_groups:
+                group["lr"] = rate
 
     @property
     def logs(self) -> bool:
@@ -103,6 +121,7 @@ class Ddpg:
         if (self.updates + 1) % self.config.actor_every == 0:
             self._update_actor(batch)
             self._update_targets()
+            self._update_average()
         self.updates += 1
 
     @torch.no_grad()
@@ -185,6 +204,14 @@ class Ddpg:
         main: list[Tensor] = [*self.actor.parameters(), *self.critics.parameters()]
         torch._foreach_lerp_(slow, main, self.config.tau)
 
+    @torch.no_grad()
+    def _update_average(self) -> None:
+        """The averaged actor, as (18) with a share of its own."""
+        if self.config.actor_average > 0:
+            average = list(self.actor_average.parameters())
+            main = list(self.actor.parameters())
+            torch._foreach_lerp_(average, main, self.config.actor_average)
+
     def _clip(self, network: nn.Module) -> None:
         if self.config.grad_clip > 0:
             nn.utils.clip_grad_norm_(network.parameters(), self.config.grad_clip)
@@ -203,7 +230,7 @@ class Ddpg:
 
     def state_dict(self) -> dict[str, Any]:
         """Networks, targets, optimisers, generator and counter."""
-        networks = ("actor", "critics", "actor_target", "critic_targets")
+        networks = ("actor", "critics", "actor_target", "critic_targets", "actor_average")
         optimisers = ("actor_optimiser", "critic_optimiser")
         state = {name: getattr(self, name).state_dict() for name in (*networks, *optimisers)}
         notes = {name: [value.item(), self._counts[name]] for name, value in self._sums.items()}

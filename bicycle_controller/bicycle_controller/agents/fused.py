@@ -87,6 +87,9 @@ class FusedDdpg(Ddpg):
         )
         self._minus_mean = torch.full((batch, 1), -1.0 / batch, device=self.device)
 
+    def _set_rates(self, actor: float, critic: float) -> None:
+        self.actor_optimiser.rate, self.critic_optimiser.rate = actor, critic
+
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """The critics' targets y (B,), equation (15), for a scaled batch."""
