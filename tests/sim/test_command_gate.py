@@ -1,0 +1,146 @@
+"""Which commands are obeyed, and what is said about the others."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from bicycle_sim.command_gate import QUIET, CommandGate, Reason
+from bicycle_sim.simulator import Command
+
+LIMITS = np.array([2.0, 0.2, 0.0])
+GOOD = Command(1, 0, 1.0, -0.1, 0.0, (3.0, 4.0), 1, "a", "p")
+
+
+class Clock:
+    now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def gate(clock: Clock) -> CommandGate:
+    made = CommandGate(LIMITS, release=0.25, max_age=10, clock=clock)
+    made.begin(1)
+    clock.now += 1.0
+    return made
+
+
+def test_an_answer_to_the_present_state_is_obeyed(gate: CommandGate) -> None:
+    assert gate.decide(GOOD, 0).accepted
+    assert gate.newest is GOOD
+    assert gate.owner == "a"
+
+
+@pytest.mark.parametrize(
+    ("change", "reason", "words"),
+    [
+        ({"torque": math.nan}, Reason.NOT_FINITE, "torque is nan"),
+        ({"pedal_force": math.inf}, Reason.NOT_FINITE, "check the policy"),
+        ({"goal": (math.nan, 0.0)}, Reason.NOT_FINITE, "finite goals"),
+        ({"displacement": 0.2001}, Reason.OUT_OF_RANGE, "beyond the scenario's 0.2 m"),
+        ({"pedal_force": 1e-300}, Reason.OUT_OF_RANGE, "load a policy"),
+        ({"episode": 2}, Reason.WRONG_EPISODE, "this is episode 1"),
+        ({"step": 4}, Reason.FUTURE, "at step 3 only"),
+        ({"step": 0}, Reason.STALE, "step 1 is answered already"),
+        ({"controller": "b", "step": 3}, Reason.SECOND_CONTROLLER, "'a' is in charge"),
+    ],
+)
+def test_a_bad_command_is_refused_once_aloud(
+    gate: CommandGate, change: dict[str, Any], reason: Reason, words: str
+) -> None:
+    good = replace(GOOD, step=1)
+    assert gate.decide(good, 1).accepted
+    bad = replace(GOOD, **{"step": 2, **change})
+    first, second = gate.decide(bad, 3), gate.decide(bad, 3)
+    assert first.reason is second.reason is reason
+    assert words in first.warning
+    assert "\n" not in first.warning
+    assert second.warning == ""
+    assert gate.rejected[reason] == 2
+    assert gate.newest is good, "a refused command changes nothing"
+
+
+def test_the_same_trouble_is_told_again_after_a_quiet_time(
+    gate: CommandGate, clock: Clock
+) -> None:
+    bad = replace(GOOD, torque=math.nan)
+    told = []
+    for pause in (0.0, QUIET - 1, QUIET - 1, QUIET + 1):
+        clock.now += pause
+        told.append(bool(gate.decide(bad, 0).warning))
+    assert told == [True, False, False, True]
+
+
+def test_a_repeated_answer_keeps_its_sender_alive(gate: CommandGate, clock: Clock) -> None:
+    assert gate.decide(GOOD, 0).accepted
+    clock.now += 0.2
+    decision = gate.decide(GOOD, 0)
+    assert decision.reason is Reason.DUPLICATE
+    assert decision.warning == ""
+    clock.now += 0.2
+    assert gate.owner == "a"
+
+
+def test_another_controller_takes_over_after_silence_only(gate: CommandGate, clock: Clock) -> None:
+    other = replace(GOOD, controller="b", step=1)
+    assert gate.decide(GOOD, 0).accepted
+    clock.now += 0.24
+    assert gate.decide(other, 1).reason is Reason.SECOND_CONTROLLER
+    clock.now += 0.02
+    assert gate.decide(other, 1).accepted
+    assert gate.decide(replace(GOOD, step=2), 2).reason is Reason.SECOND_CONTROLLER
+
+
+def test_rubbish_does_not_keep_its_sender_in_charge(gate: CommandGate, clock: Clock) -> None:
+    assert gate.decide(GOOD, 0).accepted
+    for step in range(1, 5):
+        clock.now += 0.1
+        assert not gate.decide(replace(GOOD, step=step, torque=math.nan), step).accepted
+    assert gate.owner is None
+
+
+def test_an_answer_from_long_ago_is_stale_though_nothing_newer_came(gate: CommandGate) -> None:
+    assert gate.decide(replace(GOOD, step=5), 15).accepted
+    decision = gate.decide(replace(GOOD, step=6), 17)
+    assert decision.reason is Reason.STALE
+    assert "faster controller" in decision.warning
+
+
+def test_answers_in_flight_at_a_reset_are_no_trouble(gate: CommandGate, clock: Clock) -> None:
+    assert gate.decide(GOOD, 0).accepted
+    gate.begin(2)
+    assert gate.newest is None
+    clock.now += 0.1
+    late = gate.decide(replace(GOOD, step=1), 0)
+    assert (late.reason, late.warning) == (Reason.WRONG_EPISODE, "")
+    clock.now += QUIET + 1
+    assert gate.decide(replace(GOOD, step=1), 0).warning
+
+
+@given(
+    st.tuples(*[st.floats(allow_nan=True, allow_infinity=True)] * 3),
+    st.integers(0, 2**32 - 1),
+    st.integers(0, 2**64 - 1),
+    st.text(max_size=20),
+)
+def test_whatever_is_obeyed_is_finite_in_range_and_of_the_present(
+    action: tuple[float, float, float], episode: int, step: int, controller: str
+) -> None:
+    gate = CommandGate(LIMITS, clock=Clock())
+    gate.begin(1)
+    decision = gate.decide(Command(episode, step, *action, controller=controller), 3)
+    sound = bool(np.isfinite(action).all() and (np.abs(action) <= LIMITS).all())
+    assert decision.accepted == (sound and episode == 1 and step <= 3)
