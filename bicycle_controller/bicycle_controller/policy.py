@@ -13,6 +13,7 @@ import tempfile
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,12 +27,18 @@ from bicycle_controller.policy_file import (
     encode,
 )
 from bicycle_sim.config import nearest
+from bicycle_sim.parameters import Physics
+
+if TYPE_CHECKING:
+    from bicycle_controller.controllers import Controller
 
 __all__ = [
     "DEFAULT_POLICY",
+    "LQR",
     "Policy",
     "PolicyError",
     "PolicyInfo",
+    "load_controller",
     "load_policy",
     "save_policy",
     "shipped_policies",
@@ -40,7 +47,12 @@ __all__ = [
 DEFAULT_POLICY = "fixed-speed"
 """The shipped policy that rides when none is named."""
 
+LQR = ("lqr", "lqr-displacement", "lqr-pedal", "lqr-displacement-pedal")
+"""Names of the classical controller, by what it uses beside the handlebar."""
+
 SUFFIX = ".safetensors"
+BEST = "best.safetensors"
+"""The policy that a training run leaves in its folder."""
 CHUNK = 256
 """Bicycles that pass through the network together: both hidden layers stay in the cache."""
 NORM_EPSILON = 1e-5
@@ -177,8 +189,28 @@ def shipped_policies() -> list[str]:
     return sorted(name.removesuffix(SUFFIX) for name in found if name.endswith(SUFFIX))
 
 
+def load_controller(name_or_path: str | Path, physics: Physics | None = None) -> Controller:
+    """A classical controller by one of the names LQR, or what `load_policy` takes.
+
+    Args:
+        name_or_path: see there.
+        physics: what a classical controller is designed for; faithful by default.
+
+    Raises:
+        PolicyError: as `load_policy`.
+    """
+    if name_or_path not in LQR:
+        return load_policy(name_or_path)
+    # Imported here: it needs scipy, which a policy does without.
+    from bicycle_controller.lqr import LqrConfig, LqrController
+
+    parts = str(name_or_path).split("-")
+    config = LqrConfig(use_displacement="displacement" in parts, use_pedal="pedal" in parts)
+    return LqrController(config, physics)
+
+
 def load_policy(name_or_path: str | Path = DEFAULT_POLICY) -> Policy:
-    """A shipped policy by its name, or any policy file.
+    """A shipped policy by its name, any policy file, or the best of a training run's folder.
 
     Raises:
         PolicyError: one line with the remedy, whatever is wrong with the name or the file.
@@ -189,12 +221,20 @@ def load_policy(name_or_path: str | Path = DEFAULT_POLICY) -> Policy:
         item = resources.files("bicycle_controller") / "models" / f"{text}{SUFFIX}"
         data = item.read_bytes()
     else:
-        data = _read(Path(text), shipped)
+        best = Path(text, BEST)
+        data = _read(best if _is_file(best) else Path(text), shipped)
     try:
         info, tensors = decode(data)
     except PolicyError as error:
         raise PolicyError(f"cannot load policy {text!r}: {error}") from None
     return Policy(info, tensors, hashlib.sha256(data).hexdigest())
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a name too long, or with a null byte
+        return False
 
 
 def _read(path: Path, shipped: list[str]) -> bytes:
@@ -203,7 +243,7 @@ def _read(path: Path, shipped: list[str]) -> bytes:
     try:
         if not path.is_file():
             what = "is not a file" if path.exists() else "does not exist"
-            hint = nearest(str(path), shipped)
+            hint = nearest(str(path), [*shipped, *LQR])
             raise PolicyError(f"policy {name} {what}{hint}; give a {SUFFIX} file; {choices}")
         with path.open("rb") as file:
             data = file.read(MAX_FILE_BYTES + 1)

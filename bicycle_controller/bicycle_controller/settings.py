@@ -23,6 +23,8 @@ from bicycle_sim.scenario import SCENARIOS, Scenario, named
 Tree = dict[str, Any]
 """Nested plain data, as YAML gives it."""
 
+Config = typing.TypeVar("Config", RunConfig, Scenario, Physics)
+
 
 def preset_names() -> list[str]:
     """Names that `preset` takes."""
@@ -64,6 +66,18 @@ def build(tree: Tree, overrides: Iterable[str] = ()) -> RunConfig:
     for override in overrides:
         tree = _merge(tree, _override(override))
     return typing.cast(RunConfig, _make(RunConfig, tree, ""))
+
+
+def changed(config: Config, overrides: Iterable[str]) -> Config:
+    """A configuration, scenario or physics with the values of `overrides`.
+
+    Raises:
+        ValueError: on an unknown key or a value of the wrong kind.
+    """
+    tree = dataclasses.asdict(config)
+    for override in overrides:
+        tree = _merge(tree, _override(override))
+    return typing.cast(Config, _make(type(config), tree, ""))
 
 
 def dump(config: RunConfig) -> str:

@@ -67,3 +67,22 @@ def as_markdown(summary: dict[str, Any]) -> str:
     lines = ["| | |", "| --- | --- |"]
     lines += [f"| {label.strip()} | {cells[0]} |" for label, cells in rows([summary])]
     return "\n".join(lines)
+
+
+def comparison_as_text(comparison: dict[str, Any]) -> str:
+    """What `evaluate.compare` found, in words."""
+    first, second = comparison["controllers"]
+    lines = [
+        f"of {comparison['episodes']:,} rides both reach the goal in {comparison['both_reach']:,},"
+        f" only {first} in {comparison['only_first_reaches']:,},"
+        f" only {second} in {comparison['only_second_reaches']:,}"
+    ]
+    if comparison["faster_share"] is not None:
+        share = 100.0 * comparison["faster_share"]
+        low, high = (100.0 * value for value in comparison["faster_share_interval"])
+        lines.append(
+            f"where both do and their times differ, {first} is sooner in {share:.1f} %"
+            f" ({low:.1f} to {high:.1f}); the median ratio of their times is"
+            f" {comparison['time_ratio']:.3f}"
+        )
+    return "\n".join(lines)

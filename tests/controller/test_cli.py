@@ -1,0 +1,211 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from policy_maker import make_policy
+
+from bicycle_controller import cli
+from bicycle_controller.evaluate import evaluate
+from bicycle_controller.lqr import LqrController
+from bicycle_controller.policy import load_policy, save_policy
+from bicycle_sim.parameters import Physics
+from bicycle_sim.scenario import SCENARIOS
+
+BICYCLE = [sys.executable, "-m", "bicycle_controller.cli"]
+QUICK = ["--scenario", "fixed-start-fixed-goal", "--episodes", "20", "--seed", "3"]
+
+
+@pytest.fixture
+def policy(tmp_path):
+    """A policy file."""
+    path = tmp_path / "random.safetensors"
+    save_policy(make_policy(), path)
+    return path
+
+
+def output(capsys, *arguments: str) -> str:
+    """Standard output of a command that succeeds and says nothing else."""
+    assert cli.main(list(arguments)) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    return out
+
+
+def mistake(capsys, *arguments: str) -> str:
+    """The one line with which a command refuses its arguments."""
+    status = cli.main(list(arguments))
+    out, err = capsys.readouterr()
+    assert (status, out) == (2, "")
+    assert err.startswith("bicycle")
+    assert err.count("\n") == 1
+    return err
+
+
+def test_evaluate_prints_what_evaluate_finds(capsys):
+    found = json.loads(output(capsys, "evaluate", "lqr", *QUICK, "--json"))
+    scenario = SCENARIOS["fixed-start-fixed-goal"]
+    expected = evaluate(LqrController(), scenario, episodes=20, seed=3).summary()
+    assert found == json.loads(json.dumps(expected))
+    assert found["reach_rate"] > 0.5
+    promised = {"episodes", "reach_rate", "fall_rate", "timeout_rate", "median_time_s"}
+    promised |= {"reach_rate_interval", "fall_rate_interval", "timeout_rate_interval"}
+    assert promised | {"path_ratio", "orbit_rate"} <= found.keys()
+
+
+def test_evaluate_passes_every_choice_on(capsys, tmp_path):
+    out = tmp_path / "new" / "found.json"
+    choices = ["--set", "max_steps=40", "--set", "goal.low=[90, 90]", "--set", "goal.high=[99,99]"]
+    trial = {
+        "roll_kick": 0.1,
+        "kick_time": 0.5,
+        "initial_tilt": 0.02,
+        "displacement_noise": 0.01,
+        "action_delay": 2,
+        "speed": 3.0,
+    }
+    for name, value in trial.items():
+        choices += [f"--{name.replace('_', '-')}", str(value)]
+    choices += ["--observation-noise", "0.01,0,0,0,0,0.02", "--physics", "corrected"]
+    output(capsys, "evaluate", "lqr", *QUICK, *choices, "--out", str(out), "--quiet")
+    found = json.loads(out.read_text())
+    assert found["scenario"]["max_steps"] == 40
+    assert found["scenario"]["goal"] == {"low": [90.0, 90.0], "high": [99.0, 99.0]}
+    noise = [0.01, 0.0, 0.0, 0.0, 0.0, 0.02]
+    assert found["disturbance"] == trial | {"observation_noise": noise}
+    assert Physics.from_json(json.dumps(found["physics"])) == Physics.named("corrected")
+    assert (found["episodes"], found["seed"], found["timeout_rate"]) == (20, 3, 1.0)
+
+
+def test_evaluate_uses_what_the_policy_was_trained_on(capsys, policy):
+    found = json.loads(output(capsys, "evaluate", str(policy), "--episodes", "5", "--json"))
+    assert found["scenario"]["name"] == "random-start-random-goal"
+    assert found["controller"] == load_policy(policy).policy_id
+
+
+def test_evaluate_takes_a_run_folder(capsys, tmp_path):
+    save_policy(make_policy(), tmp_path / "run" / "best.safetensors")
+    text = output(capsys, "evaluate", str(tmp_path / "run"), *QUICK)
+    assert make_policy().policy_id in text
+    assert "reached the goal" in text
+
+
+def test_evaluate_compares(capsys, policy):
+    words = ["evaluate", "lqr", "--against", str(policy), *QUICK]
+    found = json.loads(output(capsys, *words, "--json"))
+    assert found["comparison"]["controllers"] == [
+        found["controller"],
+        found["against"]["controller"],
+    ]
+    assert found["comparison"]["only_first_reaches"] > 10
+    assert "only lqr" in output(capsys, *words)
+
+
+def test_evaluate_without_a_gpu_says_so(capsys, policy):
+    assert cli.main(["evaluate", str(policy), *QUICK, "--device", "cuda:63"]) == 0
+    assert "runs on the CPU" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["evalute"], "'evaluate'"),
+        (["evaluate"], "CONTROLLER"),
+        (["evaluate", "lrq"], "'lqr'"),
+        (["evaluate", "lqr", "--episods", "3"], "'--episodes'"),
+        (["evaluate", "lqr", "--episodes", "many"], "--episodes"),
+        (["evaluate", "lqr", "--episodes", "0"], "at least one"),
+        (["evaluate", "lqr", "--seed", "-1"], "seed"),
+        (["evaluate", "lqr", "--scenario", "learned-sped"], "'learned-speed'"),
+        (["evaluate", "lqr", "--set", "goal_radus=2"], "'goal_radius'"),
+        (["evaluate", "lqr", "--set", "goal_radius=-2"], "goal_radius"),
+        (["evaluate", "lqr", "--set", "goal_radius"], "NAME=VALUE"),
+        (["evaluate", "lqr", "--physics", "corected"], "'corrected'"),
+        (["evaluate", "lqr", "--device", "cdua"], "'cuda'"),
+        (["evaluate", "lqr", "--observation-noise", "1,2"], "1 or 6"),
+        (["evaluate", "lqr", "--speed", "0"], "start_speed"),
+        (["evaluate", "lqr", "--out", "/proc/none/a.json"], "/proc/none"),
+        (["export", "none", "--to", "/tmp"], "none"),
+        (["train", "--out", "/tmp/none", "--preset", "fats"], "'fast'"),
+    ],
+)
+def test_a_mistake_is_one_line_with_the_remedy(capsys, words, expected):
+    assert expected in mistake(capsys, *words)
+
+
+def test_every_command_has_help_seed_device_and_json(capsys):
+    for name in cli.COMMANDS:
+        text = output(capsys, name, "--help")
+        for option in ("--help", "--seed", "--device", "--json"):
+            assert option in text, f"{name} lacks {option}"
+        assert name in output(capsys)
+
+
+def test_export_writes_what_loads_again(capsys, policy, tmp_path):
+    scored = tmp_path / "scored.json"
+    output(capsys, "evaluate", str(policy), *QUICK, "--out", str(scored))
+    words = ["--name", "new", "--to", str(tmp_path / "to"), "--evaluation", str(scored), "--json"]
+    found = json.loads(output(capsys, "export", str(policy), *words))
+    new = load_policy(tmp_path / "to" / "new.safetensors")
+    assert found["policy_id"] == new.policy_id
+    assert new.policy_id.startswith("new@")
+    assert set(found["parity"]) == {"onnxruntime", "torch"}
+    assert sorted(path.name for path in (tmp_path / "to").iterdir()) == [
+        "new.md",
+        "new.onnx",
+        "new.safetensors",
+    ]
+    card = (tmp_path / "to" / "new.md").read_text()
+    assert f"| controller | {new.policy_id} |" in card
+    only = ["--to", str(tmp_path / "only"), "--format", "safetensors"]
+    assert "wrote" in output(capsys, "export", str(policy), *only)
+    files = sorted(path.name for path in (tmp_path / "only").iterdir())
+    assert files == ["random.md", "random.safetensors"]
+
+
+def test_export_refuses_another_policy_s_evaluation(capsys, policy, tmp_path):
+    scored = tmp_path / "scored.json"
+    output(capsys, "evaluate", "lqr", *QUICK, "--out", str(scored))
+    words = ["export", str(policy), "--to", str(tmp_path / "to"), "--evaluation"]
+    assert "is about lqr" in mistake(capsys, *words, str(scored))
+    scored.write_text("{}")
+    assert "evaluate again" in mistake(capsys, *words, str(scored))
+    assert "unknown format" in mistake(capsys, *words[:-1], "--format", "onx")
+    assert not (tmp_path / "to").exists()
+
+
+def test_ctrl_c_ends_without_a_traceback():
+    words = ["evaluate", "lqr", "--episodes", "1000000"]
+    process = subprocess.Popen([*BICYCLE, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    time.sleep(3.0)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert out == b""
+    assert err == b"bicycle evaluate: interrupted\n"
+
+
+def test_help_loads_nothing_heavy():
+    code = "import sys; from bicycle_controller import cli; cli.main([]); print(*sys.modules)"
+    text = subprocess.check_output([sys.executable, "-c", code], text=True)
+    loaded = text.splitlines()[-1].split()
+    assert "bicycle_controller.cli" in loaded
+    assert not {"numpy", "torch", "ray", "scipy"} & set(loaded)
+
+
+def test_missing_torch_is_one_line(tmp_path):
+    (tmp_path / "torch.py").write_text("raise ModuleNotFoundError(name='torch')\n")
+    path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        [*BICYCLE, "train", "--out", str(tmp_path / "run")],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": path},
+    )
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
+    assert "needs torch" in done.stderr
+    assert "setup.sh --with train" in done.stderr
