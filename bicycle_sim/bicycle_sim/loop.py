@@ -22,6 +22,12 @@ from bicycle_sim.transitions import Transition, TransitionLog
 RELEASE = 0.25
 """s after which a silent controller gives way to another where the watchdog is off."""
 
+SHORTEST_WATCHDOG = 4
+"""Steps: with less, the ordinary delay of an answer would set the watchdog off."""
+
+ROUNDING = 1e-6
+"""s."""
+
 
 @dataclass(frozen=True)
 class LoopOptions:
@@ -36,7 +42,7 @@ class LoopOptions:
     real_time_factor: float = 1.0
     """Simulated seconds in one second of the clock; real time only."""
     watchdog_timeout: float = 0.25
-    """Simulated s without a valid command before `on_timeout`; zero never. Real time only."""
+    """Simulated s that a command may be held before `on_timeout`; zero is for ever. Real time only."""
     on_timeout: str = "zero"
     """`zero` rides on without input, `pause` holds the bicycle until the next command."""
 
@@ -92,6 +98,12 @@ class Loop:
         """
         self.simulator = simulator
         self.options = options
+        shortest = SHORTEST_WATCHDOG * simulator.time_step
+        require(
+            options.watchdog_timeout == 0 or options.watchdog_timeout >= shortest,
+            f"watchdog_timeout must be 0 for never, or {shortest:g} s or more, not "
+            f"{options.watchdog_timeout:g}",
+        )
         self.pacer = Pacer(simulator.time_step, options.real_time_factor, clock)
         self.patience = options.watchdog_timeout / options.real_time_factor
         self.gate = CommandGate(
@@ -178,7 +190,9 @@ class Loop:
         if not self.riding:
             return None
         timing = self.pacer.tick()
-        silent = self.patience > 0 and self.gate.silence() > self.patience
+        # A command may rule no step that would end after the watchdog's time.
+        ends = self.gate.silence() + self.pacer.period_ns * 1e-9
+        silent = self.patience > 0 and ends > self.patience + ROUNDING
         if silent and self.options.on_timeout == "pause":
             self.held, self.starved = True, True
             return None

@@ -56,7 +56,10 @@ class SimSettings:
         0.0, "s by the clock until a fallen bicycle is reset; 0 waits for a reset", 0.0, 3600.0
     )
     watchdog_timeout: float = parameter(
-        0.25, "simulated s without a valid command before on_timeout; 0 is never", 0.0, 3600.0
+        0.25,
+        "simulated s that a command may be held before on_timeout; 0 is for ever",
+        0.0,
+        3600.0,
     )
     on_timeout: str = parameter(
         "zero",

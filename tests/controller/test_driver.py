@@ -1,0 +1,214 @@
+"""One command for every state, whatever the policy does."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bicycle_controller.config import NoiseConfig
+from bicycle_controller.driver import Driver
+from bicycle_controller.goals import GoalTracker
+from bicycle_controller.lqr import LqrController
+from bicycle_controller.noise import Noise
+from bicycle_sim.scenario import named
+from bicycle_sim.simulator import Command, Simulator, Start
+
+SCENARIO = named("random-start-random-goal")
+LIMITS = SCENARIO.action_limits
+GOAL = (0.0, 40.0)
+
+
+class Fixed:
+    """A policy that does what the test says."""
+
+    policy_id = "fixed"
+
+    def __init__(self, act: Callable[[np.ndarray], np.ndarray]) -> None:
+        self._act = act
+        self.seen: list[np.ndarray] = []
+
+    def act(self, observation: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        assert speed.shape == (1,)
+        self.seen.append(observation.copy())
+        return self._act(observation)
+
+
+def constant(*action: float) -> Fixed:
+    return Fixed(lambda _: np.array([action]))
+
+
+@pytest.fixture
+def simulator() -> Simulator:
+    made = Simulator(SCENARIO)
+    made.reset(Start(0.0, 0.0, 0.4, 2.5))
+    return made
+
+
+def driver(policy: object, **options: object) -> Driver:
+    return Driver("me", policy, GoalTracker(), LIMITS, **options)  # type: ignore[arg-type]
+
+
+def ride(rider: Driver, simulator: Simulator, steps: int) -> list[Command | None]:
+    commands = []
+    for _ in range(steps):
+        state = simulator.snapshot
+        commands.append(rider.answer(state, 0.025 * state.step).command)
+        simulator.step(commands[-1])
+    return commands
+
+
+def test_nothing_is_answered_before_the_first_goal(simulator: Simulator) -> None:
+    rider = driver(constant(1.0, 0.1, 0.0))
+    assert rider.answer(simulator.snapshot, 0.0).command is None
+    rider.tracker.replace([GOAL])
+    command = rider.answer(simulator.snapshot, 0.0).command
+    assert command is not None
+    assert (command.goal, command.goal_id, command.controller) == (GOAL, 1, "me")
+    assert (command.action, command.policy) == ((1.0, 0.1, 0.0), "fixed")
+
+
+def test_the_same_state_gets_the_same_command_and_no_new_decision(simulator: Simulator) -> None:
+    policy = constant(1.0, 0.1, 0.0)
+    rider = driver(policy)
+    rider.tracker.replace([GOAL])
+    first = rider.answer(simulator.snapshot, 0.0).command
+    assert rider.answer(simulator.snapshot, 0.0).command is first
+    assert len(policy.seen) == 1
+
+
+def test_the_policy_sees_the_paper_s_six_states(simulator: Simulator) -> None:
+    policy = constant(0.5, 0.1, 0.0)
+    rider = driver(policy)
+    rider.tracker.replace([GOAL])
+    ride(rider, simulator, 2)
+    state = simulator.snapshot
+    rider.answer(state, 0.05)
+    expected = [
+        state.steer_angle,
+        state.steer_rate,
+        state.lean_angle,
+        state.lean_rate,
+        state.lean_acceleration,
+        state.heading_error,
+    ]
+    np.testing.assert_array_equal(policy.seen[-1], [expected])
+    assert state.heading_error > 0, "the goal is to the right of heading 0.4"
+
+
+def test_the_lqr_rides_to_the_goal_and_on(simulator: Simulator) -> None:
+    rider = driver(LqrController())
+    rider.tracker.replace([(4.0, 14.0)])
+    commands = ride(rider, simulator, 600)
+    assert not simulator.snapshot.fallen
+    assert None not in commands
+    goals = [command.goal for command in commands if command]
+    assert goals[0] is not None
+    assert goals[-1] is None
+    assert rider.missed == 0
+
+
+def test_output_beyond_the_limits_is_cut(simulator: Simulator) -> None:
+    rider = driver(constant(9.0, -9.0, 9.0))
+    rider.tracker.replace([GOAL])
+    command = rider.answer(simulator.snapshot, 0.0).command
+    assert command is not None
+    assert command.action == (2.0, -0.2, 0.0)
+
+
+def broken(_: np.ndarray) -> np.ndarray:
+    raise RuntimeError("no")
+
+
+@pytest.mark.parametrize(
+    ("policy", "words"),
+    [
+        (constant(math.nan, 0.0, 0.0), "not finite"),
+        (constant(0.0, math.inf, 0.0), "not finite"),
+        (Fixed(broken), "RuntimeError"),
+        (Fixed(lambda _: np.zeros(3)), "shape"),
+    ],
+    ids=["nan", "inf", "raises", "shape"],
+)
+def test_the_fallback_takes_over_from_a_policy_that_fails(
+    simulator: Simulator, policy: Fixed, words: str
+) -> None:
+    lqr = LqrController()
+    rider = driver(policy, fallback=lqr)
+    rider.tracker.replace([GOAL])
+    first = rider.answer(simulator.snapshot, 0.0)
+    assert words in first.warning
+    assert lqr.policy_id in first.warning
+    commands = ride(rider, simulator, 200)
+    assert not simulator.snapshot.fallen
+    assert {command.policy for command in commands if command} == {lqr.policy_id}
+    simulator.step(None)
+    assert rider.answer(simulator.snapshot, 9.0).warning == "", "told once"
+    assert rider.handed_over == 201
+
+
+def test_without_fallback_a_failing_policy_means_zero_input(simulator: Simulator) -> None:
+    rider = driver(constant(math.nan, 0.0, 0.0))
+    rider.tracker.replace([GOAL])
+    command = rider.answer(simulator.snapshot, 0.0).command
+    assert command is not None
+    assert (command.action, command.policy) == ((0.0, 0.0, 0.0), "none")
+
+
+def test_a_riding_bicycle_is_taken_over_with_its_goal(simulator: Simulator) -> None:
+    first = driver(LqrController())
+    first.tracker.replace([GOAL])
+    ride(first, simulator, 40)
+    second = driver(LqrController())
+    commands = ride(second, simulator, 40)
+    assert {command.goal for command in commands if command} == {GOAL}
+    assert None not in commands
+
+
+def test_a_riding_bicycle_without_goal_is_ridden_straight_on(simulator: Simulator) -> None:
+    simulator.step(None)
+    rider = driver(LqrController())
+    commands = ride(rider, simulator, 200)
+    assert None not in commands
+    assert not simulator.snapshot.fallen
+    assert simulator.snapshot.heading == pytest.approx(0.4, abs=0.1)
+
+
+def test_by_parameter_a_riding_bicycle_is_left_alone(simulator: Simulator) -> None:
+    simulator.step(None)
+    rider = driver(LqrController(), take_over=False)
+    assert ride(rider, simulator, 5) == [None] * 5
+
+
+def test_a_fallen_bicycle_gets_no_command(simulator: Simulator) -> None:
+    rider = driver(LqrController())
+    rider.tracker.replace([GOAL])
+    down = replace(simulator.snapshot, fallen=True)
+    assert rider.answer(down, 0.0).command is None
+
+
+def test_noise_repeats_with_its_seed_and_keeps_the_limits(simulator: Simulator) -> None:
+    def noisy(seed: int) -> list[Command | None]:
+        copy = Simulator.restore(simulator.snapshot, SCENARIO, simulator.physics, 0)
+        noise = Noise(NoiseConfig("gaussian", 0.5, 0.0), 1, 3, np.random.default_rng(seed))
+        rider = driver(constant(0.0, 0.0, 0.0), noise=noise)
+        rider.tracker.replace([GOAL])
+        return ride(rider, copy, 30)
+
+    first, again, other = noisy(1), noisy(1), noisy(2)
+    assert first == again
+    assert first != other
+    actions = np.array([command.action for command in first if command])
+    assert (np.abs(actions) <= LIMITS).all()
+    assert np.std(actions[:, 0]) > 0.3
+
+
+def test_skipped_steps_are_counted(simulator: Simulator) -> None:
+    rider = driver(constant(0.0, 0.0, 0.0))
+    rider.tracker.replace([GOAL])
+    for step in (0, 1, 5, 6):
+        rider.answer(replace(simulator.snapshot, step=step), 0.025 * step)
+    assert rider.missed == 3
