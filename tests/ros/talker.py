@@ -37,6 +37,8 @@ def main() -> None:
         message.step = step
         message.lean_angle = 0.001 * step
         states.publish(message)
+        if step % 100 == 0:
+            print(f"step {step}", flush=True)
         time.sleep(1.0 / options.hz)
     states.wait_for_all_acked(Duration(seconds=5.0))
     episodes.wait_for_all_acked(Duration(seconds=5.0))

@@ -16,7 +16,7 @@ COMPRESSIONS = {
     "lz4": CompressionType.LZ4,
     "none": CompressionType.NONE,
 }
-# Half a second of the stack's traffic: what a killed recorder has not yet handed over.
+# Small, so that a killed recorder leaves little behind that was not handed over.
 CHUNK_BYTES = 32 * 1024
 
 
