@@ -48,7 +48,8 @@ def outcomes(statuses: Columns) -> list[Outcome]:
         if known and status in _OPEN and (known.status not in _OPEN or known.position != position):
             life, known = life + 1, None
         goals[life, number] = _update(known, position, status, statuses, row)
-    return _without_resent(list(goals.values()))
+    # Waiting goals are announced before the first one becomes active: put them in their order.
+    return _without_resent([goals[key] for key in sorted(goals)])
 
 
 def _update(

@@ -88,13 +88,14 @@ def _track(figure: Figure, axes: Axes, log: RideLog) -> None:
         _goal(axes, number, goal)
     _start_and_falls(axes, log)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.margins(0.06)
+    axes.margins(0.08)
     axes.autoscale_view()
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
-    bar = figure.colorbar(line, ax=axes, location="bottom", shrink=0.5, aspect=40, pad=0.01)
-    bar.set_label(label)
+    scale = axes.inset_axes((0.68, 1.015, 0.32, 0.014))
+    bar = figure.colorbar(line, cax=scale, orientation="horizontal", ticklocation="top")
     bar.outline.set_visible(False)
+    axes.text(0.665, 1.022, label, transform=axes.transAxes, ha="right", va="center", color=FAINT)
 
 
 def _colouring(log: RideLog) -> tuple[Floats, str, str]:
@@ -143,10 +144,10 @@ def _strips(strips: list[Axes], log: RideLog, time: Floats) -> None:
     applied = _applied(log)
     if applied is not None:
         _line(command, time, applied[0], TORQUE, "torque (N m)")
-        other = command.twinx()
-        other.grid(visible=False)
-        _line(other, time, 100.0 * applied[1], SHIFT, "displacement (cm)")
-        other.spines["left"].set_visible(False)
+        if np.nanmax(np.abs(applied[1])) > 0:
+            other = command.twinx()
+            other.grid(visible=False)
+            _line(other, time, 100.0 * applied[1], SHIFT, "displacement (cm)")
     _line(distance, time, states["goal_distance"], INK, "goal in (m)")
     distance.set_ylim(bottom=0.0)
     distance.set_xlabel("time (s)")

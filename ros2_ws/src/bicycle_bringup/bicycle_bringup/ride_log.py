@@ -52,7 +52,7 @@ def read_ride(path: Path | str) -> RideLog:
         BagError: when it cannot be read, or holds no bicycle or more than one.
     """
     reader = BagReader(path)
-    prefix = _prefix(reader)
+    prefix = prefix_of(reader)
     there = [name for name in _READ if prefix + name in reader.topics]
     loaded = load_topics(reader, [prefix + name for name in there])
     columns = {name: loaded[prefix + name] if name in there else {} for name in _READ}
@@ -69,7 +69,7 @@ def read_ride(path: Path | str) -> RideLog:
     )
 
 
-def _prefix(reader: BagReader) -> str:
+def prefix_of(reader: BagReader) -> str:
     """The namespace of the bag's bicycle, such as "" or "/red"."""
     found = [name[: -len(STATE)] for name in reader.topics if name.endswith(STATE)]
     if not found:

@@ -1,0 +1,253 @@
+"""`replay.sh --verify`: the recorded commands through the simulator again, compared bit for bit.
+
+Each state is computed from the one before and the command that the bag says was applied, made
+into a message, and compared with the recorded one field by field, floats by their bits: the raw
+messages themselves differ in the padding between fields, which nobody sets.
+"""
+
+from __future__ import annotations
+
+import argparse
+import struct
+import sys
+from collections import defaultdict, deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from bicycle_msgs.msg import BicycleCommand, BicycleState, EpisodeInfo
+from rclpy.serialization import deserialize_message
+from tqdm import tqdm
+
+from bicycle_bag.errors import BagError
+from bicycle_bag.reader import BagReader
+from bicycle_bag.schemas import Schemas
+from bicycle_bringup.nodes.flat import flat
+from bicycle_bringup.ride_log import COMMAND, EPISODE, STATE, prefix_of
+from bicycle_sim.nodes import convert
+from bicycle_sim.simulator import Command, Simulator, Source
+
+Key = tuple[int, int, str]
+"""Episode, step and controller: which commands an applied one may be."""
+
+
+@dataclass
+class Recording:
+    """The messages of one bicycle, in recorded order."""
+
+    states: list[tuple[int, bytes]] = field(default_factory=list)
+    """Log time in ns, and CDR."""
+    commands: dict[Key, list[Command]] = field(default_factory=lambda: defaultdict(list))
+    episodes: list[tuple[int, EpisodeInfo]] = field(default_factory=list)
+    """Log time in ns, and message."""
+
+
+@dataclass
+class Verdict:
+    """What a verification found so far."""
+
+    checked: int = 0
+    """States computed again and found equal."""
+    begun: int = 0
+    """States that nothing comes before: the starts of episodes and of the recording."""
+    unknown: int = 0
+    """States that cannot be computed, as the state before or the command is missing."""
+    first_unknown: str = ""
+    """Where the first of them is."""
+    difference: str = ""
+    """The first state that differs; empty when none does."""
+
+    @property
+    def proved(self) -> bool:
+        """Whether every state that something comes before came out again."""
+        return not self.difference and not self.unknown and self.checked > 0
+
+    def __str__(self) -> str:
+        """One line for a person."""
+        if self.difference:
+            return f"not the same after {self.checked} equal states: {self.difference}"
+        text = f"{self.checked} states came out again, bit for bit"
+        if self.unknown:
+            return (
+                f"not proved: {text}, but {self.unknown} could not be computed for lack of the "
+                f"state or command before, first {self.first_unknown}"
+            )
+        return text if self.checked else "not proved: the bag holds no ride to compute again"
+
+
+def read(path: Path) -> Recording:
+    """Read what a verification needs.
+
+    Raises:
+        BagError: when the bag cannot be read, is foreign, or of other message definitions.
+    """
+    reader = BagReader(path)
+    prefix = prefix_of(reader)
+    kinds = {prefix + STATE: BicycleState, prefix + COMMAND: BicycleCommand}
+    kinds[prefix + EPISODE] = EpisodeInfo
+    reader.require(list(kinds))
+    schemas = Schemas()
+    for name in kinds:
+        topic = reader.topics[name]
+        if topic.type_hash and topic.type_hash != schemas.type_hash(topic.type):
+            raise BagError(
+                f"{path} has another version of {topic.type}: verify it with the release that "
+                "recorded it"
+            )
+    recording = Recording()
+    for item in reader.messages(list(kinds)):
+        kind = kinds[item.topic]
+        if kind is BicycleState:
+            recording.states.append((item.log_time_ns, item.data))
+        elif kind is BicycleCommand:
+            command = convert.to_command(deserialize_message(item.data, kind))
+            key = command.episode, command.step, command.controller
+            recording.commands[key].append(command)
+        else:
+            recording.episodes.append((item.log_time_ns, deserialize_message(item.data, kind)))
+    return recording
+
+
+def verify(recording: Recording) -> Iterator[Verdict]:
+    """Compute state after state.
+
+    Args:
+        recording: of one bicycle.
+
+    Yields:
+        The verdict so far, after each recorded state; the last one is final.
+
+    Raises:
+        BagError: when the settings of an episode are not in the bag or not of this simulator.
+    """
+    verdict = Verdict()
+    before: BicycleState | None = None
+    simulator: Simulator | None = None
+    for time_ns, data in recording.states:
+        state = deserialize_message(data, BicycleState)
+        if before is not None and (state.episode, state.step) == (before.episode, before.step):
+            yield verdict  # the state of a bicycle that is held, published again
+            continue
+        follows = before is not None and state.episode == before.episode
+        if before is None or simulator is None or not follows or state.step < before.step:
+            verdict.begun += 1
+            simulator = _restored(recording, state, time_ns)
+        elif state.step != before.step + 1:
+            _skip(verdict, state)
+            simulator = _restored(recording, state, time_ns)
+        else:
+            simulator = _compute(recording, verdict, simulator, state, time_ns)
+        before = state
+        yield verdict
+        if verdict.difference:
+            return
+
+
+def _compute(
+    recording: Recording,
+    verdict: Verdict,
+    simulator: Simulator,
+    state: BicycleState,
+    time_ns: int,
+) -> Simulator:
+    """Compute one state; returns the simulator to go on with."""
+    stamp = state.header.stamp.sec * 10**9 + state.header.stamp.nanosec
+    here, wanted = simulator.snapshot, _bits(state)
+    computed: BicycleState | None = None
+    for command in _candidates(recording, state):
+        trial = Simulator.restore(here, simulator.scenario, simulator.physics, simulator.seed)
+        computed = convert.from_snapshot(trial.step(command), stamp)
+        if _bits(computed) == wanted:
+            verdict.checked += 1
+            return trial
+    if computed is None:
+        _skip(verdict, state)
+    else:
+        verdict.difference = f"{_place(state)}: {_difference(state, computed)}"
+    return _restored(recording, state, time_ns)
+
+
+def _candidates(recording: Recording, state: BicycleState) -> list[Command | None]:
+    """The commands that may have led to a state; a controller may answer one state twice."""
+    if state.command_source == Source.ZERO:
+        return [None]
+    key = int(state.episode), int(state.command_step), str(state.controller)
+    return list(recording.commands.get(key, []))
+
+
+def _restored(recording: Recording, state: BicycleState, time_ns: int) -> Simulator:
+    """A simulator in this recorded state.
+
+    Raises:
+        BagError: see `verify`.
+    """
+    infos = [(abs(at - time_ns), info) for at, info in recording.episodes]
+    infos = [(distance, info) for distance, info in infos if info.episode == state.episode]
+    if not infos:
+        raise BagError(
+            f"the bag lacks the settings of episode {state.episode}: record {EPISODE} too"
+        )
+    info = min(infos, key=lambda pair: pair[0])[1]
+    try:
+        scenario, physics = convert.to_setting(info)
+        snapshot = convert.to_snapshot(state)
+    except (ValueError, TypeError) as error:
+        raise BagError(
+            f"episode {state.episode} is not one of this simulator's ({error}): verify it with "
+            f"version {info.version}"
+        ) from None
+    return Simulator.restore(snapshot, scenario, physics, int(info.seed))
+
+
+def _skip(verdict: Verdict, state: BicycleState) -> None:
+    """Count a state that nothing leads to."""
+    verdict.unknown += 1
+    verdict.first_unknown = verdict.first_unknown or _place(state)
+
+
+def _place(state: BicycleState) -> str:
+    return f"step {state.step} of episode {state.episode}"
+
+
+def _bits(message: BicycleState) -> list[Any]:
+    """The fields of a message, floats as their eight bytes."""
+    return [_exact(value) for _, value in flat(message)]
+
+
+def _exact(value: Any) -> Any:
+    return struct.pack("<d", value) if isinstance(value, float) else value
+
+
+def _difference(recorded: BicycleState, computed: BicycleState) -> str:
+    """The first field that differs, and by how much."""
+    for (name, old), (_, new) in zip(flat(recorded), flat(computed), strict=True):
+        if _exact(old) != _exact(new):
+            by = f", {abs(old - new):.3g} apart" if isinstance(old, float) else ""
+            return f"{name} was {old!r} and comes out as {new!r}{by}"
+    return "nothing differs"
+
+
+def main() -> int:
+    """Verify the bag that the command line names; returns the exit status."""
+    parser = argparse.ArgumentParser(prog="replay.sh --verify", description=__doc__)
+    parser.add_argument("bag", type=Path, help="bag directory or .mcap file")
+    path = parser.parse_args().bag
+    verdict = Verdict()
+    try:
+        recording = read(path)
+        steps = verify(recording)
+        with tqdm(steps, total=len(recording.states), unit="state", disable=None) as bar:
+            verdict = deque(bar, maxlen=1).pop() if recording.states else verdict
+    except BagError as error:
+        print(f"replay.sh --verify: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("replay.sh --verify: interrupted", file=sys.stderr)
+        return 130
+    print(f"{path}: {verdict}")
+    return 0 if verdict.proved else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
