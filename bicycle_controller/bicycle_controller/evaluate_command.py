@@ -79,9 +79,9 @@ def _numbers(text: str) -> tuple[float, ...]:
     try:
         values = tuple(float(word) for word in text.split(","))
     except ValueError:
-        raise argparse.ArgumentTypeError(
-            f"write 1 or 6 numbers as 0.01,0.1, not {text!r}"
-        ) from None
+        values = ()
+    if len(values) not in (1, 6):
+        raise argparse.ArgumentTypeError(f"write 1 or 6 numbers with commas, not {text!r}")
     return values * 6 if len(values) == 1 else values
 
 

@@ -12,7 +12,7 @@ from tqdm import tqdm
 
 if TYPE_CHECKING:
     from bicycle_controller.controllers import Controller
-from bicycle_sim.config import reject_unknown, require
+from bicycle_sim.config import require
 from bicycle_sim.geometry import wrap_angle
 from bicycle_sim.parameters import Physics
 from bicycle_sim.scenario import Scenario
@@ -41,18 +41,16 @@ class Disturbance:
     displacement_noise: float = 0.0
     """m, half width of uniform noise on the displacement (errata row 21)."""
     observation_noise: tuple[float, ...] = (0.0,) * 6
-    """Standard deviation of Gaussian noise on each of OBSERVATION_FIELDS; one number is for
-    all of them."""
+    """Standard deviation of Gaussian noise on each of OBSERVATION_FIELDS, in its unit."""
     action_delay: int = 0
     """Steps that an action takes to arrive; until then the bicycle gets zeros."""
     speed: float | None = None
     """m/s, replaces the scenario's start speed."""
 
     def __post_init__(self) -> None:
-        noise: Any = self.observation_noise
-        noise = (noise,) * 6 if isinstance(noise, (int, float)) else tuple(noise)
+        noise = tuple(self.observation_noise)
         object.__setattr__(self, "observation_noise", noise)
-        require(len(noise) == 6, f"observation_noise needs 1 or 6 numbers, not {len(noise)}")
+        require(len(noise) == 6, f"observation_noise needs 6 numbers, not {len(noise)}")
         for name in ("roll_kick", "kick_time", "initial_tilt", "displacement_noise"):
             value = getattr(self, name)
             require(_size(value), f"{name} must be zero or more and finite, not {value!r}")
@@ -60,16 +58,6 @@ class Disturbance:
             require(_size(value), f"noise on {name} must be zero or more, not {value!r}")
         whole = isinstance(self.action_delay, int) and 0 <= self.action_delay <= 1000
         require(whole, f"action_delay must be 0 to 1000 whole steps, not {self.action_delay!r}")
-
-    @classmethod
-    def from_dict(cls, data: dict[str, Any]) -> Disturbance:
-        """A disturbance from plain data.
-
-        Raises:
-            ValueError: on an unknown field.
-        """
-        reject_unknown(cls, data)
-        return cls(**data)
 
 
 def _size(value: Any) -> bool:

@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 from policy_maker import make_policy
@@ -20,14 +21,14 @@ QUICK = ["--scenario", "fixed-start-fixed-goal", "--episodes", "20", "--seed", "
 
 
 @pytest.fixture
-def policy(tmp_path):
+def policy(tmp_path: Path) -> Path:
     """A policy file."""
     path = tmp_path / "random.safetensors"
     save_policy(make_policy(), path)
     return path
 
 
-def output(capsys, *arguments: str) -> str:
+def output(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     """Standard output of a command that succeeds and says nothing else."""
     assert cli.main(list(arguments)) == 0
     out, err = capsys.readouterr()
@@ -35,7 +36,7 @@ def output(capsys, *arguments: str) -> str:
     return out
 
 
-def mistake(capsys, *arguments: str) -> str:
+def mistake(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     """The one line with which a command refuses its arguments."""
     status = cli.main(list(arguments))
     out, err = capsys.readouterr()
@@ -45,7 +46,7 @@ def mistake(capsys, *arguments: str) -> str:
     return err
 
 
-def test_evaluate_prints_what_evaluate_finds(capsys):
+def test_evaluate_prints_what_evaluate_finds(capsys: pytest.CaptureFixture[str]) -> None:
     found = json.loads(output(capsys, "evaluate", "lqr", *QUICK, "--json"))
     scenario = SCENARIOS["fixed-start-fixed-goal"]
     expected = evaluate(LqrController(), scenario, episodes=20, seed=3).summary()
@@ -56,7 +57,9 @@ def test_evaluate_prints_what_evaluate_finds(capsys):
     assert promised | {"path_ratio", "orbit_rate"} <= found.keys()
 
 
-def test_evaluate_passes_every_choice_on(capsys, tmp_path):
+def test_evaluate_passes_every_choice_on(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     out = tmp_path / "new" / "found.json"
     choices = ["--set", "max_steps=40", "--set", "goal.low=[90, 90]", "--set", "goal.high=[99,99]"]
     trial = {
@@ -80,20 +83,22 @@ def test_evaluate_passes_every_choice_on(capsys, tmp_path):
     assert (found["episodes"], found["seed"], found["timeout_rate"]) == (20, 3, 1.0)
 
 
-def test_evaluate_uses_what_the_policy_was_trained_on(capsys, policy):
+def test_evaluate_uses_what_the_policy_was_trained_on(
+    capsys: pytest.CaptureFixture[str], policy: Path
+) -> None:
     found = json.loads(output(capsys, "evaluate", str(policy), "--episodes", "5", "--json"))
     assert found["scenario"]["name"] == "random-start-random-goal"
     assert found["controller"] == load_policy(policy).policy_id
 
 
-def test_evaluate_takes_a_run_folder(capsys, tmp_path):
+def test_evaluate_takes_a_run_folder(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     save_policy(make_policy(), tmp_path / "run" / "best.safetensors")
     text = output(capsys, "evaluate", str(tmp_path / "run"), *QUICK)
     assert make_policy().policy_id in text
     assert "reached the goal" in text
 
 
-def test_evaluate_compares(capsys, policy):
+def test_evaluate_compares(capsys: pytest.CaptureFixture[str], policy: Path) -> None:
     words = ["evaluate", "lqr", "--against", str(policy), *QUICK]
     found = json.loads(output(capsys, *words, "--json"))
     assert found["comparison"]["controllers"] == [
@@ -104,7 +109,7 @@ def test_evaluate_compares(capsys, policy):
     assert "only lqr" in output(capsys, *words)
 
 
-def test_evaluate_without_a_gpu_says_so(capsys, policy):
+def test_evaluate_without_a_gpu_says_so(capsys: pytest.CaptureFixture[str], policy: Path) -> None:
     assert cli.main(["evaluate", str(policy), *QUICK, "--device", "cuda:63"]) == 0
     assert "runs on the CPU" in capsys.readouterr().err
 
@@ -132,11 +137,13 @@ def test_evaluate_without_a_gpu_says_so(capsys, policy):
         (["train", "--out", "/tmp/none", "--preset", "fats"], "'fast'"),
     ],
 )
-def test_a_mistake_is_one_line_with_the_remedy(capsys, words, expected):
+def test_a_mistake_is_one_line_with_the_remedy(
+    capsys: pytest.CaptureFixture[str], words: list[str], expected: str
+) -> None:
     assert expected in mistake(capsys, *words)
 
 
-def test_every_command_has_help_seed_device_and_json(capsys):
+def test_every_command_has_help_seed_device_and_json(capsys: pytest.CaptureFixture[str]) -> None:
     for name in cli.COMMANDS:
         text = output(capsys, name, "--help")
         for option in ("--help", "--seed", "--device", "--json"):
@@ -144,7 +151,9 @@ def test_every_command_has_help_seed_device_and_json(capsys):
         assert name in output(capsys)
 
 
-def test_export_writes_what_loads_again(capsys, policy, tmp_path):
+def test_export_writes_what_loads_again(
+    capsys: pytest.CaptureFixture[str], policy: Path, tmp_path: Path
+) -> None:
     scored = tmp_path / "scored.json"
     output(capsys, "evaluate", str(policy), *QUICK, "--out", str(scored))
     words = ["--name", "new", "--to", str(tmp_path / "to"), "--evaluation", str(scored), "--json"]
@@ -166,7 +175,9 @@ def test_export_writes_what_loads_again(capsys, policy, tmp_path):
     assert files == ["random.md", "random.safetensors"]
 
 
-def test_export_refuses_another_policy_s_evaluation(capsys, policy, tmp_path):
+def test_export_refuses_another_policy_s_evaluation(
+    capsys: pytest.CaptureFixture[str], policy: Path, tmp_path: Path
+) -> None:
     scored = tmp_path / "scored.json"
     output(capsys, "evaluate", "lqr", *QUICK, "--out", str(scored))
     words = ["export", str(policy), "--to", str(tmp_path / "to"), "--evaluation"]
@@ -177,7 +188,7 @@ def test_export_refuses_another_policy_s_evaluation(capsys, policy, tmp_path):
     assert not (tmp_path / "to").exists()
 
 
-def test_ctrl_c_ends_without_a_traceback():
+def test_ctrl_c_ends_without_a_traceback() -> None:
     words = ["evaluate", "lqr", "--episodes", "1000000"]
     process = subprocess.Popen([*BICYCLE, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     time.sleep(3.0)
@@ -188,7 +199,7 @@ def test_ctrl_c_ends_without_a_traceback():
     assert err == b"bicycle evaluate: interrupted\n"
 
 
-def test_help_loads_nothing_heavy():
+def test_help_loads_nothing_heavy() -> None:
     code = "import sys; from bicycle_controller import cli; cli.main([]); print(*sys.modules)"
     text = subprocess.check_output([sys.executable, "-c", code], text=True)
     loaded = text.splitlines()[-1].split()
@@ -196,7 +207,7 @@ def test_help_loads_nothing_heavy():
     assert not {"numpy", "torch", "ray", "scipy"} & set(loaded)
 
 
-def test_missing_torch_is_one_line(tmp_path):
+def test_missing_torch_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "torch.py").write_text("raise ModuleNotFoundError(name='torch')\n")
     path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(

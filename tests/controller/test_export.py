@@ -1,4 +1,5 @@
 import json
+from pathlib import Path
 
 import numpy as np
 import onnx
@@ -18,7 +19,9 @@ from bicycle_sim.scenario import SCENARIOS
 
 @pytest.mark.parametrize("norm", [False, True])
 @pytest.mark.parametrize("limits", [(2.0, 0.2, 0.0), (2.0, 0.02, 100.0), (0.0, 0.2, 0.0)])
-def test_onnx_runtime_gives_the_policy_s_actions(tmp_path, norm, limits):
+def test_onnx_runtime_gives_the_policy_s_actions(
+    tmp_path: Path, norm: bool, limits: tuple[float, float, float]
+) -> None:
     policy = make_policy(hidden=(400, 300), limits=limits, norm=norm)
     path = tmp_path / "policy.onnx"
     differences = save_onnx(policy, path, TorchPolicy(policy))
@@ -31,7 +34,7 @@ def test_onnx_runtime_gives_the_policy_s_actions(tmp_path, norm, limits):
         np.testing.assert_allclose(action, policy.act(observation), atol=1e-5 * max(limits))
 
 
-def test_onnx_keeps_the_metadata():
+def test_onnx_keeps_the_metadata() -> None:
     policy = make_policy()
     props = {item.key: item.value for item in to_onnx(policy).metadata_props}
     assert props == metadata(policy.info) | {"policy_id": policy.policy_id}
@@ -40,7 +43,7 @@ def test_onnx_keeps_the_metadata():
     assert (sizes[0].dim_param, sizes[1].dim_value) == ("N", 6)
 
 
-def test_disagreement_is_found_and_nothing_written(tmp_path):
+def test_disagreement_is_found_and_nothing_written(tmp_path: Path) -> None:
     policy, other = make_policy(), make_policy(seed=1)
     with pytest.raises(ExportError, match="torch and numpy differ"):
         save_onnx(policy, tmp_path / "policy.onnx", TorchPolicy(other))
@@ -49,7 +52,7 @@ def test_disagreement_is_found_and_nothing_written(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_slip_in_the_scaling_is_found():
+def test_a_slip_in_the_scaling_is_found() -> None:
     policy = make_policy()
     model = to_onnx(policy)
     for tensor in model.graph.initializer:
@@ -60,7 +63,7 @@ def test_a_slip_in_the_scaling_is_found():
         parity(policy, model.SerializeToString())
 
 
-def test_card_says_where_the_policy_comes_from():
+def test_card_says_where_the_policy_comes_from() -> None:
     policy = make_policy()
     summary = evaluate(
         policy,

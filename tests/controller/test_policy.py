@@ -4,6 +4,8 @@ import math
 import pickle
 import subprocess
 import sys
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,7 +30,7 @@ from bicycle_sim.scenario import SCENARIOS
 SCENARIO = SCENARIOS["fixed-start-fixed-goal"]
 
 
-def small(norm: bool, limits=(2.0, 0.0, 100.0)) -> Policy:
+def small(norm: bool, limits: tuple[float, ...] = (2.0, 0.0, 100.0)) -> Policy:
     """Two hidden units that see the steering angle as 3 x and 1 x, and two outputs."""
     tensors = {
         "layer.0.weight": np.array([[3, 0, 0, 0, 0, 0], [1, 0, 0, 0, 0, 0]], np.float32),
@@ -47,7 +49,7 @@ def steered(angle: float) -> np.ndarray:
     return np.array([[angle, 0.0, 0.0, 0.0, 0.0, 0.0]])
 
 
-def test_network_worked_by_hand():
+def test_network_worked_by_hand() -> None:
     # 0.4 / 0.5 = 0.8; hidden 2.4, 0.8; sums 0.5*2.4 - 0.25*0.8 + 0.1 = 1.1, -1.2 + 0.8 = -0.4.
     action = small(norm=False).act(steered(0.4))
     expected = [[2.0 * math.tanh(1.1), 0.0, 100.0 * math.tanh(-0.4)]]
@@ -57,7 +59,7 @@ def test_network_worked_by_hand():
     np.testing.assert_allclose(action, [[2.0 * math.tanh(0.1), 0.0, 0.0]], rtol=1e-6)
 
 
-def test_layer_norm_worked_by_hand():
+def test_layer_norm_worked_by_hand() -> None:
     # Sums 3 and 1: mean 2, variance 1, so +-1 / sqrt(1 + 1e-5); then 2 n + 0.5 and n + 0.25.
     one = 1.0 / math.sqrt(1.0 + 1e-5)
     first = 2.0 * one + 0.5
@@ -68,7 +70,7 @@ def test_layer_norm_worked_by_hand():
 
 @pytest.mark.parametrize("norm", [False, True])
 @pytest.mark.parametrize("limits", [(2.0, 0.2, 0.0), (2.0, 0.02, 100.0), (0.0, 0.0, 50.0)])
-def test_equals_torch(norm, limits):
+def test_equals_torch(norm: bool, limits: tuple[float, float, float]) -> None:
     policy = make_policy(hidden=(400, 300), limits=limits, norm=norm)
     observation = np.random.default_rng(1).normal(size=(CHUNK * 2 + 7, 6))
     difference = policy.act(observation) - TorchPolicy(policy).act(observation)
@@ -79,7 +81,7 @@ def test_equals_torch(norm, limits):
 
 
 @pytest.mark.parametrize("norm", [False, True])
-def test_a_batch_is_its_rows(norm):
+def test_a_batch_is_its_rows(norm: bool) -> None:
     policy = make_policy(norm=norm)
     observation = np.random.default_rng(2).normal(size=(CHUNK + 3, 6))
     batch = policy.act(observation)
@@ -87,7 +89,7 @@ def test_a_batch_is_its_rows(norm):
     np.testing.assert_allclose(batch, singles, atol=1e-6)
 
 
-def test_answers_are_not_overwritten_by_the_next():
+def test_answers_are_not_overwritten_by_the_next() -> None:
     policy = make_policy()
     first = policy.act(np.zeros((1, 6)))
     kept = first.copy()
@@ -95,27 +97,27 @@ def test_answers_are_not_overwritten_by_the_next():
     assert (first == kept).all()
 
 
-def test_no_bicycles_no_actions():
+def test_no_bicycles_no_actions() -> None:
     assert make_policy().act(np.zeros((0, 6))).shape == (0, 3)
 
 
-def test_nan_is_not_hidden():
+def test_nan_is_not_hidden() -> None:
     action = make_policy().act(np.full((1, 6), np.nan))
     assert np.isnan(action[0, :2]).all()
 
 
 @pytest.mark.parametrize("shape", [(6,), (1, 5), (2, 3, 6)])
-def test_wrong_observation_shape(shape):
+def test_wrong_observation_shape(shape: tuple[int, ...]) -> None:
     with pytest.raises(ValueError, match="must have shape"):
         make_policy().act(np.zeros(shape))
 
 
-def test_speed_is_ignored():
+def test_speed_is_ignored() -> None:
     policy, observation = make_policy(), np.ones((4, 6))
     np.testing.assert_array_equal(policy.act(observation, np.ones(4)), policy.act(observation))
 
 
-def test_file_round_trip(tmp_path):
+def test_file_round_trip(tmp_path: Path) -> None:
     policy = make_policy(norm=True)
     path = tmp_path / "deep" / "a.safetensors"
     save_policy(policy, path)
@@ -128,16 +130,16 @@ def test_file_round_trip(tmp_path):
     assert [item.name for item in path.parent.iterdir()] == ["a.safetensors"]
 
 
-def test_equal_policies_make_equal_files():
+def test_equal_policies_make_equal_files() -> None:
     files = {policy_file.encode(p.info, p.tensors) for p in (make_policy() for _ in range(8))}
     assert len(files) == 1
 
 
-def test_other_weights_have_another_id():
+def test_other_weights_have_another_id() -> None:
     assert make_policy(seed=0).policy_id != make_policy(seed=1).policy_id
 
 
-def test_failed_write_leaves_nothing(tmp_path):
+def test_failed_write_leaves_nothing(tmp_path: Path) -> None:
     target = tmp_path / "a.safetensors"
     target.mkdir()
     with pytest.raises(OSError, match=r"a\.safetensors"):
@@ -145,12 +147,12 @@ def test_failed_write_leaves_nothing(tmp_path):
     assert [item.name for item in tmp_path.iterdir()] == ["a.safetensors"]
 
 
-def test_shipped_policies_load():
+def test_shipped_policies_load() -> None:
     for name in shipped_policies():
         assert load_policy(name).policy_id.startswith(f"{name}@")
 
 
-def refused(path) -> str:
+def refused(path: str | Path) -> str:
     """The one line with which a policy is refused."""
     with pytest.raises(PolicyError) as caught:
         load_policy(path)
@@ -160,7 +162,7 @@ def refused(path) -> str:
     return message
 
 
-def write(path, data: bytes):
+def write(path: Path, data: bytes) -> Path:
     path.write_bytes(data)
     return path
 
@@ -170,7 +172,7 @@ def encoded() -> bytes:
     return policy_file.encode(policy.info, policy.tensors)
 
 
-def test_missing_file_and_directory(tmp_path):
+def test_missing_file_and_directory(tmp_path: Path) -> None:
     assert "does not exist" in refused(tmp_path / "none.safetensors")
     assert "is not a file" in refused(tmp_path)
     assert "shipped policies" in refused("no-such-policy")
@@ -178,7 +180,7 @@ def test_missing_file_and_directory(tmp_path):
     refused("two\nlines")
 
 
-def test_every_truncation_is_refused(tmp_path):
+def test_every_truncation_is_refused(tmp_path: Path) -> None:
     data = encoded()
     lengths = [*range(0, 64), *range(64, len(data), 331), len(data) - 1]
     for length in lengths:
@@ -186,7 +188,7 @@ def test_every_truncation_is_refused(tmp_path):
     refused(write(tmp_path / "long.safetensors", data + b"\0"))
 
 
-def test_no_damage_to_the_header_gets_through_as_another_error(tmp_path):
+def test_no_damage_to_the_header_gets_through_as_another_error(tmp_path: Path) -> None:
     data, rng = encoded(), np.random.default_rng(3)
     size = 8 + int.from_bytes(data[:8], "little")
     messages = []
@@ -202,9 +204,9 @@ def test_no_damage_to_the_header_gets_through_as_another_error(tmp_path):
     assert not any("\n" in message for message in messages)
 
 
-def test_pickles_are_never_opened(tmp_path):
+def test_pickles_are_never_opened(tmp_path: Path) -> None:
     class Bomb:
-        def __reduce__(self):
+        def __reduce__(self) -> tuple[Any, ...]:
             return (exec, ("raise SystemExit('pickle was run')",))
 
     bombs = [pickle.dumps(Bomb(), protocol) for protocol in (2, 4, 5)]
@@ -215,19 +217,19 @@ def test_pickles_are_never_opened(tmp_path):
 
 
 @pytest.mark.parametrize("size", [2**63, 2**40, policy_file.MAX_HEADER_BYTES + 1])
-def test_huge_header(tmp_path, size):
+def test_huge_header(tmp_path: Path, size: int) -> None:
     data = size.to_bytes(8, "little") + b"{" * 1000
     assert "header" in refused(write(tmp_path / "huge.safetensors", data))
 
 
-def test_huge_file(tmp_path):
+def test_huge_file(tmp_path: Path) -> None:
     path = tmp_path / "sparse.safetensors"
     with path.open("wb") as file:
         file.truncate(policy_file.MAX_FILE_BYTES * 64)
     assert "too large" in refused(path)
 
 
-def test_nested_header(tmp_path):
+def test_nested_header(tmp_path: Path) -> None:
     header = b"[" * 100_000
     data = len(header).to_bytes(8, "little") + header
     assert "header" in refused(write(tmp_path / "nested.safetensors", data))
@@ -260,13 +262,13 @@ def metadata() -> dict[str, str]:
         ("trained", "[]", "trained"),
     ],
 )
-def test_wrong_metadata(tmp_path, name, value, expected):
+def test_wrong_metadata(tmp_path: Path, name: str, value: str, expected: str) -> None:
     path = tmp_path / "wrong.safetensors"
     save_file(make_policy().tensors, path, metadata() | {name: value})
     assert expected in refused(path)
 
 
-def test_missing_metadata(tmp_path):
+def test_missing_metadata(tmp_path: Path) -> None:
     path = tmp_path / "missing.safetensors"
     save_file(make_policy().tensors, path)
     assert "not a bicycle policy" in refused(path)
@@ -294,7 +296,7 @@ def test_missing_metadata(tmp_path):
         ("layer.2.bias", None),
     ],
 )
-def test_wrong_tensors(tmp_path, name, tensor):
+def test_wrong_tensors(tmp_path: Path, name: str, tensor: np.ndarray | None) -> None:
     tensors = dict(make_policy().tensors)
     tensors.pop(name, None)
     if tensor is not None:
@@ -304,7 +306,7 @@ def test_wrong_tensors(tmp_path, name, tensor):
     refused(path)
 
 
-def test_needs_no_torch_scipy_or_ros():
+def test_needs_no_torch_scipy_or_ros() -> None:
     code = (
         "import sys, bicycle_controller.policy;"
         "print([m for m in ('torch', 'scipy', 'rclpy', 'onnx', 'gymnasium') if m in sys.modules])"
