@@ -86,6 +86,8 @@ class RunFolder:
                     f"{name} cannot change when a run goes on, only {', '.join(RESUMABLE)} can:"
                     " choose another --out"
                 )
+        for stale in [*self.path.glob(".*.*.*"), *self.checkpoint.parent.glob(".*.*.*")]:
+            stale.unlink()  # half-written when the run was killed
         if new != old:
             write_atomically(self.config, settings.dump(new).encode())
         return new

@@ -1,0 +1,169 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from training_maker import small_run
+
+from bicycle_controller.collect import Collector
+from bicycle_controller.config import StartsConfig
+from bicycle_controller.replay import Batch, Replay
+from bicycle_controller.starts import restart, ride_on, training_scenario
+from bicycle_sim.scenario import SCENARIOS
+from bicycle_sim.task import BicycleTask
+
+EVERYONE = np.ones(2000, dtype=bool)
+
+
+def task_of(count: int = 2000) -> BicycleTask:
+    scenario = SCENARIOS["random-start-random-goal"]
+    return BicycleTask(scenario, None, count, np.random.default_rng(0))
+
+
+class Still:
+    """A policy that does nothing."""
+
+    def act(self, observation):
+        return np.zeros((len(observation), 2))
+
+
+class Broken:
+    def act(self, observation):
+        return np.full((len(observation), 2), np.nan)
+
+
+def collected(steps: int, *overrides: str) -> tuple[Collector, Batch]:
+    """All transitions of a few steps of two bicycles, in order."""
+    config = small_run("bicycles=2", "warm_up=0", "noise.kind=none", *overrides)
+    replay = Replay(10_000, 2)
+    collector = Collector(config, replay)
+    for _ in range(steps):
+        collector.step(Still())
+    table = replay.table[: replay.size]
+    parts = [part.numpy() for part in table.split(replay.columns, dim=1)]
+    return collector, Batch(*parts[:3], *(part[:, 0] for part in parts[3:]))
+
+
+def test_near_goals_lie_at_any_bearing_within_their_distances():
+    task = task_of()
+    restart(task, EVERYONE, StartsConfig(near_share=0.5, near_distance=(1.5, 15.0)))
+    distance = task.goal_distance()
+    near = distance <= 15.0
+    assert distance.min() >= 1.5
+    # Of the scenario's own goals in 200 m by 200 m about 1.5 % are as near.
+    assert 0.45 < near.mean() < 0.56
+    error = task.observation()[near, 5]
+    counts = np.histogram(error, bins=8, range=(-np.pi, np.pi))[0]
+    assert counts.min() > 0.09 * near.sum()
+
+
+def test_tilted_starts_stay_within_their_bounds():
+    task = task_of()
+    spreads = {"tilt": 0.1, "tilt_rate": 0.2, "steer": 0.3, "steer_rate": 0.4}
+    restart(task, EVERYONE, StartsConfig(**spreads))
+    state = task.state
+    found = (state.lean_angle, state.lean_rate, state.steer_angle, state.steer_rate)
+    for values, spread in zip(found, spreads.values(), strict=True):
+        assert 0.98 * spread < np.abs(values).max() <= spread
+        assert abs(values.mean()) < 0.05 * spread
+
+
+def test_only_the_chosen_start_again():
+    task = task_of(4)
+    for _ in range(3):
+        task.step(np.zeros((4, 3)))
+    before = task.snapshot()
+    restart(task, np.array([True, False, False, True]), StartsConfig(tilt=0.1, near_share=1.0))
+    assert np.array_equal(task.state.rear_x[1:3], before.rear_x[1:3])
+    assert np.array_equal(task.state.lean_angle[1:3], before.lean_angle[1:3])
+    assert task.steps.tolist() == [0, 3, 3, 0]
+
+
+def test_riding_on_changes_the_goal_and_nothing_else():
+    task = task_of(4)
+    for _ in range(3):
+        task.step(np.full((4, 3), 0.1))
+    before, goals = task.snapshot(), task.goal_x.copy()
+    ride_on(task, np.array([True, True, False, False]), StartsConfig())
+    for name, values in vars(before).items():
+        assert np.array_equal(getattr(task.state, name), values)
+    assert (task.goal_x != goals).tolist() == [True, True, False, False]
+    assert task.steps.tolist() == [0, 0, 3, 3]
+
+
+def test_the_training_limit_replaces_the_scenarios():
+    scenario = SCENARIOS["random-start-random-goal"]
+    assert training_scenario(scenario, StartsConfig()).max_steps == 4000
+    assert training_scenario(scenario, StartsConfig(max_steps=400)).max_steps == 400
+    assert scenario.max_steps == 4000
+
+
+def test_row_25_frozen_falls_enter_the_memory_up_to_the_step_limit():
+    # Tilted by up to half a radian and never steered, both bicycles fall within 40 steps.
+    _, batch = collected(40, "ddpg.fall=frozen", "starts.tilt=0.5")
+    assert len(batch.reward) == 80
+    for who in range(2):
+        mine = Batch(*(column[who::2] for column in vars(batch).values()))
+        first = int(np.argmax(mine.fallen))
+        assert 0 < first < 39
+        assert mine.fallen[first:].all()
+        assert np.ptp(mine.reward[first:]) == 0.0
+        assert not np.ptp(mine.next_observation[first:], axis=0).any()
+        assert np.allclose(mine.discount, 0.99)
+        assert mine.truncated.tolist() == [0.0] * 39 + [1.0]
+
+
+def test_absorbing_falls_start_again_at_once_and_are_worth_lying_for_ever():
+    collector, batch = collected(40, "ddpg.fall=absorbing", "starts.tilt=0.5")
+    _, frozen = collected(40, "ddpg.fall=frozen", "starts.tilt=0.5")
+    falls = np.flatnonzero(batch.fallen)
+    assert len(falls) >= 2
+    assert not batch.discount[falls].any()
+    assert batch.discount[batch.fallen == 0] == pytest.approx(0.99)
+    first = falls[0]
+    assert frozen.fallen[first]
+    assert batch.reward[first] == pytest.approx(frozen.reward[first] / 0.01, rel=1e-5)
+    # The next transition of the same bicycle begins upright and unhurried.
+    assert batch.observation[first + 2][3] == 0.0
+    assert collector.metrics()["fall_rate"] == 1.0
+
+
+def test_the_warm_up_draws_the_whole_range_and_ends_in_time():
+    config = small_run("bicycles=50", "warm_up=1000")
+    replay = Replay(3000, 2)
+    collector = Collector(config, replay)
+    for _ in range(40):
+        collector.step(Still())
+    actions = replay.table[: replay.size, 6:8].numpy()
+    assert np.abs(actions[:1000]).max() > 0.99
+    assert abs(actions[:1000].mean()) < 0.05
+    # After it, only Ornstein-Uhlenbeck noise of 0.2 remains.
+    assert actions[1000:].std() < 0.6
+
+
+def test_the_policy_chooses_only_driven_actions():
+    pedal = small_run("scenario=learned-speed", "scenario.max_steps=60")
+    assert Collector(pedal, Replay(10, 3)).driven.tolist() == [0, 1, 2]
+    assert Collector(small_run(), Replay(10, 2)).driven.tolist() == [0, 1]
+
+
+def test_a_diverged_policy_is_one_line():
+    collector = Collector(small_run("warm_up=0"), Replay(100, 2))
+    with pytest.raises(ValueError, match=r"diverged after 0 steps.*learning rates"):
+        collector.step(Broken())
+
+
+def test_a_saved_collection_goes_on_to_the_bit():
+    config = small_run("starts.near_share=0.5", "starts.ride_on=0.5", "ddpg.n_step=3")
+    config = replace(config, ddpg=replace(config.ddpg, fall="absorbing"))
+    first, second = Collector(config, Replay(9000, 2)), Collector(config, Replay(9000, 2))
+    for _ in range(60):
+        first.step(Still())
+    second.load_state_dict(first.state_dict())
+    first.replay.size = first.replay.position = 0
+    for _ in range(60):
+        for collector in (first, second):
+            collector.step(Still())
+    rows = [c.replay.table[: c.replay.size].numpy() for c in (first, second)]
+    assert len(rows[0]) > 400
+    assert np.array_equal(rows[0], rows[1])
+    assert first.metrics() == second.metrics()

@@ -1,0 +1,239 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from training_maker import batch_of, random_replay, small_ddpg
+
+from bicycle_controller import checkpoint
+from bicycle_controller.agents.ddpg import Ddpg
+from bicycle_controller.agents.fused import FusedDdpg
+from bicycle_controller.replay import Replay, Returns
+
+BOTH = pytest.mark.parametrize("kind", [Ddpg, FusedDdpg])
+ZERO, FALSE, TRUE = np.zeros((1, 6)), np.array([False]), np.array([True])
+
+
+def constant_critics(agent: Ddpg, *values: float) -> None:
+    """Make each target critic say one value everywhere."""
+    for critic, value in zip(agent.critic_targets, values, strict=True):
+        for parameter in critic.parameters():
+            parameter.data.zero_()
+        critic.layers[-1].bias.data.fill_(value)
+
+
+def target_of(agent: Ddpg, reward: float, terminated=FALSE, truncated=FALSE, fallen=FALSE):
+    """The critic's target for one step that ends so, the whole way through the memory."""
+    config = agent.config
+    absorbing = config.fall == "absorbing"
+    returns = Returns(1, 1, config.n_step, config.gamma, config.fall_penalty, absorbing)
+    replay = Replay(4, 1)
+    step = (ZERO, np.zeros((1, 1)), np.array([reward]), ZERO, terminated, truncated, fallen)
+    replay.add(returns.push(*step))
+    batch = replay.sample(config.batch, torch.Generator().manual_seed(0))
+    return agent.targets(agent._prepared(batch))[0].item()
+
+
+@BOTH
+@pytest.mark.parametrize("fall", ["frozen", "absorbing"])
+def test_targets_of_every_end_by_hand(kind, fall):
+    config = small_ddpg(fall=fall, gamma=0.9, reward_scale=0.1, fall_penalty=1.0)
+    agent = kind(config, 1, 0)
+    constant_critics(agent, -5.0)
+    bootstrapped = 0.1 * -2.0 + 0.9 * -5.0
+    assert target_of(agent, -2.0) == pytest.approx(bootstrapped)
+    assert target_of(agent, -2.0, truncated=TRUE) == pytest.approx(bootstrapped)
+    assert target_of(agent, -2.0, terminated=TRUE) == pytest.approx(0.1 * -2.0)
+    # A fall pays -2 - 1 now and, frozen, whatever the critic says of the frozen state;
+    # absorbing, the same reward for ever: -3 / (1 - 0.9) = -30.
+    expected = 0.1 * -30.0 if fall == "absorbing" else 0.1 * -3.0 + 0.9 * -5.0
+    assert target_of(agent, -2.0, fallen=TRUE) == pytest.approx(expected)
+
+
+@BOTH
+def test_twin_critics_give_their_minimum(kind):
+    agent = kind(small_ddpg(critics=2, gamma=0.5), 1, 0)
+    constant_critics(agent, -3.0, -7.0)
+    assert target_of(agent, -1.0) == pytest.approx(-1.0 + 0.5 * -7.0)
+
+
+@BOTH
+def test_bounded_targets_stay_within_what_can_be_true(kind):
+    config = small_ddpg(bound_values=True, gamma=0.5, reward_min=-10.0, reward_scale=0.1)
+    agent = kind(config, 1, 0)
+    constant_critics(agent, 8.0)
+    assert target_of(agent, -1.0) == 0.0
+    constant_critics(agent, -99.0)
+    assert target_of(agent, -1.0) == pytest.approx(-10.0 * 0.1 / 0.5)
+
+
+@BOTH
+def test_smoothing_noise_is_clipped_and_moves_the_targets_action(kind):
+    config = small_ddpg(smoothing=10.0, smoothing_clip=0.25, action_layer=2)
+    agent = kind(config, 1, 0)
+    action = torch.zeros(1000, 1)
+    smoothed = agent._smoothed(action)
+    assert set(smoothed.abs().flatten().tolist()) > {0.25}
+    assert smoothed.abs().max() == 0.25
+    assert agent._smoothed(torch.ones(1000, 1)).max() == 1.0
+
+
+def hand_worked_agent(kind: type[Ddpg]) -> Ddpg:
+    config = small_ddpg(
+        actor_hidden=(1,),
+        critic_hidden=(1,),
+        action_layer=1,
+        batch=1,
+        actor_learning_rate=0.01,
+        critic_learning_rate=0.1,
+        tau=0.25,
+        observation_scale=(2.0, 1.0, 1.0, 1.0, 1.0, 1.0),
+    )
+    agent = kind(config, 1, 0)
+    for network in (agent.actor, agent.actor_target):
+        set_parameters(network, [[1.0, 0, 0, 0, 0, 0]], [0.0], [[0.0]], [0.0])
+    for critic in (agent.critics[0], agent.critic_targets[0]):
+        set_parameters(critic, [[1.0, 0, 0, 0, 0, 0, 2.0]], [0.0], [[3.0]], [1.0])
+    return agent
+
+
+def set_parameters(network: torch.nn.Module, *values: list) -> None:
+    for parameter, value in zip(network.parameters(), values, strict=True):
+        parameter.data.copy_(torch.tensor(value))
+
+
+@BOTH
+def test_one_update_by_hand(kind):
+    agent = hand_worked_agent(kind)
+    agent.update_on(batch_of([[2.0, 0, 0, 0, 0, 0]], [[0.5]], [-1.0], [0.0]))
+    # The observation is 2 / 2 = 1. Q = 3 (1 + 2 * 0.5) + 1 = 7 and y = -1, so the loss's slope
+    # is 16, positive at every parameter that is used; Adam's first step is the learning rate.
+    critic = [p.detach().flatten().tolist() for p in agent.critics[0].parameters()]
+    expected = [[0.9, 0, 0, 0, 0, 0, 1.9], [-0.1], [2.9], [0.9]]
+    for found, value in zip(critic, expected, strict=True):
+        assert found == pytest.approx(value, abs=1e-6)
+    # The actor's slope is -2.9 * 1.9 at its output, times the hidden 1 at the weight, so both
+    # grow by the learning rate; the output weight was 0, so nothing reaches the hidden layer.
+    actor = [p.detach().flatten().tolist() for p in agent.actor.parameters()]
+    for found, value in zip(actor, [[1, 0, 0, 0, 0, 0], [0], [0.01], [0.01]], strict=True):
+        assert found == pytest.approx(value, abs=1e-6)
+    slow = [p.flatten().tolist() for p in agent.actor_target.parameters()]
+    assert slow[3] == pytest.approx([0.0025], abs=1e-7)
+    slow = [p.flatten().tolist() for p in agent.critic_targets[0].parameters()]
+    assert slow[2] == pytest.approx([3.0 - 0.25 * 0.1], abs=1e-6)
+
+
+def test_the_gradients_of_that_update_by_hand():
+    agent = hand_worked_agent(Ddpg)
+    agent.update_on(batch_of([[2.0, 0, 0, 0, 0, 0]], [[0.5]], [-1.0], [0.0]))
+    critic = [p.grad.flatten().tolist() for p in agent.critics[0].parameters()]
+    assert critic == [[48, 0, 0, 0, 0, 0, 24], [48], [32], [16]]
+    actor = [p.grad.flatten().tolist() for p in agent.actor.parameters()]
+    assert actor[2] == pytest.approx([-2.9 * 1.9])
+    assert actor[3] == pytest.approx([-2.9 * 1.9])
+
+
+@BOTH
+def test_the_actor_and_the_targets_wait_for_their_turn(kind):
+    agent, replay = kind(small_ddpg(actor_every=3), 2, 0), random_replay(2)
+    start = [p.detach().clone() for p in (*agent.actor.parameters(),)]
+    slow = [p.detach().clone() for p in agent.critic_targets.parameters()]
+    agent.update(replay, 2)
+    assert all(torch.equal(a, b) for a, b in zip(start, agent.actor.parameters(), strict=True))
+    assert all(
+        torch.equal(a, b) for a, b in zip(slow, agent.critic_targets.parameters(), strict=True)
+    )
+    agent.update(replay, 1)
+    assert not all(torch.equal(a, b) for a, b in zip(start, agent.actor.parameters(), strict=True))
+
+
+SWITCHES = {
+    "paper": {},
+    "td3": {"critics": 2, "actor_every": 2, "smoothing": 0.2},
+    "norms": {"critic_layer_norm": True, "actor_layer_norm": True},
+    "huber and clip": {"huber": 0.1, "grad_clip": 0.05},
+    "bc": {"bc_weight": 1.0, "saturation_penalty": 0.1},
+    "mirror": {"mirror": True, "bound_values": True, "reward_scale": 0.1},
+    "first layer": {"action_layer": 1, "critics": 2, "critic_layer_norm": True},
+    "three layers": {"critic_hidden": (9, 8, 7), "actor_hidden": (5,), "action_layer": 3},
+}
+
+
+@pytest.mark.parametrize("name", SWITCHES)
+def test_hand_written_gradients_equal_autograd(name):
+    config, replay = small_ddpg(**SWITCHES[name]), random_replay(2)
+    first, second = Ddpg(config, 2, 3), FusedDdpg(config, 2, 3)
+    start = [p.detach().clone() for p in first.actor.parameters()]
+    for agent in (first, second):
+        for _ in range(10):
+            agent.update(replay, 3)
+    for part in ("actor", "critics", "actor_target", "critic_targets"):
+        pairs = zip(
+            getattr(first, part).parameters(), getattr(second, part).parameters(), strict=True
+        )
+        for one, other in pairs:
+            assert torch.allclose(one, other, rtol=0, atol=1e-5)
+    moved = [(a - b).abs().max() for a, b in zip(start, first.actor.parameters(), strict=True)]
+    assert min(moved) > 1e-3
+    metrics = first.metrics(), second.metrics()
+    assert metrics[0] == pytest.approx(metrics[1], rel=1e-3, abs=1e-5)
+    assert set(metrics[0]) == {"critic_loss", "q_data", "q_policy"}
+
+
+def test_hand_written_gradients_equal_autograd_at_the_papers_sizes():
+    config = replace(small_ddpg(), actor_hidden=(400, 300), critic_hidden=(200, 200), batch=64)
+    replay = random_replay(3)
+    first, second = Ddpg(config, 3, 0), FusedDdpg(config, 3, 0)
+    for agent in (first, second):
+        agent.update(replay, 5)
+    for part in ("actor", "critics"):
+        pairs = zip(
+            getattr(first, part).parameters(), getattr(second, part).parameters(), strict=True
+        )
+        assert all(torch.allclose(one, other, rtol=0, atol=1e-5) for one, other in pairs)
+
+
+@BOTH
+@pytest.mark.parametrize("switches", [{}, {"critics": 2, "smoothing": 0.1, "mirror": True}])
+def test_a_saved_agent_goes_on_to_the_bit(kind, switches, tmp_path):
+    config, replay = small_ddpg(**switches), random_replay(2)
+    agent, other = kind(config, 2, 0), kind(config, 2, 77)
+    agent.update(replay, 5)
+    checkpoint.save(tmp_path / "state.pt", agent.state_dict())
+    other.load_state_dict(checkpoint.load(tmp_path / "state.pt"))
+    for learner in (agent, other):
+        learner.update(replay, 5)
+    mine, theirs = agent.state_dict(), other.state_dict()
+    for part in ("actor", "critics", "actor_target", "critic_targets"):
+        assert all(torch.equal(mine[part][key], theirs[part][key]) for key in mine[part])
+    assert agent.metrics() == other.metrics()
+
+
+@pytest.mark.parametrize("switches", [{}, {"critics": 2, "actor_every": 2, "smoothing": 0.05}])
+def test_it_finds_the_best_action_of_a_one_step_problem(switches):
+    rng = np.random.default_rng(0)
+    action = rng.uniform(-1, 1, (2000, 1))
+    reward = -((action - 0.4) ** 2)
+    rest = np.zeros((2000, 4))
+    observation = rng.normal(size=(2000, 6))
+    replay = Replay(2000, 1)
+    replay.add(np.concatenate([observation, action, observation, reward, rest], axis=1))
+    sizes = {"critic_hidden": (32, 32), "batch": 64, "critic_learning_rate": 5e-3}
+    agent = FusedDdpg(small_ddpg(**sizes, **switches), 1, 0)
+    before = np.abs(agent.act(observation) - 0.4).max()
+    agent.update(replay, 1500)
+    assert before > 0.3
+    assert np.abs(agent.act(observation) - 0.4).mean() < 0.1
+
+
+def test_the_mirror_turns_lean_steering_and_goal_but_not_the_pedal():
+    agent = Ddpg(small_ddpg(mirror=True, batch=400), 3, 0)
+    batch = batch_of([[1.0] * 6] * 400, [[0.1, 0.2, 0.3]] * 400, [-1.0] * 400, [0.9] * 400)
+    prepared = agent._prepared(batch)
+    signs = prepared.observation[:, 0].sign()
+    assert 150 < (signs > 0).sum() < 250
+    assert torch.equal(prepared.observation.sign(), signs[:, None].expand(-1, 6))
+    assert torch.equal(prepared.next_observation, prepared.observation)
+    expected = torch.stack([0.1 * signs, 0.2 * signs, torch.full((400,), 0.3)], dim=1)
+    assert torch.allclose(prepared.action, expected)
+    assert torch.equal(prepared.reward, batch.reward)

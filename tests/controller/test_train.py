@@ -1,0 +1,324 @@
+import argparse
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from training_maker import SMALL, small_run
+
+from bicycle_controller import checkpoint, settings, train
+from bicycle_controller.config import RunConfig
+from bicycle_controller.policy import load_policy
+from bicycle_controller.train_command import add_arguments, run_command
+
+CLOCKS = {"wall_s", "cpu_s"}
+PROGRAM = """
+import argparse, sys
+from bicycle_controller.train_command import add_arguments, run_command
+parser = argparse.ArgumentParser()
+add_arguments(parser)
+try:
+    sys.exit(run_command(parser.parse_args()))
+except ValueError as error:
+    sys.exit(f"error: {error}")
+"""
+
+
+def rows(folder: Path) -> list[dict]:
+    """The log without its clocks."""
+    lines = (folder / "log.jsonl").read_text().splitlines()
+    return [{k: v for k, v in json.loads(line).items() if k not in CLOCKS} for line in lines]
+
+
+def state_of(folder: Path) -> dict:
+    """The checkpoint without clocks and origin."""
+    state = checkpoint.load(folder / "checkpoint" / "state.pt")
+    return {k: v for k, v in state.items() if k not in ("spent", "origin", "log_bytes")}
+
+
+def same(one, other) -> bool:
+    """Whether two nested states are equal to the bit."""
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, list):
+        return len(one) == len(other) and all(map(same, one, other))
+    if isinstance(one, torch.Tensor):
+        return one.dtype == other.dtype and torch.equal(one, other)
+    if isinstance(one, np.ndarray):
+        return one.dtype == other.dtype and np.array_equal(one, other)
+    return type(one) is type(other) and one == other
+
+
+def assert_same_run(one: Path, other: Path) -> None:
+    assert rows(one) == rows(other)
+    first, second = state_of(one), state_of(other)
+    for key in first:
+        assert same(first[key], second[key]), key
+    for name in ("best.safetensors", "last.safetensors"):
+        mine, theirs = (load_policy(folder / name).tensors for folder in (one, other))
+        assert all(np.array_equal(mine[key], theirs[key]) for key in theirs)
+
+
+def after(rounds: int):
+    """Says stop at the given step of all bicycles."""
+    left = iter(range(rounds))
+    return lambda: next(left, None) is None
+
+
+RUNS = {
+    "paper": (),
+    "authors, autograd": ("ddpg.backend=autograd", "ddpg.initialisation=output"),
+    "everything": (
+        "ddpg.fall=absorbing",
+        "ddpg.n_step=3",
+        "ddpg.critics=2",
+        "ddpg.smoothing=0.2",
+        "ddpg.mirror=true",
+        "ddpg.actor_every=2",
+        "ddpg.critic_layer_norm=true",
+        "starts.near_share=0.5",
+        "starts.ride_on=0.5",
+        "starts.tilt=0.05",
+        "noise.kind=gaussian",
+        "physics.displacement_noise=0.02",
+        "updates=2",
+        "update_every=3",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_resumed_run_gives_the_same_numbers_to_the_bit(name, tmp_path):
+    config = small_run(*RUNS[name])
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    assert train.run(config, whole).status == "finished"
+    result = train.run(config, parts, stop=after(70))
+    assert (result.status, result.steps) == ("interrupted", 71 * 8)
+    assert train.resume(parts, stop=after(61)).status == "interrupted"
+    result = train.resume(parts)
+    assert (result.status, result.steps) == ("finished", 1600)
+    assert_same_run(whole, parts)
+    kinds = [row["kind"] for row in rows(whole)]
+    assert kinds.count("train") >= 2
+    assert kinds.count("evaluation") >= 1
+
+
+def test_a_seed_repeats_a_run_and_another_does_not(tmp_path):
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        train.run(small_run(f"seed={seed}", "steps=800"), tmp_path / name)
+    assert_same_run(tmp_path / "a", tmp_path / "b")
+    assert not same(state_of(tmp_path / "a")["agent"], state_of(tmp_path / "c")["agent"])
+
+
+def test_saving_often_changes_no_number(tmp_path):
+    train.run(small_run("steps=800"), tmp_path / "a")
+    train.run(small_run("steps=800", "save_every=0"), tmp_path / "b")
+    assert_same_run(tmp_path / "a", tmp_path / "b")
+
+
+def command(folder: Path, *arguments: str, config: RunConfig | None = None) -> list[str]:
+    words = [sys.executable, "-c", PROGRAM, "--out", str(folder), "--quiet", *arguments]
+    if config is not None:
+        path = folder.with_suffix(".yaml")
+        path.write_text(settings.dump(config))
+        words += ["--config", str(path)]
+    return words
+
+
+def start(words: list[str]) -> subprocess.Popen:
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    return subprocess.Popen(words, text=True, env=os.environ | {"OMP_NUM_THREADS": "1"}, **pipes)
+
+
+def wait_for(path: Path, process: subprocess.Popen, lines: int) -> None:
+    """Until the log has so many lines and there is a checkpoint."""
+    limit = time.monotonic() + 120
+    while process.poll() is None and time.monotonic() < limit:
+        log, state = path / "log.jsonl", path / "checkpoint" / "state.pt"
+        if state.exists() and log.exists() and log.read_bytes().count(b"\n") >= lines:
+            return
+        time.sleep(0.02)
+    raise AssertionError(f"no log of {lines} lines: {process.communicate()}")
+
+
+def test_a_run_killed_at_any_moment_goes_on_to_the_same_end(tmp_path):
+    config = small_run("steps=4000", "save_every=0.05")
+    train.run(config, tmp_path / "whole")
+    killed = tmp_path / "killed"
+    process = start(command(killed, config=config))
+    for lines in (2, 8):
+        wait_for(killed, process, lines)
+        process.kill()
+        process.communicate()
+        assert process.returncode == -signal.SIGKILL
+        assert checkpoint.load(killed / "checkpoint" / "state.pt")["updates"] > 0
+        process = start(command(killed, "--resume"))
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    assert "finished after 4000 steps" in out
+    assert_same_run(tmp_path / "whole", killed)
+    assert not list(killed.glob(".*"))
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_saves_and_leaves(number, code, tmp_path):
+    config = small_run("steps=10_000_000", "save_every=0.2")
+    process = start(command(tmp_path / "run", config=config))
+    wait_for(tmp_path / "run", process, 3)
+    process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (code, "")
+    assert "bicycle train --resume --out" in out
+    state = state_of(tmp_path / "run")
+    assert state["updates"] >= rows(tmp_path / "run")[-1]["updates"]
+
+
+def test_the_folder_holds_what_it_promises(tmp_path):
+    config = small_run("seed=7")
+    result = train.run(config, tmp_path / "run")
+    assert settings.load(tmp_path / "run" / "config.yaml") == config
+    about = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert about["seed"] == 7
+    assert {"command", "commit", "version", "started"} < about.keys()
+    assert (result.updates, result.steps) == (176, 1600)
+    best = [row for row in rows(tmp_path / "run") if row["kind"] == "evaluation"]
+    assert result.best is not None
+    rates = [row["reach_rate"] - row["fall_rate"] for row in best]
+    assert max(rates) == result.best.reach_rate - result.best.fall_rate
+    for name in ("best", "last"):
+        info = load_policy(tmp_path / "run" / f"{name}.safetensors").info
+        assert info.scenario == config.scenario
+        assert (info.trained["seed"], info.trained["preset"]) == (7, "paper")
+        assert info.observation_scale == config.ddpg.observation_scale
+
+
+def test_the_best_policy_is_the_one_that_scored_best(tmp_path):
+    config = small_run("evaluation.every=10", "steps=2400")
+    result = train.run(config, tmp_path / "run")
+    found = train.score(
+        load_policy(tmp_path / "run" / "best.safetensors"),
+        config.scenario,
+        config.physics,
+        config.evaluation,
+    )
+    assert found == result.best
+
+
+def test_a_met_goal_rate_ends_the_run(tmp_path):
+    config = small_run("scenario.goal_radius=500", "evaluation.stop_at=0.9")
+    result = train.run(config, tmp_path / "run")
+    assert result.status == "reached"
+    assert result.updates == 50
+
+
+def test_more_steps_go_on_with_a_finished_run(tmp_path):
+    train.run(small_run("steps=2400"), tmp_path / "whole")
+    train.run(small_run("steps=1200"), tmp_path / "parts")
+    train.resume(tmp_path / "parts", ["steps=2400"])
+    assert_same_run(tmp_path / "whole", tmp_path / "parts")
+
+
+def test_a_run_killed_before_its_first_checkpoint_starts_again(tmp_path):
+    config = small_run("steps=800")
+    train.run(config, tmp_path / "whole")
+    train.RunFolder(tmp_path / "young").create(config)
+    (tmp_path / "young" / "log.jsonl").write_text('{"kind": "train"}\n')
+    train.resume(tmp_path / "young")
+    assert_same_run(tmp_path / "whole", tmp_path / "young")
+
+
+def test_mistakes_with_folders_are_one_line_with_the_remedy(tmp_path):
+    config = small_run("steps=400")
+    train.run(config, tmp_path / "run")
+    with pytest.raises(ValueError, match=r"holds a run already.*--resume"):
+        train.run(config, tmp_path / "run")
+    with pytest.raises(ValueError, match="no run to resume"):
+        train.resume(tmp_path / "nowhere")
+    with pytest.raises(ValueError, match=r"ddpg cannot change.*another --out"):
+        train.resume(tmp_path / "run", ["ddpg.tau=0.5"])
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ValueError, match="cannot write"):
+        train.run(config, tmp_path / "file" / "run")
+
+
+@pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 not a checkpoint", None])
+def test_a_damaged_checkpoint_is_one_line_with_the_remedy(damage, tmp_path):
+    train.run(small_run("steps=400"), tmp_path / "run")
+    path = tmp_path / "run" / "checkpoint" / "state.pt"
+    data = path.read_bytes()
+    path.write_bytes(data[: len(data) // 2] if damage is None else damage)
+    with pytest.raises(ValueError, match=r"cannot resume from .*state\.pt.*delete it") as caught:
+        train.resume(tmp_path / "run")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_checkpoint_runs_no_code(tmp_path):
+    class Evil:
+        def __reduce__(self):
+            return (Path.touch, (tmp_path / "owned",))
+
+    torch.save({"version": 1, "state": Evil()}, tmp_path / "state.pt")
+    with pytest.raises(ValueError, match="cannot resume"):
+        checkpoint.load(tmp_path / "state.pt")
+    assert not (tmp_path / "owned").exists()
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="there is CUDA here")
+def test_without_cuda_it_says_so_in_one_line_and_trains(tmp_path, capsys):
+    result = train.run(small_run("device=cuda", "steps=400"), tmp_path / "run")
+    assert result.status == "finished"
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == ["no CUDA device was found: training on the CPU"]
+
+
+def test_the_command_trains_and_prints_json(tmp_path):
+    words = command(tmp_path / "run", "--json", "--preset", "paper", "--seed", "3")
+    overrides = [word for override in SMALL for word in ("--set", override)]
+    done = subprocess.run([*words, *overrides], capture_output=True, text=True, timeout=120)
+    assert done.returncode == 0, done.stderr
+    result = json.loads(done.stdout)
+    assert (result["status"], result["steps"], result["updates"]) == ("finished", 1600, 176)
+    assert settings.load(tmp_path / "run" / "config.yaml").seed == 3
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--preset", "fats"], ["'fats'", "'fast'"]),
+        (["--set", "ddpg.tua=1"], ["'tua'", "'tau'"]),
+        (["--seed", "x"], ["seed", "whole number"]),
+        (["--scenario", "learned-sped"], ["'learned-speed'"]),
+        (["--device", "gpu"], ["device", "cuda"]),
+        (["--resume"], ["no run to resume"]),
+        (["--resume", "--preset", "fast"], ["leave out"]),
+        (["--preset", "fast", "--config", "x.yaml"], ["not both"]),
+        (["--config", "/nowhere.yaml"], ["cannot read", "/nowhere.yaml"]),
+    ],
+)
+def test_mistakes_on_the_command_line_are_one_line(arguments, words, tmp_path, capsys):
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    args = parser.parse_args(["--out", str(tmp_path / "run"), *arguments])
+    with pytest.raises(ValueError, match=re.escape(words[0])) as caught:
+        run_command(args)
+    assert "\n" not in str(caught.value)
+    assert all(word in str(caught.value) for word in words)
+    assert not (tmp_path / "run").exists()
+
+
+def test_tensorboard_gets_the_same_rows(tmp_path):
+    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    train.run(small_run("tensorboard=true"), tmp_path / "run")
+    events = accumulator.EventAccumulator(str(tmp_path / "run" / "tensorboard"))
+    events.Reload()
+    expected = [row for row in rows(tmp_path / "run") if row["kind"] == "train"]
+    found = events.Scalars("train/critic_loss")
+    assert [event.step for event in found] == [row["step"] for row in expected]
+    assert [e.value for e in found] == pytest.approx([row["critic_loss"] for row in expected])

@@ -1,0 +1,71 @@
+"""Small configurations and transitions for the tests of training."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import torch
+
+from bicycle_controller import settings
+from bicycle_controller.config import DdpgConfig, RunConfig
+from bicycle_controller.replay import Batch, Replay
+
+SMALL = (
+    "ddpg.actor_hidden=[16, 12]",
+    "ddpg.critic_hidden=[14, 10]",
+    "ddpg.batch=16",
+    "ddpg.capacity=3000",
+    "scenario.max_steps=60",
+    "starts.max_steps=40",
+    "bicycles=8",
+    "warm_up=200",
+    "steps=1600",
+    "log_every=20",
+    "evaluation.every=50",
+    "evaluation.episodes=8",
+    "tensorboard=false",
+)
+"""A run of about a second."""
+
+
+def small_run(*overrides: str, preset: str = "paper") -> RunConfig:
+    """A preset, small enough for a test."""
+    return settings.preset(preset, [*SMALL, *overrides])
+
+
+def small_ddpg(**changes: Any) -> DdpgConfig:
+    """DDPG with small networks and the given switches."""
+    return replace(small_run("ddpg.initialisation=fan_in").ddpg, **changes)
+
+
+def batch_of(
+    observation: Any, action: Any, reward: Any, discount: Any, next_observation: Any = None
+) -> Batch:
+    """A batch from plain lists; the flags, which no update reads, are zero."""
+    following = observation if next_observation is None else next_observation
+    columns = [torch.tensor(c, dtype=torch.float32) for c in (observation, action, following)]
+    rest = [torch.tensor(c, dtype=torch.float32) for c in (reward, discount)]
+    zero = torch.zeros_like(rest[0])
+    return Batch(*columns, *rest, zero, zero, zero)
+
+
+def random_replay(actions: int, rows: int = 2000, seed: int = 0) -> Replay:
+    """A memory full of random transitions, one in ten final."""
+    rng = np.random.default_rng(seed)
+    replay = Replay(rows, actions)
+    replay.add(
+        np.concatenate(
+            [
+                rng.normal(size=(rows, 6)),
+                rng.uniform(-1.0, 1.0, (rows, actions)),
+                rng.normal(size=(rows, 6)),
+                -rng.random((rows, 1)),
+                np.where(rng.random((rows, 1)) < 0.1, 0.0, 0.99),
+                np.zeros((rows, 3)),
+            ],
+            axis=1,
+        )
+    )
+    return replay
