@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bicycle_controller.agents.base import Agent
+from bicycle_controller.agents.base import Chooser
 from bicycle_controller.config import RunConfig
 from bicycle_controller.noise import Noise
 from bicycle_controller.replay import Replay, Returns
@@ -49,6 +49,7 @@ class Collector:
             ddpg.fall_penalty,
             self.absorbing,
             ddpg.cost_cap,
+            ddpg.step_cost,
         )
         self.steps = self.rounds = 0
         self.episode_return = np.zeros(config.bicycles)
@@ -56,7 +57,7 @@ class Collector:
         restart(self.task, np.ones(config.bicycles, dtype=bool), config.starts)
         self.observation = self.task.observation()
 
-    def step(self, agent: Agent) -> None:
+    def step(self, agent: Chooser) -> None:
         """Step every bicycle once and store the transitions that are complete."""
         action = self._chosen(agent)
         physical = np.zeros((self.config.bicycles, 3))
@@ -77,13 +78,13 @@ class Collector:
         self.rounds += 1
         self.observation = self._after(step)
 
-    def _chosen(self, agent: Agent) -> np.ndarray:
+    def _chosen(self, agent: Chooser) -> np.ndarray:
         """Normalised actions (N, actions): at random in the warm-up, else the noisy policy's."""
         if self.steps < self.config.warm_up:
             return self.warm_rng.uniform(-1.0, 1.0, (self.config.bicycles, len(self.driven)))
         action: np.ndarray = np.clip(agent.act(self.observation) + self.noise.sample(), -1.0, 1.0)
         if not np.isfinite(action).all():
-            raise ValueError(
+            raise RuntimeError(
                 f"training has diverged after {self.steps} steps (the actor gives numbers that are"
                 " not finite): lower the learning rates or ddpg.reward_scale"
             )

@@ -73,6 +73,8 @@ class DdpgConfig:
     cost_cap: float = 0.0
     """Most that one step may cost, before `fall_penalty`; with a fall above it, turning round is
     never worth a fall. 0 caps nothing."""
+    step_cost: float = 0.0
+    """Taken from every reward, so that sooner is better also where the heading is right."""
     n_step: int = 1
     """Rewards summed before the critic's own estimate is used."""
     critics: int = 1
@@ -90,7 +92,8 @@ class DdpgConfig:
     bound_values: bool = False
     """Whether targets are clipped to [reward_min / (1 - gamma), 0], all that can be true."""
     reward_min: float = -25.0
-    """Least reward of a step, for `bound_values`; `fall_penalty` is taken off it too."""
+    """Least reward of a step, for `bound_values`; `fall_penalty` and
+    `step_cost` are taken off it too."""
     huber: float = 0.0
     """Where the critic's loss turns from square to linear; 0 keeps it square."""
     grad_clip: float = 0.0
@@ -123,7 +126,7 @@ class DdpgConfig:
             value = getattr(self, name)
             require(value >= 1, f"{name} must be at least 1, not {value!r}")
         not_negative = ("fall_penalty", "smoothing", "smoothing_clip", "huber", "grad_clip")
-        for name in (*not_negative, "saturation_penalty", "bc_weight", "cost_cap"):
+        for name in (*not_negative, "saturation_penalty", "bc_weight", "cost_cap", "step_cost"):
             _require_between(name, getattr(self, name), 0.0, math.inf)
         for name in ("tau", "learning_rate_end", "actor_average"):
             _require_between(name, getattr(self, name), 0.0, 1.0)
@@ -147,7 +150,8 @@ class DdpgConfig:
     @property
     def value_min(self) -> float:
         """Least value that can be true, in scaled reward."""
-        return (self.reward_min - self.fall_penalty) * self.reward_scale / (1.0 - self.gamma)
+        least = self.reward_min - self.fall_penalty - self.step_cost
+        return least * self.reward_scale / (1.0 - self.gamma)
 
 
 @dataclass(frozen=True)

@@ -127,6 +127,7 @@ class Returns:
         fall_penalty: float = 0.0,
         absorbing: bool = False,
         cost_cap: float = 0.0,
+        step_cost: float = 0.0,
     ) -> None:
         """Start with nothing pending.
 
@@ -138,9 +139,11 @@ class Returns:
             fall_penalty: taken from the reward of every step that a bicycle lies.
             absorbing: whether a fall ends the episode with the value of lying for ever.
             cost_cap: most that one step may cost; 0 caps nothing.
+            step_cost: taken from every reward after that.
         """
         self.n_step, self.gamma = n_step, gamma
-        self.fall_penalty, self.absorbing, self.cost_cap = fall_penalty, absorbing, cost_cap
+        self.fall_penalty, self.absorbing = fall_penalty, absorbing
+        self.cost_cap, self.step_cost = cost_cap, step_cost
         self.observation = np.zeros((n_step, count, OBSERVATIONS), dtype=np.float32)
         self.action = np.zeros((n_step, count, actions), dtype=np.float32)
         self.sum = np.zeros((n_step, count))
@@ -174,7 +177,7 @@ class Returns:
         """
         if self.cost_cap > 0:
             reward = np.maximum(reward, -self.cost_cap)
-        reward = reward - self.fall_penalty * fallen
+        reward = reward - self.step_cost - self.fall_penalty * fallen
         absorbed = fallen & self.absorbing
         reward = np.where(absorbed, reward / (1.0 - self.gamma), reward)
         ended = terminated | truncated | absorbed
