@@ -75,12 +75,12 @@ def _json_number(value: Any) -> Any:
 class Progress:
     """A bar over environment steps, with their rate, the updates' rate and the time left."""
 
-    def __init__(self, total: int, done: int, shown: bool) -> None:
-        """Draw it on standard error if `shown`."""
+    def __init__(self, total: int, done: int, shown: bool, unit: str = "step") -> None:
+        """Draw it on standard error if `shown`; `unit` names what is counted."""
         self._bar = tqdm(
             total=total,
             initial=done,
-            unit="step",
+            unit=unit,
             unit_scale=True,
             dynamic_ncols=True,
             disable=not shown,
@@ -101,7 +101,7 @@ class Progress:
         self._bar.close()
 
     def advance(self, steps: int) -> None:
-        """Count environment steps."""
+        """Count steps, or what `unit` names."""
         self._bar.update(steps)
 
     def show(self, updates: int | None = None, **values: float) -> None:

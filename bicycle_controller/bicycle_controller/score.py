@@ -6,8 +6,8 @@ import dataclasses
 from dataclasses import dataclass
 
 from bicycle_controller.config import EvaluationConfig
+from bicycle_controller.controllers import Controller
 from bicycle_controller.evaluate import evaluate
-from bicycle_controller.policy import Policy
 from bicycle_sim.parameters import Physics
 from bicycle_sim.scenario import Region, Scenario
 
@@ -39,7 +39,9 @@ class Score:
         return (worth, -time)
 
 
-def score(policy: Policy, scenario: Scenario, physics: Physics, fixed: EvaluationConfig) -> Score:
+def score(
+    policy: Controller, scenario: Scenario, physics: Physics, fixed: EvaluationConfig
+) -> Score:
     """Ride the fixed starts to their end."""
     scenario = dataclasses.replace(scenario, max_steps=fixed.max_steps or scenario.max_steps)
     far = evaluate(policy, scenario, physics, fixed.episodes, fixed.seed).summary()

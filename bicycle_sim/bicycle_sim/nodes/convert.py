@@ -1,4 +1,4 @@
-"""Messages <-> the numbers that the pure code works on; the one place that changes signs.
+"""Messages <-> the numbers that the pure code works on; the signs are those of `signs.py`.
 
 Inside, the paper's convention: lean omega > 0 to the left, heading psi counter-clockwise from
 +y, psi_g > 0 for a goal to the right. In messages, REP-103: roll > 0 to the right, yaw
@@ -22,9 +22,19 @@ from bicycle_sim.geometry import heading_between, heading_to_yaw, yaw_to_heading
 from bicycle_sim.nodes.interfaces import GOAL_FRAMES, ODOM_FRAME
 from bicycle_sim.parameters import Physics
 from bicycle_sim.scenario import Scenario
+from bicycle_sim.signs import mirror
 from bicycle_sim.simulator import Command, Point, Snapshot, Source, Start
 from bicycle_sim.transitions import Transition
 
+BODY = (
+    "lean_angle",
+    "lean_rate",
+    "lean_acceleration",
+    "steer_angle",
+    "steer_rate",
+    "speed",
+)
+"""Numbers of a state that a message has under the same name, but for their signs."""
 UNIT_TOLERANCE = 1e-3
 """How far a quaternion's length may be from one."""
 
@@ -78,19 +88,14 @@ def from_snapshot(snapshot: Snapshot, nanoseconds: int) -> BicycleState:
         header=to_header(nanoseconds),
         episode=int(snapshot.episode),
         step=int(snapshot.step),
-        lean_angle=-float(snapshot.lean_angle),
-        lean_rate=-float(snapshot.lean_rate),
-        lean_acceleration=-float(snapshot.lean_acceleration),
-        steer_angle=float(snapshot.steer_angle),
-        steer_rate=float(snapshot.steer_rate),
+        **{name: mirror(name, float(getattr(snapshot, name))) for name in BODY},
         heading=yaw_of(snapshot),
-        speed=float(snapshot.speed),
         front_contact=to_point((snapshot.front_x, snapshot.front_y)),
         rear_contact=to_point((snapshot.rear_x, snapshot.rear_y)),
         fallen=bool(snapshot.fallen),
         has_goal=snapshot.goal is not None,
         goal=to_point(snapshot.goal),
-        heading_error=-float(snapshot.heading_error),
+        heading_error=mirror("heading_error", float(snapshot.heading_error)),
         goal_distance=float(snapshot.goal_distance),
         command_source=int(snapshot.command_source),
         command_step=int(snapshot.command_step),
@@ -109,20 +114,15 @@ def to_snapshot(message: BicycleState) -> Snapshot:
     return Snapshot(
         episode=int(message.episode),
         step=int(message.step),
-        lean_angle=-message.lean_angle,
-        lean_rate=-message.lean_rate,
-        lean_acceleration=-message.lean_acceleration,
-        steer_angle=message.steer_angle,
-        steer_rate=message.steer_rate,
+        **{name: mirror(name, getattr(message, name)) for name in BODY},
         heading=float(heading_between(x_b, y_b, x_f, y_f)[0]),
         front_x=front.x,
         front_y=front.y,
         rear_x=rear.x,
         rear_y=rear.y,
-        speed=message.speed,
         fallen=bool(message.fallen),
         goal=(message.goal.x, message.goal.y) if message.has_goal else None,
-        heading_error=-message.heading_error,
+        heading_error=mirror("heading_error", message.heading_error),
         goal_distance=message.goal_distance,
         command_source=Source(int(message.command_source)),
         command_step=int(message.command_step),

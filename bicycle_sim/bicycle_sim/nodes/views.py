@@ -13,6 +13,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 from bicycle_sim.nodes.convert import to_header, to_point, to_quaternion, yaw_of
 from bicycle_sim.nodes.interfaces import BASE_FRAME
 from bicycle_sim.parameters import Constants
+from bicycle_sim.signs import mirror
 from bicycle_sim.simulator import Snapshot
 
 JOINTS = ("steer", "front_wheel", "rear_wheel", "crank")
@@ -27,7 +28,7 @@ _GOAL = ColorRGBA(r=0.1, g=0.7, b=0.2, a=0.5)
 def odometry(snapshot: Snapshot, nanoseconds: int, constants: Constants) -> Odometry:
     """Pose of the rear contact, with the lean as roll, and the twist in the bicycle's frame."""
     yaw_rate = snapshot.speed * math.sin(snapshot.steer_angle) / constants.wheelbase
-    roll = -snapshot.lean_angle
+    roll = mirror("lean_angle", snapshot.lean_angle)
     pose = Pose(
         position=to_point((snapshot.rear_x, snapshot.rear_y)),
         orientation=to_quaternion(yaw_of(snapshot), roll),
