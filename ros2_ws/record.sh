@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Records every topic as an MCAP bag that ros2 bag, Foxglove, rosbags and mcap-ros2-support read.
 #
-# Usage: record.sh [--output FOLDER] [name:=value]... [parameters.yaml]...
+# Usage: record.sh [--output FOLDER] [OPTION]...
 #        record.sh --repair BAG
 #
 #   --output FOLDER   the bag's folder, which must not exist; runs/bag-<date> of the workspace unless named

@@ -10,7 +10,7 @@
 #   --field METRES    side of the square around the start that goals lie in, 60 unless named
 #   --output FOLDER   where the run goes; runs/<date>-<n> of the workspace unless named
 #   --no-respawn      end the ride when the controller dies, instead of starting it again
-#   NODE.name:=value  a parameter of simulator, controller or recorder, such as controller.policy:=lqr
+#   NODE.name:=value  a parameter of simulator or controller, such as controller.policy:=lqr
 #
 # The first call sets everything up, which takes some minutes; later calls ride at once.
 # The run's folder then holds bag/, ride.png, summary.json and the nodes' logs.

@@ -3,8 +3,8 @@
 #
 # Usage: stop.sh [NAME]...      simulator, controller, recorder, player, ride, goal...; all unless named
 #
-# A ride is asked first and given time to write its summary; recorders go last, so that they
-# record the end. Who does not follow SIGINT within 2 s gets SIGTERM, then SIGKILL.
+# A ride is asked first and given time to write its summary. The simulator goes before the
+# controller, which it would miss, and recorders go last, so that they record the end. Who does not follow SIGINT within 2 s gets SIGTERM, then SIGKILL.
 # Exit status: 0 all ended (or nothing ran), 1 something had to be killed, 2 bad arguments.
 set -euo pipefail
 ws=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
@@ -68,9 +68,12 @@ else
   for file in "$folder"/*; do
     name=${file##*/}
     name=${name%.*}
-    [[ ! -f $file || $name == recorder ]] || others+=("$name")
+    case $name in
+      '*' | simulator | recorder) ;;
+      *) others+=("$name") ;;
+    esac
   done
-  end_all 2 "${others[@]}" recorder
+  end_all 2 simulator "${others[@]}" recorder
 fi
 ((count)) || echo "nothing of this workspace runs on domain $ROS_DOMAIN_ID"
 exit "$status"

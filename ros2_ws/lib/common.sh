@@ -109,6 +109,7 @@ run_node() { # NAME MODULE ARGUMENT...: the same for a node: its config/NAME.yam
   local name=$1 module=$2 config=$ws/src/bicycle_bringup/config/$1.yaml arguments
   shift 2
   enter_workspace
-  ros_arguments "$config" "$@"
+  [[ ! -f $config ]] || set -- "$config" "$@"
+  ros_arguments "$@"
   run "$name" "$module" "${arguments[@]}"
 }

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from bicycle_bringup.arguments import OneLineParser
 from bicycle_sim.config import nearest
 
 MODULES = {
@@ -19,6 +20,9 @@ MODULES = {
     "controller": "bicycle_controller.nodes.controller_node",
 }
 """The nodes of a ride, in the order they are started."""
+
+CONFIGURED = ("simulator", "controller")
+"""Those that have parameters."""
 
 MOST_GOALS = 10_000
 
@@ -48,25 +52,22 @@ class RideOptions:
         Args:
             name: a key of `MODULES`.
         """
-        ros: list[str] = []
-        own = self.config / f"{name}.yaml"
-        for file in (own, *self.parameter_files) if own.is_file() else self.parameter_files:
+        words = [sys.executable, "-m", MODULES[name]]
+        if name not in CONFIGURED:
+            return [*words, "--output", str(self.folder / "bag")]
+        ros = ["--ros-args"]
+        for file in (self.config / f"{name}.yaml", *self.parameter_files):
             ros += ["--params-file", str(file)]
         for entry in self.parameters:
             node, _, assignment = entry.partition(".")
             if node == name:
                 ros += ["-p", assignment]
-        words = [sys.executable, "-m", MODULES[name]]
-        if name == "recorder":
-            words += ["--output", str(self.folder / "bag")]
-        return [*words, "--ros-args", *ros] if ros else words
+        return [*words, *ros]
 
 
 def parse(arguments: Sequence[str], workspace: Path) -> RideOptions:
     """Read the command line; ends the program with status 2 and one line when it is wrong."""
-    parser = argparse.ArgumentParser(
-        prog="ride.sh", usage="ride.sh [--help] ...", add_help=False, allow_abbrev=False
-    )
+    parser = OneLineParser(prog="ride.sh", add_help=False, allow_abbrev=False)
     add = parser.add_argument
     add("--goals", type=int, default=10)
     add("--minutes", type=float, default=0.0)
@@ -105,7 +106,7 @@ def _checked(given: argparse.Namespace, workspace: Path) -> RideOptions:
         field=given.field,
         respawn=not given.no_respawn,
         folder=_new_folder(given.output, workspace),
-        config=workspace / "src" / "bicycle_bringup" / "config",
+        config=config_folder(),
         parameters=tuple(parameters),
         parameter_files=tuple(files),
     )
@@ -113,10 +114,10 @@ def _checked(given: argparse.Namespace, workspace: Path) -> RideOptions:
 
 def _parameter(word: str) -> str:
     node, dot, _ = word.partition(":=")[0].partition(".")
-    if not dot or node not in MODULES:
+    if not dot or node not in CONFIGURED:
         raise ValueError(
-            f"{word!r} names no node{nearest(node, MODULES)}: write it as NODE.name:=value with "
-            f"{', '.join(MODULES)}"
+            f"{word!r} names no node{nearest(node, CONFIGURED)}: write it as NODE.name:=value "
+            f"with {' or '.join(CONFIGURED)}"
         )
     return word
 
@@ -124,7 +125,7 @@ def _parameter(word: str) -> str:
 def _file(word: str) -> Path:
     path = Path(word)
     if path.suffix not in (".yaml", ".yml"):
-        raise ValueError(f"unknown argument {word!r}: see ride.sh --help")
+        raise ValueError(f"unknown argument {word!r}")
     if not path.is_file():
         raise ValueError(f"there is no parameter file {word!r}")
     return path.resolve()
@@ -156,3 +157,18 @@ def _new_folder(asked: Path | None, workspace: Path) -> Path:
 def workspace() -> Path:
     """The workspace that the scripts belong to, or the present folder without one."""
     return Path(os.environ.get("BICYCLE_WS", Path.cwd()))
+
+
+def config_folder() -> Path:
+    """The folder of the parameter files: beside the sources, or where colcon installed them.
+
+    Raises:
+        ValueError: when neither is there.
+    """
+    package = Path(__file__).resolve().parents[1]
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    installed = [Path(prefix) / "share" / "bicycle_bringup" for prefix in prefixes if prefix]
+    for place in (package, *installed):
+        if (place / "config").is_dir():
+            return place / "config"
+    raise ValueError("bicycle_bringup's config folder is not found: source the workspace")

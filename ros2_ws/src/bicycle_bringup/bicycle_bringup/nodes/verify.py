@@ -7,7 +7,6 @@ messages themselves differ in the padding between fields, which nobody sets.
 
 from __future__ import annotations
 
-import argparse
 import struct
 import sys
 from collections import defaultdict, deque
@@ -23,6 +22,7 @@ from tqdm import tqdm
 from bicycle_bag.errors import BagError
 from bicycle_bag.reader import BagReader
 from bicycle_bag.schemas import Schemas
+from bicycle_bringup.arguments import OneLineParser
 from bicycle_bringup.nodes.flat import flat
 from bicycle_bringup.ride_log import COMMAND, EPISODE, STATE, prefix_of
 from bicycle_sim.nodes import convert
@@ -230,7 +230,7 @@ def _difference(recorded: BicycleState, computed: BicycleState) -> str:
 
 def main() -> int:
     """Verify the bag that the command line names; returns the exit status."""
-    parser = argparse.ArgumentParser(prog="replay.sh --verify", description=__doc__)
+    parser = OneLineParser(prog="replay.sh --verify", description=__doc__)
     parser.add_argument("bag", type=Path, help="bag directory or .mcap file")
     path = parser.parse_args().bag
     verdict = Verdict()

@@ -1,0 +1,223 @@
+"""`goal.sh`: send one goal or a file of them, and follow what becomes of it."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+
+import rclpy
+from rclpy.signals import SignalHandlerOptions
+from tqdm import tqdm
+
+from bicycle_bringup.arguments import OneLineParser
+from bicycle_bringup.course import Point, read_waypoints
+from bicycle_bringup.nodes.rider import Rider, progress_text
+from bicycle_bringup.plan import Plan
+from bicycle_controller.goals import Status
+
+EXIT = {Status.REACHED: 0, Status.FALLEN: 3, Status.MISSED: 4, Status.GIVEN_UP: 4}
+"""What goal.sh ends with for each end of a goal."""
+SETTLE = 0.2
+"""s for what the controller published before to arrive: it is kept for who comes later."""
+ACCEPT = 10.0
+"""s at most for a controller to appear and to answer."""
+GRACE = 0.5
+"""s in which a goal that was taken away may come back: a repeated one replaces itself."""
+REPEAT = 2.0
+"""s without an answer after which the goals are sent once more."""
+
+
+class ErrandError(Exception):
+    """Why there is nothing to wait for; its text is one line with the remedy.
+
+    Args:
+        status: exit status.
+        text: the line.
+    """
+
+    def __init__(self, status: int, text: str) -> None:
+        super().__init__(text)
+        self.status = status
+
+
+class Errand:
+    """Brings goals to the controller, and with patience to their end."""
+
+    def __init__(self, rider: Rider, goals: list[Point], timeout: float) -> None:
+        self.stopped = False
+        self._rider = rider
+        self._plan = Plan(goals)
+        self._timeout = timeout
+        self._taken_away = (math.inf, "")
+
+    def on_signal(self, number: int, frame: FrameType | None) -> None:
+        """Ask to end."""
+        self.stopped = True
+
+    def send(self) -> None:
+        """Send the goals and wait until the controller has taken them.
+
+        Raises:
+            ErrandError: when there is no controller, it does not answer, or it rejects them.
+        """
+        patience = min(self._timeout, ACCEPT)
+        if not self._spin_until(self._rider.controller_listens, patience):
+            raise ErrandError(
+                4,
+                f"no controller within {patience:g} s: start controller.sh",
+            )
+        self._spin_until(lambda: False, SETTLE)
+        self._rider.changes.clear()
+        deadline = time.monotonic() + patience
+        while not self.stopped:
+            self._rider.send(self._plan.goals)
+            if self._spin_until(self._heard, min(REPEAT, deadline - time.monotonic())):
+                return
+            if time.monotonic() >= deadline:
+                raise ErrandError(
+                    4,
+                    f"the controller did not answer within {patience:g} s: "
+                    "is sim.sh running, and the bicycle not paused?",
+                )
+        raise ErrandError(130, "interrupted; the goal may have been sent")
+
+    def wait(self) -> int:
+        """Wait for the end of every goal with a progress bar.
+
+        Returns:
+            The exit status of the worst one.
+
+        Raises:
+            ErrandError: when a goal takes too long, or somebody else takes the bicycle away.
+        """
+        worst = 0
+        with tqdm(total=len(self._plan.goals), disable=None, bar_format="{desc} {elapsed}") as bar:
+            deadline = time.monotonic() + self._timeout
+            while not self._plan.finished:
+                self._rider.spin()
+                bar.set_description_str(f"goal {self._plan.number}: {self._progress()}")
+                for status, text in self._ends():
+                    tqdm.write(text)
+                    worst = max(worst, EXIT[status])
+                    deadline = time.monotonic() + self._timeout
+                if self.stopped:
+                    raise ErrandError(130, "interrupted; the bicycle rides on")
+                if time.monotonic() > deadline:
+                    raise ErrandError(
+                        4, f"not reached within {self._timeout:g} s; the bicycle rides on"
+                    )
+        return worst
+
+    def _progress(self) -> str:
+        return progress_text(self._rider.state)
+
+    def _heard(self) -> bool:
+        """Whether the controller has answered the first goal.
+
+        Raises:
+            ErrandError: when the answer is no.
+        """
+        for change in self._rider.changes:
+            if change.status == Status.REJECTED:
+                raise ErrandError(2, f"goal rejected: {change.message}")
+            if (change.position.x, change.position.y) == self._plan.goals[0]:
+                return True
+        return False
+
+    def _ends(self) -> list[tuple[Status, str]]:
+        """Goals that have ended since the last call.
+
+        Raises:
+            ErrandError: when the goals were taken away.
+        """
+        ends: list[tuple[Status, str]] = []
+        while self._rider.changes:
+            change = self._rider.changes.popleft()
+            position = (change.position.x, change.position.y)
+            status = Status(change.status)
+            if self._plan.finished or position != self._plan.remaining[0]:
+                continue
+            self._taken_away = (math.inf, "")
+            if status in (Status.REPLACED, Status.CANCELLED):
+                text = f"goal {self._plan.number} {status.name.lower()}: {change.message}"
+                self._taken_away = (time.monotonic() + GRACE, text)
+            elif (number := self._plan.take(position, status)) is not None:
+                name = f"goal {number} at ({position[0]:g}, {position[1]:g})"
+                ends.append((status, f"{name}: {change.message}"))
+            if status is Status.FALLEN:
+                self._plan.goals = self._plan.goals[: len(self._plan.results)]
+        if time.monotonic() > self._taken_away[0]:
+            raise ErrandError(4, self._taken_away[1])
+        return ends
+
+    def _spin_until(self, condition: Callable[[], bool], seconds: float) -> bool:
+        deadline = time.monotonic() + seconds
+        while not condition():
+            if self.stopped or time.monotonic() > deadline:
+                return False
+            self._rider.spin()
+        return True
+
+
+def parse(arguments: list[str]) -> argparse.Namespace:
+    """Read the command line; ends the program with status 2 and one line when it is wrong."""
+    parser = OneLineParser(prog="goal.sh", add_help=False)
+    add = parser.add_argument
+    add("x", type=float, nargs="?")
+    add("y", type=float, nargs="?")
+    add("--file", type=Path)
+    add("--wait", action="store_true")
+    add("--timeout", type=float)
+    # A negative coordinate is a number, not an option: argparse knows that by itself.
+    given = parser.parse_args(arguments)
+    if given.timeout is None:
+        given.timeout = 300.0 if given.wait else 10.0
+    if not (math.isfinite(given.timeout) and given.timeout > 0):
+        parser.error(f"--timeout is {given.timeout}: choose a positive number of seconds")
+    if given.file is not None:
+        if given.x is not None:
+            parser.error("give X Y or --file, not both")
+        try:
+            given.goals = read_waypoints(given.file)
+        except ValueError as error:
+            parser.error(str(error))
+        return given
+    if given.y is None:
+        parser.error("give X and Y in metres, or --file")
+    if not (math.isfinite(given.x) and math.isfinite(given.y)):
+        parser.error(f"({given.x}, {given.y}) is not finite: give metres")
+    given.goals = [(given.x, given.y)]
+    return given
+
+
+def main() -> int:
+    """Send the goals of the command line; returns the exit status."""
+    given = parse(sys.argv[1:])
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    rider = Rider("bicycle_goal")
+    errand = Errand(rider, given.goals, given.timeout)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, errand.on_signal)
+    try:
+        errand.send()
+        if given.wait:
+            return errand.wait()
+        count = len(given.goals)
+        print("accepted" if count == 1 else f"{count} goals accepted")
+        return 0
+    except ErrandError as error:
+        print(f"goal.sh: {error}", file=sys.stderr)
+        return error.status
+    finally:
+        rider.close()
+        rclpy.try_shutdown()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,31 @@
+#!/usr/bin/env bash
+# Sets everything up as ride.sh does, then checks: ruff, mypy, all tests.
+#
+# Usage: tests/run.sh [PYTEST-ARGUMENT]...      such as -k goals, or -m "not ros"
+#
+# Exit status: 0 all passed, else that of the first check that failed.
+set -euo pipefail
+root=$(cd -P "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+
+case ${1:-} in
+  -h | --help)
+    sed -n '2,/^[^#]/{s/^# \{0,1\}//p}' "${BASH_SOURCE[0]}"
+    exit 0
+    ;;
+esac
+
+"$root/ros2_ws/setup.sh" --with dev --quiet
+# shellcheck source-path=SCRIPTDIR source=../ros2_ws/env.sh
+. "$root/ros2_ws/env.sh"
+cd "$root"
+
+# A wrong type in a message field is an error in tests instead of a silently wrong number.
+export ROS_PYTHON_CHECK_FIELDS=1
+packages=(-p bicycle_sim -p bicycle_controller -p bicycle_bag -p bicycle_bringup)
+
+echo "== ruff check" && ruff check --quiet .
+echo "== ruff format" && ruff format --check --quiet .
+echo "== mypy" && mypy "${packages[@]}"
+echo "== pytest"
+# Whole files to one worker, so that a module's nodes and bags are made once.
+exec python -m pytest -n 2 --dist loadfile -q "$@"
