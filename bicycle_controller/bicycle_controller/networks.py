@@ -89,6 +89,11 @@ class Critic(nn.Module):
         return x.squeeze(-1)
 
 
+def linear_layers(network: Actor | Critic) -> list[nn.Linear]:
+    """The network's products, in order."""
+    return [layer for layer in network.layers if isinstance(layer, nn.Linear)]
+
+
 def initialise(network: Actor | Critic, scheme: str, generator: torch.Generator) -> None:
     """Draw a network's start.
 
@@ -99,9 +104,8 @@ def initialise(network: Actor | Critic, scheme: str, generator: torch.Generator)
             `fan_in`, hidden parameters within 1 / sqrt(inputs) (Lillicrap et al. 2016).
         generator: source of the numbers, on the CPU.
     """
-    last = network.layers[-1]
-    for layer in network.layers:
-        assert isinstance(layer, nn.Linear)
+    *_, last = layers = linear_layers(network)
+    for layer in layers:
         weight_range = bias_range = OUTPUT_RANGE
         if layer is not last and scheme == "output":
             weight_range = math.sqrt(6.0 / (layer.in_features + layer.out_features))

@@ -80,10 +80,13 @@ class RunFolder:
         if not self.config.exists():
             raise ValueError(f"{self.path} holds no run to resume: leave out --resume")
         old, new = settings.load(self.config), settings.load(self.config, overrides)
+        # Annealed learning rates depend on how many steps there will be.
+        annealed = old.ddpg.learning_rate_end < 1.0
+        free = [name for name in RESUMABLE if not (annealed and name == "steps")]
         for name in vars(old):
-            if name not in RESUMABLE and getattr(old, name) != getattr(new, name):
+            if name not in free and getattr(old, name) != getattr(new, name):
                 raise ValueError(
-                    f"{name} cannot change when a run goes on, only {', '.join(RESUMABLE)} can:"
+                    f"{name} cannot change when this run goes on, only {', '.join(free)} can:"
                     " choose another --out"
                 )
         for stale in [*self.path.glob(".*.*.*"), *self.checkpoint.parent.glob(".*.*.*")]:

@@ -61,7 +61,8 @@ def run(
         stop: asked after every step of all bicycles.
 
     Raises:
-        ValueError: when the folder holds a run already, or training diverges.
+        ValueError: when the folder holds a run already.
+        RuntimeError: when training diverges.
     """
     files = RunFolder(folder)
     files.create(config)
@@ -84,6 +85,7 @@ def resume(
 
     Raises:
         ValueError: when there is no run, it cannot be read or a change is not allowed.
+        RuntimeError: when training diverges.
     """
     files = RunFolder(folder)
     trainer = Trainer(files.resumed_config(list(overrides)), files)

@@ -1,7 +1,9 @@
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from training_maker import small_run
 
 from bicycle_controller.collect import Collector
@@ -22,12 +24,12 @@ def task_of(count: int = 2000) -> BicycleTask:
 class Still:
     """A policy that does nothing."""
 
-    def act(self, observation):
+    def act(self, observation: np.ndarray) -> np.ndarray:
         return np.zeros((len(observation), 2))
 
 
 class Broken:
-    def act(self, observation):
+    def act(self, observation: np.ndarray) -> np.ndarray:
         return np.full((len(observation), 2), np.nan)
 
 
@@ -39,11 +41,11 @@ def collected(steps: int, *overrides: str) -> tuple[Collector, Batch]:
     for _ in range(steps):
         collector.step(Still())
     table = replay.table[: replay.size]
-    parts = [part.numpy() for part in table.split(replay.columns, dim=1)]
+    parts: list[Any] = [part.numpy() for part in torch.split(table, replay.columns, dim=1)]
     return collector, Batch(*parts[:3], *(part[:, 0] for part in parts[3:]))
 
 
-def test_near_goals_lie_at_any_bearing_within_their_distances():
+def test_near_goals_lie_at_any_bearing_within_their_distances() -> None:
     task = task_of()
     restart(task, EVERYONE, StartsConfig(near_share=0.5, near_distance=(1.5, 15.0)))
     distance = task.goal_distance()
@@ -56,9 +58,9 @@ def test_near_goals_lie_at_any_bearing_within_their_distances():
     assert counts.min() > 0.09 * near.sum()
 
 
-def test_tilted_starts_stay_within_their_bounds():
+def test_tilted_starts_stay_within_their_bounds() -> None:
     task = task_of()
-    spreads = {"tilt": 0.1, "tilt_rate": 0.2, "steer": 0.3, "steer_rate": 0.4}
+    spreads: dict[str, Any] = {"tilt": 0.1, "tilt_rate": 0.2, "steer": 0.3, "steer_rate": 0.4}
     restart(task, EVERYONE, StartsConfig(**spreads))
     state = task.state
     found = (state.lean_angle, state.lean_rate, state.steer_angle, state.steer_rate)
@@ -67,7 +69,18 @@ def test_tilted_starts_stay_within_their_bounds():
         assert abs(values.mean()) < 0.05 * spread
 
 
-def test_only_the_chosen_start_again():
+def test_any_speed_is_drawn_only_where_the_scenario_has_limits() -> None:
+    scenario = SCENARIOS["learned-speed"]
+    task = BicycleTask(scenario, None, 2000, np.random.default_rng(0))
+    restart(task, EVERYONE, StartsConfig(any_speed=True))
+    assert 1.0 <= task.state.speed.min() < 1.01
+    assert 4.99 < task.state.speed.max() <= 5.0
+    fixed = task_of()
+    restart(fixed, EVERYONE, StartsConfig(any_speed=True))
+    assert np.ptp(fixed.state.speed) == 0.0
+
+
+def test_only_the_chosen_start_again() -> None:
     task = task_of(4)
     for _ in range(3):
         task.step(np.zeros((4, 3)))
@@ -78,7 +91,7 @@ def test_only_the_chosen_start_again():
     assert task.steps.tolist() == [0, 3, 3, 0]
 
 
-def test_riding_on_changes_the_goal_and_nothing_else():
+def test_riding_on_changes_the_goal_and_nothing_else() -> None:
     task = task_of(4)
     for _ in range(3):
         task.step(np.full((4, 3), 0.1))
@@ -90,14 +103,14 @@ def test_riding_on_changes_the_goal_and_nothing_else():
     assert task.steps.tolist() == [0, 0, 3, 3]
 
 
-def test_the_training_limit_replaces_the_scenarios():
+def test_the_training_limit_replaces_the_scenarios() -> None:
     scenario = SCENARIOS["random-start-random-goal"]
     assert training_scenario(scenario, StartsConfig()).max_steps == 4000
     assert training_scenario(scenario, StartsConfig(max_steps=400)).max_steps == 400
     assert scenario.max_steps == 4000
 
 
-def test_row_25_frozen_falls_enter_the_memory_up_to_the_step_limit():
+def test_row_25_frozen_falls_enter_the_memory_up_to_the_step_limit() -> None:
     # Tilted by up to half a radian and never steered, both bicycles fall within 40 steps.
     _, batch = collected(40, "ddpg.fall=frozen", "starts.tilt=0.5")
     assert len(batch.reward) == 80
@@ -112,7 +125,7 @@ def test_row_25_frozen_falls_enter_the_memory_up_to_the_step_limit():
         assert mine.truncated.tolist() == [0.0] * 39 + [1.0]
 
 
-def test_absorbing_falls_start_again_at_once_and_are_worth_lying_for_ever():
+def test_absorbing_falls_start_again_at_once_and_are_worth_lying_for_ever() -> None:
     collector, batch = collected(40, "ddpg.fall=absorbing", "starts.tilt=0.5")
     _, frozen = collected(40, "ddpg.fall=frozen", "starts.tilt=0.5")
     falls = np.flatnonzero(batch.fallen)
@@ -127,7 +140,7 @@ def test_absorbing_falls_start_again_at_once_and_are_worth_lying_for_ever():
     assert collector.metrics()["fall_rate"] == 1.0
 
 
-def test_the_warm_up_draws_the_whole_range_and_ends_in_time():
+def test_the_warm_up_draws_the_whole_range_and_ends_in_time() -> None:
     config = small_run("bicycles=50", "warm_up=1000")
     replay = Replay(3000, 2)
     collector = Collector(config, replay)
@@ -140,19 +153,19 @@ def test_the_warm_up_draws_the_whole_range_and_ends_in_time():
     assert actions[1000:].std() < 0.6
 
 
-def test_the_policy_chooses_only_driven_actions():
+def test_the_policy_chooses_only_driven_actions() -> None:
     pedal = small_run("scenario=learned-speed", "scenario.max_steps=60")
     assert Collector(pedal, Replay(10, 3)).driven.tolist() == [0, 1, 2]
     assert Collector(small_run(), Replay(10, 2)).driven.tolist() == [0, 1]
 
 
-def test_a_diverged_policy_is_one_line():
+def test_a_diverged_policy_is_one_line() -> None:
     collector = Collector(small_run("warm_up=0"), Replay(100, 2))
-    with pytest.raises(ValueError, match=r"diverged after 0 steps.*learning rates"):
+    with pytest.raises(RuntimeError, match=r"diverged after 0 steps.*learning rates"):
         collector.step(Broken())
 
 
-def test_a_saved_collection_goes_on_to_the_bit():
+def test_a_saved_collection_goes_on_to_the_bit() -> None:
     config = small_run("starts.near_share=0.5", "starts.ride_on=0.5", "ddpg.n_step=3")
     config = replace(config, ddpg=replace(config.ddpg, fall="absorbing"))
     first, second = Collector(config, Replay(9000, 2)), Collector(config, Replay(9000, 2))

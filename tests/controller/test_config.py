@@ -2,6 +2,7 @@ import math
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -12,7 +13,7 @@ from bicycle_controller.config import DdpgConfig, EvaluationConfig, StartsConfig
 from bicycle_sim.scenario import SCENARIOS
 
 
-def test_the_paper_preset_is_tables_2_and_3():
+def test_the_paper_preset_is_tables_2_and_3() -> None:
     config = settings.preset("paper")
     ddpg, noise = config.ddpg, config.noise
     assert (ddpg.actor_hidden, ddpg.critic_hidden) == ((400, 300), (200, 200))
@@ -23,7 +24,7 @@ def test_the_paper_preset_is_tables_2_and_3():
     assert (ddpg.fall, config.bicycles) == ("frozen", 1)
 
 
-def test_the_paper_preset_uses_nothing_that_the_paper_has_not():
+def test_the_paper_preset_uses_nothing_that_the_paper_has_not() -> None:
     found = settings.preset("paper").ddpg
     plain = {
         "n_step": 1,
@@ -40,7 +41,7 @@ def test_the_paper_preset_uses_nothing_that_the_paper_has_not():
     assert not any(getattr(found, name) for name in zero)
 
 
-def test_rows_28_to_31_35_and_36_the_authors_preset():
+def test_rows_28_to_31_35_and_36_the_authors_preset() -> None:
     config = settings.preset("authors")
     assert config.ddpg.critic_hidden == (400, 300)
     assert (config.ddpg.actor_learning_rate, config.ddpg.critic_learning_rate) == (1e-4, 1e-3)
@@ -52,7 +53,7 @@ def test_rows_28_to_31_35_and_36_the_authors_preset():
 
 
 @pytest.mark.parametrize("name", settings.preset_names())
-def test_every_preset_survives_yaml(name, tmp_path):
+def test_every_preset_survives_yaml(name: str, tmp_path: Path) -> None:
     config = settings.preset(name, ["scenario.max_steps=77", "physics=corrected", "seed=5"])
     path = tmp_path / "config.yaml"
     path.write_text(settings.dump(config))
@@ -60,7 +61,7 @@ def test_every_preset_survives_yaml(name, tmp_path):
     assert config.preset == name
 
 
-def test_a_file_may_extend_a_preset(tmp_path):
+def test_a_file_may_extend_a_preset(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text("extends: authors\nddpg:\n  tau: 5e-3\nscenario: learned-speed\n")
     config = settings.load(path, ["ddpg.n_step=3", "noise.sigma=0.3"])
@@ -70,7 +71,7 @@ def test_a_file_may_extend_a_preset(tmp_path):
     assert config.scenario == SCENARIOS["learned-speed"]
 
 
-def test_an_override_changes_what_it_names_and_nothing_else():
+def test_an_override_changes_what_it_names_and_nothing_else() -> None:
     base = settings.preset("fast")
     config = settings.preset("fast", ["scenario.reward.heading_error=3", "steps=2e5"])
     assert config.scenario.reward == replace(base.scenario.reward, heading_error=3.0)
@@ -78,7 +79,7 @@ def test_an_override_changes_what_it_names_and_nothing_else():
     assert replace(config, steps=base.steps, scenario=base.scenario) == base
 
 
-def test_a_scenario_of_ones_own_in_yaml():
+def test_a_scenario_of_ones_own_in_yaml() -> None:
     own = {
         "name": "yard",
         "start": {"low": [0, 0], "high": [9, 9]},
@@ -112,7 +113,7 @@ def test_a_scenario_of_ones_own_in_yaml():
         ("bicycles=true", ["bicycles", "whole number"]),
     ],
 )
-def test_a_typo_is_one_line_that_names_the_nearest(override, words):
+def test_a_typo_is_one_line_that_names_the_nearest(override: str, words: list[str]) -> None:
     with pytest.raises(ValueError, match=re.escape(words[0])) as caught:
         settings.preset("fast", [override])
     message = str(caught.value)
@@ -121,7 +122,7 @@ def test_a_typo_is_one_line_that_names_the_nearest(override, words):
         assert word in message
 
 
-def test_an_unknown_preset_names_the_nearest():
+def test_an_unknown_preset_names_the_nearest() -> None:
     with pytest.raises(ValueError, match="did you mean 'paper'"):
         settings.preset("papr")
 
@@ -136,7 +137,7 @@ def test_an_unknown_preset_names_the_nearest():
         ("extends: paper\nddgp: {}", "ddpg"),
     ],
 )
-def test_a_bad_file_is_one_line_with_its_name(text, word, tmp_path):
+def test_a_bad_file_is_one_line_with_its_name(text: str, word: str, tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(text)
     with pytest.raises(ValueError, match=word) as caught:
@@ -145,7 +146,7 @@ def test_a_bad_file_is_one_line_with_its_name(text, word, tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_a_missing_file_is_one_line():
+def test_a_missing_file_is_one_line() -> None:
     with pytest.raises(ValueError, match="cannot read the configuration /nowhere"):
         settings.load(Path("/nowhere.yaml"))
 
@@ -171,13 +172,13 @@ def test_a_missing_file_is_one_line():
         {"grad_clip": -1.0},
     ],
 )
-def test_impossible_ddpg_is_refused(changes):
+def test_impossible_ddpg_is_refused(changes: dict[str, Any]) -> None:
     config = settings.preset("paper").ddpg
     with pytest.raises(ValueError, match=next(iter(changes))):
         replace(config, **changes)
 
 
-def test_impossible_starts_and_evaluations_are_refused():
+def test_impossible_starts_and_evaluations_are_refused() -> None:
     with pytest.raises(ValueError, match="near_share"):
         StartsConfig(near_share=1.5)
     with pytest.raises(ValueError, match="near_distance"):
@@ -188,7 +189,12 @@ def test_impossible_starts_and_evaluations_are_refused():
         small_run("device=tpu")
 
 
-def test_the_least_value_counts_penalty_and_scale():
-    changes = {"reward_min": -20.0, "fall_penalty": 5.0, "reward_scale": 0.1, "gamma": 0.9}
+def test_the_least_value_counts_penalty_and_scale() -> None:
+    changes: dict[str, Any] = {
+        "reward_min": -20.0,
+        "fall_penalty": 5.0,
+        "reward_scale": 0.1,
+        "gamma": 0.9,
+    }
     config: DdpgConfig = replace(settings.preset("paper").ddpg, **changes)
     assert config.value_min == pytest.approx(-25.0)

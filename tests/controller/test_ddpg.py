@@ -1,4 +1,6 @@
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from bicycle_controller.agents.fused import FusedDdpg
 from bicycle_controller.replay import Replay, Returns
 
 BOTH = pytest.mark.parametrize("kind", [Ddpg, FusedDdpg])
+PARTS = ("actor", "critics", "actor_target", "critic_targets", "actor_average")
 ZERO, FALSE, TRUE = np.zeros((1, 6)), np.array([False]), np.array([True])
 
 
@@ -19,10 +22,16 @@ def constant_critics(agent: Ddpg, *values: float) -> None:
     for critic, value in zip(agent.critic_targets, values, strict=True):
         for parameter in critic.parameters():
             parameter.data.zero_()
-        critic.layers[-1].bias.data.fill_(value)
+        list(critic.parameters())[-1].data.fill_(value)
 
 
-def target_of(agent: Ddpg, reward: float, terminated=FALSE, truncated=FALSE, fallen=FALSE):
+def target_of(
+    agent: Ddpg,
+    reward: float,
+    terminated: np.ndarray = FALSE,
+    truncated: np.ndarray = FALSE,
+    fallen: np.ndarray = FALSE,
+) -> float:
     """The critic's target for one step that ends so, the whole way through the memory."""
     config = agent.config
     absorbing = config.fall == "absorbing"
@@ -31,12 +40,12 @@ def target_of(agent: Ddpg, reward: float, terminated=FALSE, truncated=FALSE, fal
     step = (ZERO, np.zeros((1, 1)), np.array([reward]), ZERO, terminated, truncated, fallen)
     replay.add(returns.push(*step))
     batch = replay.sample(config.batch, torch.Generator().manual_seed(0))
-    return agent.targets(agent._prepared(batch))[0].item()
+    return float(agent.targets(agent._prepared(batch))[0])
 
 
 @BOTH
 @pytest.mark.parametrize("fall", ["frozen", "absorbing"])
-def test_targets_of_every_end_by_hand(kind, fall):
+def test_targets_of_every_end_by_hand(kind: type[Ddpg], fall: str) -> None:
     config = small_ddpg(fall=fall, gamma=0.9, reward_scale=0.1, fall_penalty=1.0)
     agent = kind(config, 1, 0)
     constant_critics(agent, -5.0)
@@ -51,14 +60,14 @@ def test_targets_of_every_end_by_hand(kind, fall):
 
 
 @BOTH
-def test_twin_critics_give_their_minimum(kind):
+def test_twin_critics_give_their_minimum(kind: type[Ddpg]) -> None:
     agent = kind(small_ddpg(critics=2, gamma=0.5), 1, 0)
     constant_critics(agent, -3.0, -7.0)
     assert target_of(agent, -1.0) == pytest.approx(-1.0 + 0.5 * -7.0)
 
 
 @BOTH
-def test_bounded_targets_stay_within_what_can_be_true(kind):
+def test_bounded_targets_stay_within_what_can_be_true(kind: type[Ddpg]) -> None:
     config = small_ddpg(bound_values=True, gamma=0.5, reward_min=-10.0, reward_scale=0.1)
     agent = kind(config, 1, 0)
     constant_critics(agent, 8.0)
@@ -68,7 +77,7 @@ def test_bounded_targets_stay_within_what_can_be_true(kind):
 
 
 @BOTH
-def test_smoothing_noise_is_clipped_and_moves_the_targets_action(kind):
+def test_smoothing_noise_is_clipped_and_moves_the_targets_action(kind: type[Ddpg]) -> None:
     config = small_ddpg(smoothing=10.0, smoothing_clip=0.25, action_layer=2)
     agent = kind(config, 1, 0)
     action = torch.zeros(1000, 1)
@@ -97,25 +106,26 @@ def hand_worked_agent(kind: type[Ddpg]) -> Ddpg:
     return agent
 
 
-def set_parameters(network: torch.nn.Module, *values: list) -> None:
+def set_parameters(network: torch.nn.Module, *values: list[Any]) -> None:
     for parameter, value in zip(network.parameters(), values, strict=True):
         parameter.data.copy_(torch.tensor(value))
 
 
 @BOTH
-def test_one_update_by_hand(kind):
+def test_one_update_by_hand(kind: type[Ddpg]) -> None:
     agent = hand_worked_agent(kind)
     agent.update_on(batch_of([[2.0, 0, 0, 0, 0, 0]], [[0.5]], [-1.0], [0.0]))
     # The observation is 2 / 2 = 1. Q = 3 (1 + 2 * 0.5) + 1 = 7 and y = -1, so the loss's slope
     # is 16, positive at every parameter that is used; Adam's first step is the learning rate.
     critic = [p.detach().flatten().tolist() for p in agent.critics[0].parameters()]
-    expected = [[0.9, 0, 0, 0, 0, 0, 1.9], [-0.1], [2.9], [0.9]]
+    expected: list[list[float]] = [[0.9, 0, 0, 0, 0, 0, 1.9], [-0.1], [2.9], [0.9]]
     for found, value in zip(critic, expected, strict=True):
         assert found == pytest.approx(value, abs=1e-6)
     # The actor's slope is -2.9 * 1.9 at its output, times the hidden 1 at the weight, so both
     # grow by the learning rate; the output weight was 0, so nothing reaches the hidden layer.
     actor = [p.detach().flatten().tolist() for p in agent.actor.parameters()]
-    for found, value in zip(actor, [[1, 0, 0, 0, 0, 0], [0], [0.01], [0.01]], strict=True):
+    expected = [[1, 0, 0, 0, 0, 0], [0], [0.01], [0.01]]
+    for found, value in zip(actor, expected, strict=True):
         assert found == pytest.approx(value, abs=1e-6)
     slow = [p.flatten().tolist() for p in agent.actor_target.parameters()]
     assert slow[3] == pytest.approx([0.0025], abs=1e-7)
@@ -123,18 +133,23 @@ def test_one_update_by_hand(kind):
     assert slow[2] == pytest.approx([3.0 - 0.25 * 0.1], abs=1e-6)
 
 
-def test_the_gradients_of_that_update_by_hand():
+def gradient(parameter: torch.Tensor) -> list[float]:
+    assert parameter.grad is not None
+    return list(parameter.grad.flatten().tolist())
+
+
+def test_the_gradients_of_that_update_by_hand() -> None:
     agent = hand_worked_agent(Ddpg)
     agent.update_on(batch_of([[2.0, 0, 0, 0, 0, 0]], [[0.5]], [-1.0], [0.0]))
-    critic = [p.grad.flatten().tolist() for p in agent.critics[0].parameters()]
+    critic = [gradient(p) for p in agent.critics[0].parameters()]
     assert critic == [[48, 0, 0, 0, 0, 0, 24], [48], [32], [16]]
-    actor = [p.grad.flatten().tolist() for p in agent.actor.parameters()]
+    actor = [gradient(p) for p in agent.actor.parameters()]
     assert actor[2] == pytest.approx([-2.9 * 1.9])
     assert actor[3] == pytest.approx([-2.9 * 1.9])
 
 
 @BOTH
-def test_the_actor_and_the_targets_wait_for_their_turn(kind):
+def test_the_actor_and_the_targets_wait_for_their_turn(kind: type[Ddpg]) -> None:
     agent, replay = kind(small_ddpg(actor_every=3), 2, 0), random_replay(2)
     start = [p.detach().clone() for p in (*agent.actor.parameters(),)]
     slow = [p.detach().clone() for p in agent.critic_targets.parameters()]
@@ -147,12 +162,40 @@ def test_the_actor_and_the_targets_wait_for_their_turn(kind):
     assert not all(torch.equal(a, b) for a, b in zip(start, agent.actor.parameters(), strict=True))
 
 
-SWITCHES = {
+@BOTH
+def test_the_learning_rates_fall_in_a_straight_line(kind: type[Ddpg]) -> None:
+    """Adam's first step is the learning rate, so the critic's output bias tells it."""
+    for progress, share in ((0.0, 1.0), (0.5, 0.6), (1.0, 0.2), (1.5, 0.2)):
+        agent = kind(small_ddpg(learning_rate_end=0.2, critic_learning_rate=0.01), 2, 0)
+        bias = list(agent.critics.parameters())[-1]
+        before = bias.item()
+        agent.anneal(progress)
+        agent.update(random_replay(2), 1)
+        assert abs(bias.item() - before) == pytest.approx(0.01 * share, rel=1e-3)
+
+
+@BOTH
+def test_the_averaged_actor_follows_and_is_the_one_deployed(kind: type[Ddpg]) -> None:
+    agent, replay = kind(small_ddpg(actor_average=0.25), 2, 0), random_replay(2)
+    expected = [p.detach().clone() for p in agent.actor.parameters()]
+    for _ in range(3):
+        agent.update(replay, 1)
+        pairs = zip(expected, agent.actor.parameters(), strict=True)
+        expected = [0.75 * slow + 0.25 * main.detach() for slow, main in pairs]
+    found = list(agent.deployed.parameters())
+    assert all(torch.allclose(a, b, atol=1e-7) for a, b in zip(expected, found, strict=True))
+    assert kind(small_ddpg(), 2, 0).deployed is not agent.deployed
+    plain = kind(small_ddpg(), 2, 0)
+    assert plain.deployed is plain.actor
+
+
+SWITCHES: dict[str, dict[str, Any]] = {
     "paper": {},
     "td3": {"critics": 2, "actor_every": 2, "smoothing": 0.2},
     "norms": {"critic_layer_norm": True, "actor_layer_norm": True},
     "huber and clip": {"huber": 0.1, "grad_clip": 0.05},
     "bc": {"bc_weight": 1.0, "saturation_penalty": 0.1},
+    "average": {"actor_average": 0.01, "n_step": 3},
     "mirror": {"mirror": True, "bound_values": True, "reward_scale": 0.1},
     "first layer": {"action_layer": 1, "critics": 2, "critic_layer_norm": True},
     "three layers": {"critic_hidden": (9, 8, 7), "actor_hidden": (5,), "action_layer": 3},
@@ -160,14 +203,14 @@ SWITCHES = {
 
 
 @pytest.mark.parametrize("name", SWITCHES)
-def test_hand_written_gradients_equal_autograd(name):
+def test_hand_written_gradients_equal_autograd(name: str) -> None:
     config, replay = small_ddpg(**SWITCHES[name]), random_replay(2)
     first, second = Ddpg(config, 2, 3), FusedDdpg(config, 2, 3)
     start = [p.detach().clone() for p in first.actor.parameters()]
     for agent in (first, second):
         for _ in range(10):
             agent.update(replay, 3)
-    for part in ("actor", "critics", "actor_target", "critic_targets"):
+    for part in PARTS:
         pairs = zip(
             getattr(first, part).parameters(), getattr(second, part).parameters(), strict=True
         )
@@ -180,7 +223,7 @@ def test_hand_written_gradients_equal_autograd(name):
     assert set(metrics[0]) == {"critic_loss", "q_data", "q_policy"}
 
 
-def test_hand_written_gradients_equal_autograd_at_the_papers_sizes():
+def test_hand_written_gradients_equal_autograd_at_the_papers_sizes() -> None:
     config = replace(small_ddpg(), actor_hidden=(400, 300), critic_hidden=(200, 200), batch=64)
     replay = random_replay(3)
     first, second = Ddpg(config, 3, 0), FusedDdpg(config, 3, 0)
@@ -195,7 +238,9 @@ def test_hand_written_gradients_equal_autograd_at_the_papers_sizes():
 
 @BOTH
 @pytest.mark.parametrize("switches", [{}, {"critics": 2, "smoothing": 0.1, "mirror": True}])
-def test_a_saved_agent_goes_on_to_the_bit(kind, switches, tmp_path):
+def test_a_saved_agent_goes_on_to_the_bit(
+    kind: type[Ddpg], switches: dict[str, Any], tmp_path: Path
+) -> None:
     config, replay = small_ddpg(**switches), random_replay(2)
     agent, other = kind(config, 2, 0), kind(config, 2, 77)
     agent.update(replay, 5)
@@ -204,13 +249,13 @@ def test_a_saved_agent_goes_on_to_the_bit(kind, switches, tmp_path):
     for learner in (agent, other):
         learner.update(replay, 5)
     mine, theirs = agent.state_dict(), other.state_dict()
-    for part in ("actor", "critics", "actor_target", "critic_targets"):
+    for part in PARTS:
         assert all(torch.equal(mine[part][key], theirs[part][key]) for key in mine[part])
     assert agent.metrics() == other.metrics()
 
 
 @pytest.mark.parametrize("switches", [{}, {"critics": 2, "actor_every": 2, "smoothing": 0.05}])
-def test_it_finds_the_best_action_of_a_one_step_problem(switches):
+def test_it_finds_the_best_action_of_a_one_step_problem(switches: dict[str, Any]) -> None:
     rng = np.random.default_rng(0)
     action = rng.uniform(-1, 1, (2000, 1))
     reward = -((action - 0.4) ** 2)
@@ -226,7 +271,7 @@ def test_it_finds_the_best_action_of_a_one_step_problem(switches):
     assert np.abs(agent.act(observation) - 0.4).mean() < 0.1
 
 
-def test_the_mirror_turns_lean_steering_and_goal_but_not_the_pedal():
+def test_the_mirror_turns_lean_steering_and_goal_but_not_the_pedal() -> None:
     agent = Ddpg(small_ddpg(mirror=True, batch=400), 3, 0)
     batch = batch_of([[1.0] * 6] * 400, [[0.1, 0.2, 0.3]] * 400, [-1.0] * 400, [0.9] * 400)
     prepared = agent._prepared(batch)

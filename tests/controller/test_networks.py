@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from bicycle_controller import settings
-from bicycle_controller.networks import Actor, Critic, initialise, policy_tensors
+from bicycle_controller.networks import Actor, Critic, initialise, linear_layers, policy_tensors
 from bicycle_controller.policy import Policy, PolicyInfo
 from bicycle_sim.parameters import Physics
 from bicycle_sim.scenario import SCENARIOS
@@ -22,7 +22,7 @@ def built(preset: str, actions: int = 3) -> tuple[Actor, Critic]:
 
 
 def shapes(network: Actor | Critic) -> list[tuple[int, ...]]:
-    return [tuple(layer.weight.shape) for layer in network.layers]
+    return [tuple(layer.weight.shape) for layer in linear_layers(network)]
 
 
 @pytest.mark.parametrize(
@@ -32,22 +32,24 @@ def shapes(network: Actor | Critic) -> list[tuple[int, ...]]:
         ("authors", [(400, 6), (300, 403), (1, 300)]),
     ],
 )
-def test_rows_27_and_28_sizes_and_the_action_at_the_second_layer(preset, critic):
+def test_rows_27_and_28_sizes_and_the_action_at_the_second_layer(
+    preset: str, critic: list[tuple[int, int]]
+) -> None:
     networks = built(preset)
     assert shapes(networks[0]) == [(400, 6), (300, 400), (3, 300)]
     assert shapes(networks[1]) == critic
 
 
-def test_row_30_literally_every_parameter_starts_within_3e_3():
+def test_row_30_literally_every_parameter_starts_within_3e_3() -> None:
     for network in built("paper"):
         for parameter in network.parameters():
             assert parameter.abs().max() <= 3e-3
             assert parameter.numel() == 1 or parameter.abs().max() > 1e-4
 
 
-def test_row_30_as_the_authors_ran_it_only_the_output_does():
+def test_row_30_as_the_authors_ran_it_only_the_output_does() -> None:
     for network in built("authors"):
-        *hidden, output = network.layers
+        *hidden, output = linear_layers(network)
         assert max(output.weight.abs().max(), output.bias.abs().max()) <= 3e-3
         for layer in hidden:
             limit = math.sqrt(6 / sum(layer.weight.shape))
@@ -55,20 +57,20 @@ def test_row_30_as_the_authors_ran_it_only_the_output_does():
             assert not layer.bias.any()
 
 
-def test_fan_in_start_lies_within_one_over_the_root_of_the_inputs():
+def test_fan_in_start_lies_within_one_over_the_root_of_the_inputs() -> None:
     actor = Actor(6, [50], 2)
     initialise(actor, "fan_in", torch.Generator().manual_seed(0))
-    assert 0.95 / math.sqrt(6) < actor.layers[0].weight.abs().max() <= 1 / math.sqrt(6)
-    assert actor.layers[1].weight.abs().max() <= 3e-3
+    assert 0.95 / math.sqrt(6) < linear_layers(actor)[0].weight.abs().max() <= 1 / math.sqrt(6)
+    assert linear_layers(actor)[1].weight.abs().max() <= 3e-3
 
 
-def test_a_start_is_its_seeds_alone():
+def test_a_start_is_its_seeds_alone() -> None:
     first, second = built("authors"), built("authors")
     pairs = zip(first[0].parameters(), second[0].parameters(), strict=True)
     assert all(torch.equal(a, b) for a, b in pairs)
 
 
-def test_the_critic_by_hand():
+def test_the_critic_by_hand() -> None:
     critic = Critic(6, [1, 1], 1, action_layer=2)
     values = {
         "layers.0.weight": [[2.0, 0, 0, 0, 0, 0]],
@@ -87,7 +89,7 @@ def test_the_critic_by_hand():
 
 
 @pytest.mark.parametrize("norm", [False, True])
-def test_the_policy_file_holds_the_same_actor(norm):
+def test_the_policy_file_holds_the_same_actor(norm: bool) -> None:
     actor = Actor(6, [20, 10], 2, layer_norm=norm)
     scale = (0.8, 3.0, 0.3, 1.0, 5.0, 2.0)
     limits = (2.0, 0.2, 0.0)

@@ -1,3 +1,6 @@
+from collections.abc import Iterable, Iterator
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -7,12 +10,12 @@ from bicycle_controller.replay import Replay, Returns
 GAMMA = 0.9
 
 
-def rows_of(numbers, actions=2):
+def rows_of(numbers: Iterable[int], actions: int = 2) -> np.ndarray:
     """Rows that hold their own number everywhere."""
-    return np.repeat(np.array(numbers, dtype=np.float32)[:, None], 17 + actions, axis=1)
+    return np.repeat(np.array(list(numbers), dtype=np.float32)[:, None], 17 + actions, axis=1)
 
 
-def test_the_ring_overwrites_the_oldest():
+def test_the_ring_overwrites_the_oldest() -> None:
     replay = Replay(5, 2)
     replay.add(rows_of([0, 1, 2]))
     assert (replay.size, replay.position) == (3, 3)
@@ -21,7 +24,7 @@ def test_the_ring_overwrites_the_oldest():
     assert replay.table[:, 0].tolist() == [5, 6, 2, 3, 4]
 
 
-def test_samples_are_even_over_what_is_stored_and_repeatable():
+def test_samples_are_even_over_what_is_stored_and_repeatable() -> None:
     replay = Replay(100, 2)
     replay.add(rows_of(range(10)))
     drawn = [replay.sample(5000, torch.Generator().manual_seed(s)).reward for s in (1, 1, 2)]
@@ -33,7 +36,7 @@ def test_samples_are_even_over_what_is_stored_and_repeatable():
     assert 400 < counts.min() <= counts.max() < 600
 
 
-def test_a_batch_names_the_columns_in_their_order():
+def test_a_batch_names_the_columns_in_their_order() -> None:
     replay = Replay(1, 2)
     replay.add(np.arange(19, dtype=np.float32)[None])
     batch = replay.sample(1, torch.Generator())
@@ -52,20 +55,20 @@ def test_a_batch_names_the_columns_in_their_order():
         (np.full((1, 19), np.nan), "not finite"),
     ],
 )
-def test_rows_that_cannot_be_are_refused(rows, word):
+def test_rows_that_cannot_be_are_refused(rows: np.ndarray, word: str) -> None:
     replay = Replay(5, 2)
     with pytest.raises(ValueError, match=word):
         replay.add(rows)
     assert replay.size == 0
 
 
-def test_an_empty_memory_cannot_be_sampled():
+def test_an_empty_memory_cannot_be_sampled() -> None:
     with pytest.raises(ValueError, match="empty"):
         Replay(5, 2).sample(1, torch.Generator())
 
 
 @pytest.mark.parametrize("count", [3, 7])
-def test_a_saved_memory_goes_on_to_the_bit(count):
+def test_a_saved_memory_goes_on_to_the_bit(count: int) -> None:
     replay, other = Replay(5, 2), Replay(5, 2)
     for number in range(count):
         replay.add(rows_of([number]))
@@ -77,7 +80,7 @@ def test_a_saved_memory_goes_on_to_the_bit(count):
     assert (replay.size, replay.position) == (other.size, other.position)
 
 
-def test_a_saved_memory_of_another_shape_is_refused():
+def test_a_saved_memory_of_another_shape_is_refused() -> None:
     replay = Replay(5, 2)
     replay.add(rows_of(range(5)))
     with pytest.raises(ValueError, match="cannot take"):
@@ -93,7 +96,7 @@ class Rider:
         self.rng = np.random.default_rng(n_step)
         self.absorbing, self.n_step, self.penalty = absorbing, n_step, penalty
         self.returns = Returns(3, 2, n_step, GAMMA, penalty, absorbing)
-        self.tracks: list[list[list[dict]]] = [[[]] for _ in range(3)]
+        self.tracks: list[list[list[dict[str, Any]]]] = [[[]] for _ in range(3)]
         self.rows = np.zeros((0, 19), dtype=np.float32)
         self.time = 0
 
@@ -109,7 +112,7 @@ class Rider:
             self.rows = np.concatenate([self.rows, found])
             for who in range(3):
                 names = ("terminated", "truncated", "fallen")
-                step = {n: bool(f[who]) for n, f in zip(names, flags, strict=True)}
+                step: dict[str, Any] = {n: bool(f[who]) for n, f in zip(names, flags, strict=True)}
                 step |= {"time": self.time, "reward": reward[who], "action": action[who]}
                 self.tracks[who][-1].append(step)
                 final = step["terminated"] or step["truncated"]
@@ -117,7 +120,7 @@ class Rider:
                     self.tracks[who].append([])
             self.time += 1
 
-    def expected(self):
+    def expected(self) -> Iterator[np.ndarray]:
         """Every complete transition, by the definition, episode by episode."""
         for episodes in self.tracks:
             for number, episode in enumerate(episodes):
@@ -126,7 +129,7 @@ class Rider:
                     if len(span) == self.n_step or number < len(episodes) - 1:
                         yield self.row(span)
 
-    def row(self, span):
+    def row(self, span: list[dict[str, Any]]) -> np.ndarray:
         last = span[-1]
         total = 0.0
         for power, step in enumerate(span):
@@ -143,7 +146,7 @@ class Rider:
 
 @pytest.mark.parametrize("n_step", [1, 3, 5])
 @pytest.mark.parametrize("absorbing", [False, True])
-def test_n_step_returns_follow_their_definition(n_step, absorbing):
+def test_n_step_returns_follow_their_definition(n_step: int, absorbing: bool) -> None:
     rider = Rider(absorbing, n_step, penalty=0.25)
     rider.ride(200)
     expected = np.array(sorted(map(tuple, rider.expected())))
@@ -154,7 +157,17 @@ def test_n_step_returns_follow_their_definition(n_step, absorbing):
     assert np.allclose(found, expected, rtol=1e-5, atol=1e-6)
 
 
-def test_pending_returns_go_on_to_the_bit():
+def test_the_cap_bounds_a_steps_cost_before_the_fall_penalty() -> None:
+    returns = Returns(2, 1, 1, GAMMA, fall_penalty=6.0, absorbing=True, cost_cap=4.0)
+    no, one = np.zeros(2, dtype=bool), np.zeros((2, 6))
+    fallen = np.array([False, True])
+    rows = returns.push(one, one[:, :1], np.array([-9.0, -1.0]), one, no, no, fallen)
+    assert rows[:, 13].tolist() == pytest.approx([-4.0, (-1.0 - 6.0) / (1 - GAMMA)])
+    rows = returns.push(one, one[:, :1], np.array([-3.0, -9.0]), one, no, no, fallen)
+    assert rows[:, 13].tolist() == pytest.approx([-3.0, (-4.0 - 6.0) / (1 - GAMMA)])
+
+
+def test_pending_returns_go_on_to_the_bit() -> None:
     rider = Rider(True, 4)
     rider.ride(20)
     other = Returns(3, 2, 4, GAMMA, 0.0, True)

@@ -6,7 +6,9 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,11 +18,15 @@ from training_maker import SMALL, small_run
 from bicycle_controller import checkpoint, settings, train
 from bicycle_controller.config import RunConfig
 from bicycle_controller.policy import load_policy
+from bicycle_controller.run_folder import RunFolder
+from bicycle_controller.score import score
 from bicycle_controller.train_command import add_arguments, run_command
 
 CLOCKS = {"wall_s", "cpu_s"}
 PROGRAM = """
 import argparse, sys
+from bicycle_controller.run_folder import RunFolder
+from bicycle_controller.score import score
 from bicycle_controller.train_command import add_arguments, run_command
 parser = argparse.ArgumentParser()
 add_arguments(parser)
@@ -31,19 +37,19 @@ except ValueError as error:
 """
 
 
-def rows(folder: Path) -> list[dict]:
+def rows(folder: Path) -> list[dict[str, Any]]:
     """The log without its clocks."""
     lines = (folder / "log.jsonl").read_text().splitlines()
     return [{k: v for k, v in json.loads(line).items() if k not in CLOCKS} for line in lines]
 
 
-def state_of(folder: Path) -> dict:
+def state_of(folder: Path) -> dict[str, Any]:
     """The checkpoint without clocks and origin."""
     state = checkpoint.load(folder / "checkpoint" / "state.pt")
     return {k: v for k, v in state.items() if k not in ("spent", "origin", "log_bytes")}
 
 
-def same(one, other) -> bool:
+def same(one: Any, other: Any) -> bool:
     """Whether two nested states are equal to the bit."""
     if isinstance(one, dict):
         return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
@@ -66,7 +72,7 @@ def assert_same_run(one: Path, other: Path) -> None:
         assert all(np.array_equal(mine[key], theirs[key]) for key in theirs)
 
 
-def after(rounds: int):
+def after(rounds: int) -> Callable[[], bool]:
     """Says stop at the given step of all bicycles."""
     left = iter(range(rounds))
     return lambda: next(left, None) is None
@@ -88,6 +94,10 @@ RUNS = {
         "starts.tilt=0.05",
         "noise.kind=gaussian",
         "physics.displacement_noise=0.02",
+        "ddpg.cost_cap=4",
+        "ddpg.learning_rate_end=0.1",
+        "ddpg.actor_average=0.01",
+        "evaluation.near_episodes=4",
         "updates=2",
         "update_every=3",
     ),
@@ -95,7 +105,7 @@ RUNS = {
 
 
 @pytest.mark.parametrize("name", RUNS)
-def test_a_resumed_run_gives_the_same_numbers_to_the_bit(name, tmp_path):
+def test_a_resumed_run_gives_the_same_numbers_to_the_bit(name: str, tmp_path: Path) -> None:
     config = small_run(*RUNS[name])
     whole, parts = tmp_path / "whole", tmp_path / "parts"
     assert train.run(config, whole).status == "finished"
@@ -110,14 +120,14 @@ def test_a_resumed_run_gives_the_same_numbers_to_the_bit(name, tmp_path):
     assert kinds.count("evaluation") >= 1
 
 
-def test_a_seed_repeats_a_run_and_another_does_not(tmp_path):
+def test_a_seed_repeats_a_run_and_another_does_not(tmp_path: Path) -> None:
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
         train.run(small_run(f"seed={seed}", "steps=800"), tmp_path / name)
     assert_same_run(tmp_path / "a", tmp_path / "b")
     assert not same(state_of(tmp_path / "a")["agent"], state_of(tmp_path / "c")["agent"])
 
 
-def test_saving_often_changes_no_number(tmp_path):
+def test_saving_often_changes_no_number(tmp_path: Path) -> None:
     train.run(small_run("steps=800"), tmp_path / "a")
     train.run(small_run("steps=800", "save_every=0"), tmp_path / "b")
     assert_same_run(tmp_path / "a", tmp_path / "b")
@@ -132,12 +142,12 @@ def command(folder: Path, *arguments: str, config: RunConfig | None = None) -> l
     return words
 
 
-def start(words: list[str]) -> subprocess.Popen:
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
-    return subprocess.Popen(words, text=True, env=os.environ | {"OMP_NUM_THREADS": "1"}, **pipes)
+def start(words: list[str]) -> subprocess.Popen[str]:
+    pipe, one_thread = subprocess.PIPE, os.environ | {"OMP_NUM_THREADS": "1"}
+    return subprocess.Popen(words, text=True, env=one_thread, stdout=pipe, stderr=pipe)
 
 
-def wait_for(path: Path, process: subprocess.Popen, lines: int) -> None:
+def wait_for(path: Path, process: subprocess.Popen[str], lines: int) -> None:
     """Until the log has so many lines and there is a checkpoint."""
     limit = time.monotonic() + 120
     while process.poll() is None and time.monotonic() < limit:
@@ -148,7 +158,7 @@ def wait_for(path: Path, process: subprocess.Popen, lines: int) -> None:
     raise AssertionError(f"no log of {lines} lines: {process.communicate()}")
 
 
-def test_a_run_killed_at_any_moment_goes_on_to_the_same_end(tmp_path):
+def test_a_run_killed_at_any_moment_goes_on_to_the_same_end(tmp_path: Path) -> None:
     config = small_run("steps=4000", "save_every=0.05")
     train.run(config, tmp_path / "whole")
     killed = tmp_path / "killed"
@@ -168,7 +178,7 @@ def test_a_run_killed_at_any_moment_goes_on_to_the_same_end(tmp_path):
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_saves_and_leaves(number, code, tmp_path):
+def test_a_signal_saves_and_leaves(number: signal.Signals, code: int, tmp_path: Path) -> None:
     config = small_run("steps=10_000_000", "save_every=0.2")
     process = start(command(tmp_path / "run", config=config))
     wait_for(tmp_path / "run", process, 3)
@@ -180,7 +190,7 @@ def test_a_signal_saves_and_leaves(number, code, tmp_path):
     assert state["updates"] >= rows(tmp_path / "run")[-1]["updates"]
 
 
-def test_the_folder_holds_what_it_promises(tmp_path):
+def test_the_folder_holds_what_it_promises(tmp_path: Path) -> None:
     config = small_run("seed=7")
     result = train.run(config, tmp_path / "run")
     assert settings.load(tmp_path / "run" / "config.yaml") == config
@@ -199,10 +209,10 @@ def test_the_folder_holds_what_it_promises(tmp_path):
         assert info.observation_scale == config.ddpg.observation_scale
 
 
-def test_the_best_policy_is_the_one_that_scored_best(tmp_path):
+def test_the_best_policy_is_the_one_that_scored_best(tmp_path: Path) -> None:
     config = small_run("evaluation.every=10", "steps=2400")
     result = train.run(config, tmp_path / "run")
-    found = train.score(
+    found = score(
         load_policy(tmp_path / "run" / "best.safetensors"),
         config.scenario,
         config.physics,
@@ -211,30 +221,30 @@ def test_the_best_policy_is_the_one_that_scored_best(tmp_path):
     assert found == result.best
 
 
-def test_a_met_goal_rate_ends_the_run(tmp_path):
+def test_a_met_goal_rate_ends_the_run(tmp_path: Path) -> None:
     config = small_run("scenario.goal_radius=500", "evaluation.stop_at=0.9")
     result = train.run(config, tmp_path / "run")
     assert result.status == "reached"
     assert result.updates == 50
 
 
-def test_more_steps_go_on_with_a_finished_run(tmp_path):
+def test_more_steps_go_on_with_a_finished_run(tmp_path: Path) -> None:
     train.run(small_run("steps=2400"), tmp_path / "whole")
     train.run(small_run("steps=1200"), tmp_path / "parts")
     train.resume(tmp_path / "parts", ["steps=2400"])
     assert_same_run(tmp_path / "whole", tmp_path / "parts")
 
 
-def test_a_run_killed_before_its_first_checkpoint_starts_again(tmp_path):
+def test_a_run_killed_before_its_first_checkpoint_starts_again(tmp_path: Path) -> None:
     config = small_run("steps=800")
     train.run(config, tmp_path / "whole")
-    train.RunFolder(tmp_path / "young").create(config)
+    RunFolder(tmp_path / "young").create(config)
     (tmp_path / "young" / "log.jsonl").write_text('{"kind": "train"}\n')
     train.resume(tmp_path / "young")
     assert_same_run(tmp_path / "whole", tmp_path / "young")
 
 
-def test_mistakes_with_folders_are_one_line_with_the_remedy(tmp_path):
+def test_mistakes_with_folders_are_one_line_with_the_remedy(tmp_path: Path) -> None:
     config = small_run("steps=400")
     train.run(config, tmp_path / "run")
     with pytest.raises(ValueError, match=r"holds a run already.*--resume"):
@@ -243,13 +253,18 @@ def test_mistakes_with_folders_are_one_line_with_the_remedy(tmp_path):
         train.resume(tmp_path / "nowhere")
     with pytest.raises(ValueError, match=r"ddpg cannot change.*another --out"):
         train.resume(tmp_path / "run", ["ddpg.tau=0.5"])
+    train.run(small_run("steps=400", "ddpg.learning_rate_end=0.1"), tmp_path / "annealed")
+    with pytest.raises(ValueError, match="steps cannot change"):
+        train.resume(tmp_path / "annealed", ["steps=800"])
     (tmp_path / "file").write_text("")
     with pytest.raises(ValueError, match="cannot write"):
         train.run(config, tmp_path / "file" / "run")
 
 
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 not a checkpoint", None])
-def test_a_damaged_checkpoint_is_one_line_with_the_remedy(damage, tmp_path):
+def test_a_damaged_checkpoint_is_one_line_with_the_remedy(
+    damage: bytes | None, tmp_path: Path
+) -> None:
     train.run(small_run("steps=400"), tmp_path / "run")
     path = tmp_path / "run" / "checkpoint" / "state.pt"
     data = path.read_bytes()
@@ -259,9 +274,9 @@ def test_a_damaged_checkpoint_is_one_line_with_the_remedy(damage, tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_a_checkpoint_runs_no_code(tmp_path):
+def test_a_checkpoint_runs_no_code(tmp_path: Path) -> None:
     class Evil:
-        def __reduce__(self):
+        def __reduce__(self) -> Any:
             return (Path.touch, (tmp_path / "owned",))
 
     torch.save({"version": 1, "state": Evil()}, tmp_path / "state.pt")
@@ -271,14 +286,16 @@ def test_a_checkpoint_runs_no_code(tmp_path):
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is CUDA here")
-def test_without_cuda_it_says_so_in_one_line_and_trains(tmp_path, capsys):
+def test_without_cuda_it_says_so_in_one_line_and_trains(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     result = train.run(small_run("device=cuda", "steps=400"), tmp_path / "run")
     assert result.status == "finished"
     lines = capsys.readouterr().err.splitlines()
     assert lines == ["no CUDA device was found: training on the CPU"]
 
 
-def test_the_command_trains_and_prints_json(tmp_path):
+def test_the_command_trains_and_prints_json(tmp_path: Path) -> None:
     words = command(tmp_path / "run", "--json", "--preset", "paper", "--seed", "3")
     overrides = [word for override in SMALL for word in ("--set", override)]
     done = subprocess.run([*words, *overrides], capture_output=True, text=True, timeout=120)
@@ -302,7 +319,9 @@ def test_the_command_trains_and_prints_json(tmp_path):
         (["--config", "/nowhere.yaml"], ["cannot read", "/nowhere.yaml"]),
     ],
 )
-def test_mistakes_on_the_command_line_are_one_line(arguments, words, tmp_path, capsys):
+def test_mistakes_on_the_command_line_are_one_line(
+    arguments: list[str], words: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     args = parser.parse_args(["--out", str(tmp_path / "run"), *arguments])
@@ -313,7 +332,7 @@ def test_mistakes_on_the_command_line_are_one_line(arguments, words, tmp_path, c
     assert not (tmp_path / "run").exists()
 
 
-def test_tensorboard_gets_the_same_rows(tmp_path):
+def test_tensorboard_gets_the_same_rows(tmp_path: Path) -> None:
     accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
     train.run(small_run("tensorboard=true"), tmp_path / "run")
     events = accumulator.EventAccumulator(str(tmp_path / "run" / "tensorboard"))

@@ -45,10 +45,9 @@ def batch_of(
 ) -> Batch:
     """A batch from plain lists; the flags, which no update reads, are zero."""
     following = observation if next_observation is None else next_observation
-    columns = [torch.tensor(c, dtype=torch.float32) for c in (observation, action, following)]
-    rest = [torch.tensor(c, dtype=torch.float32) for c in (reward, discount)]
-    zero = torch.zeros_like(rest[0])
-    return Batch(*columns, *rest, zero, zero, zero)
+    zero = [0.0] * len(reward)
+    columns = (observation, action, following, reward, discount, zero, zero, zero)
+    return Batch(*(torch.tensor(column, dtype=torch.float32) for column in columns))
 
 
 def random_replay(actions: int, rows: int = 2000, seed: int = 0) -> Replay:

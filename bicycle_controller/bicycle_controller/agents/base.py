@@ -10,7 +10,14 @@ from bicycle_controller.networks import Actor
 from bicycle_controller.replay import Replay
 
 
-class Agent(Protocol):
+class Chooser(Protocol):
+    """Chooses actions."""
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """Normalised actions (N, actions) for raw observations (N, 6), without noise."""
+
+
+class Agent(Chooser, Protocol):
     """An off-policy learner with a deterministic actor."""
 
     @property
@@ -23,9 +30,6 @@ class Agent(Protocol):
 
     def anneal(self, progress: float) -> None:
         """Set the learning rates for a run of which the share `progress` is done."""
-
-    def act(self, observation: np.ndarray) -> np.ndarray:
-        """Normalised actions (N, actions) for raw observations (N, 6), without noise."""
 
     def update(self, replay: Replay, count: int) -> None:
         """Make `count` updates from one draw out of the memory."""

@@ -200,17 +200,15 @@ class Ddpg:
     @torch.no_grad()
     def _update_targets(self) -> None:
         """Equations (16) and (18)."""
-        slow: list[Tensor] = [*self.actor_target.parameters(), *self.critic_targets.parameters()]
-        main: list[Tensor] = [*self.actor.parameters(), *self.critics.parameters()]
-        torch._foreach_lerp_(slow, main, self.config.tau)
+        _follow(
+            [self.actor_target, self.critic_targets], [self.actor, self.critics], self.config.tau
+        )
 
     @torch.no_grad()
     def _update_average(self) -> None:
         """The averaged actor, as (18) with a share of its own."""
         if self.config.actor_average > 0:
-            average = list(self.actor_average.parameters())
-            main = list(self.actor.parameters())
-            torch._foreach_lerp_(average, main, self.config.actor_average)
+            _follow([self.actor_average], [self.actor], self.config.actor_average)
 
     def _clip(self, network: nn.Module) -> None:
         if self.config.grad_clip > 0:
@@ -249,3 +247,10 @@ class Ddpg:
                 self._counts = {key: count for key, (_, count) in value.items()}
             else:
                 getattr(self, name).load_state_dict(value)
+
+
+def _follow(slow: list[nn.Module], main: list[nn.Module], share: float) -> None:
+    """Let `share` of the main networks' parameters enter the slow ones'."""
+    slow_values = [item.data for net in slow for item in net.parameters()]
+    main_values = [item.data for net in main for item in net.parameters()]
+    torch._foreach_lerp_(slow_values, main_values, share)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from bicycle_controller.networks import Actor, Critic
+from bicycle_controller.networks import Actor, Critic, linear_layers
 from bicycle_controller.replay import OBSERVATIONS
 
 ATEN = torch.ops.aten
@@ -62,7 +62,7 @@ class FusedNet:
             gradient: flat memory for `backward`; None for a network that is never trained.
         """
         self.network, self.batch = network, batch
-        self.layers = [layer for layer in network.layers if isinstance(layer, nn.Linear)]
+        self.layers = linear_layers(network)
         self.norms = [norm for norm in network.norms if isinstance(norm, nn.LayerNorm)]
         self.join = network.action_layer - 1 if isinstance(network, Critic) else -1
         self.gradient = gradient
