@@ -20,6 +20,9 @@ from bicycle_sim.simulator import Command
 QUIET = 5.0
 """s without a kind of rejection after which the next one is reported again."""
 
+IN_FLIGHT = 1.0
+"""s after a reset in which answers to the old episode are no trouble."""
+
 _NAMES = ("torque", "displacement", "pedal force")
 _UNITS = ("N m", "m", "N")
 
@@ -111,7 +114,8 @@ class CommandGate:
             self._heard = self._clock()
         if reason is not None:
             self.rejected[reason] += 1
-            return Decision(reason, self._report(reason, text))
+            old = command.episode < self._episode
+            return Decision(reason, self._report(reason, text, old))
         self.newest = command
         self.accepted += 1
         self._owner = command.controller
@@ -162,12 +166,12 @@ class CommandGate:
             )
         return None, ""
 
-    def _report(self, reason: Reason, text: str) -> str:
+    def _report(self, reason: Reason, text: str, old: bool) -> str:
         """The line for the log when `reason` begins, nothing while it lasts."""
         now = self._clock()
         last = self._last_seen.get(reason, -math.inf)
         self._last_seen[reason] = now
-        in_flight = reason is Reason.WRONG_EPISODE and now - self._begun <= self.release
+        in_flight = old and now - self._begun <= IN_FLIGHT
         if reason is Reason.DUPLICATE or in_flight or now - last < QUIET:
             return ""
         return text

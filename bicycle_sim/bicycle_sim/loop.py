@@ -42,7 +42,8 @@ class LoopOptions:
     real_time_factor: float = 1.0
     """Simulated seconds in one second of the clock; real time only."""
     watchdog_timeout: float = 0.25
-    """Simulated s that a command may be held before `on_timeout`; zero is for ever. Real time only."""
+    """Simulated s that a command may be held before `on_timeout`; zero is for ever.
+    Real time only."""
     on_timeout: str = "zero"
     """`zero` rides on without input, `pause` holds the bicycle until the next command."""
 

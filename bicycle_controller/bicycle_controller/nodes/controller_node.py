@@ -21,8 +21,8 @@ from bicycle_controller.controllers import Controller
 from bicycle_controller.driver import Driver
 from bicycle_controller.goals import Event, GoalTracker, Point, Status
 from bicycle_controller.nodes.controller_settings import ControllerSettings
-from bicycle_controller.nodes.loading import Loading, load_controller
-from bicycle_controller.policy import PolicyError
+from bicycle_controller.nodes.loading import Loading
+from bicycle_controller.policy import PolicyError, load_controller
 from bicycle_sim.nodes import convert, interfaces
 from bicycle_sim.nodes.interfaces import Topic, advertise, listen, serve
 from bicycle_sim.nodes.params import declare

@@ -8,9 +8,8 @@ import numpy as np
 
 from bicycle_controller.config import NoiseConfig
 from bicycle_controller.controllers import Controller
-from bicycle_controller.nodes.loading import LQR, load_controller
 from bicycle_controller.noise import Noise
-from bicycle_controller.policy import DEFAULT_POLICY
+from bicycle_controller.policy import DEFAULT_POLICY, LQR, load_controller
 from bicycle_sim.settings import parameter
 
 
@@ -20,10 +19,10 @@ class ControllerSettings:
 
     policy: str = parameter(
         DEFAULT_POLICY,
-        "what rides: a policy file, a shipped policy's name, lqr, or lqr-displacement",
+        f"what rides: a policy file, a shipped policy's name, or one of {', '.join(LQR)}",
     )
     fallback: str = parameter(
-        LQR, "what rides where the policy fails: lqr, or zero input", choices=(LQR, "zero")
+        "lqr", "what rides where the policy fails: lqr, or zero input", choices=("lqr", "zero")
     )
     exploration: str = parameter(
         "none", "noise on the actions, to record data with", choices=("none", "ou", "gaussian")
@@ -54,4 +53,4 @@ class ControllerSettings:
 
     def make_fallback(self) -> Controller | None:
         """What rides where the policy fails."""
-        return load_controller(self.fallback) if self.fallback == LQR else None
+        return load_controller(self.fallback) if self.fallback == "lqr" else None

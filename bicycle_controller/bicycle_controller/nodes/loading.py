@@ -6,24 +6,10 @@ import threading
 from collections.abc import Generator
 
 from bicycle_controller.controllers import Controller
-from bicycle_controller.lqr import LqrConfig, LqrController
-from bicycle_controller.policy import PolicyError, load_policy
-
-LQR, LQR_DISPLACEMENT = "lqr", "lqr-displacement"
+from bicycle_controller.policy import PolicyError, load_controller
 
 NAP = 0.001
 """s that the executor sleeps between two looks; a state may wait that long, once."""
-
-
-def load_controller(name: str) -> Controller:
-    """`lqr`, `lqr-displacement`, a shipped policy by its name, or a policy file by its path.
-
-    Raises:
-        PolicyError: one line with the remedy.
-    """
-    if name in (LQR, LQR_DISPLACEMENT):
-        return LqrController(LqrConfig(use_displacement=name == LQR_DISPLACEMENT))
-    return load_policy(name)
 
 
 class Loading:

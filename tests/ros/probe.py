@@ -1,0 +1,97 @@
+"""A node inside the test: it hears, says and calls whatever a test needs."""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from typing import Any
+
+import rclpy
+from bicycle_msgs.msg import BicycleCommand, BicycleState
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+
+from bicycle_sim.nodes.interfaces import COMMAND, STATE, Service, Topic
+
+PATIENCE = 20.0
+
+
+class Probe:
+    """Keeps every message of the topics that it was told to hear, by name, in order."""
+
+    def __init__(self, domain: int, *topics: Topic, namespace: str = "") -> None:
+        self.context = Context()
+        rclpy.init(args=[], context=self.context, domain_id=domain)
+        self.node = rclpy.create_node("probe", context=self.context, namespace=namespace)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.heard: dict[str, list[Any]] = defaultdict(list)
+        self._publishers: dict[str, Any] = {}
+        self.on_state: Callable[[BicycleState], BicycleCommand | None] | None = None
+        for topic in topics:
+            self._hear(topic)
+
+    def _hear(self, topic: Topic) -> None:
+        def keep(message: Any) -> None:
+            self.heard[topic.name].append(message)
+            if topic is STATE and self.on_state is not None:
+                answer = self.on_state(message)
+                if answer is not None:
+                    self.say(COMMAND, answer)
+
+        wanted = topic.subscribe
+        profile = QoSProfile(
+            depth=1000, reliability=wanted.reliability, durability=wanted.durability
+        )
+        self.node.create_subscription(topic.type, topic.name, keep, profile)
+
+    def __getitem__(self, topic: Topic) -> list[Any]:
+        return self.heard[topic.name]
+
+    def spin_until(self, condition: Callable[[], Any], patience: float = PATIENCE) -> Any:
+        """Serve callbacks until `condition` holds; returns what it gave."""
+        deadline = time.monotonic() + patience
+        while not (value := condition()):
+            assert time.monotonic() < deadline, f"waited {patience} s in vain"
+            self.executor.spin_once(timeout_sec=0.05)
+        return value
+
+    def spin_for(self, seconds: float) -> None:
+        """Serve callbacks for a while, to see that something does not happen."""
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            self.executor.spin_once(timeout_sec=0.02)
+
+    def publisher(self, topic: Topic) -> Any:
+        """A publisher that somebody listens to."""
+        if topic.name not in self._publishers:
+            made = self.node.create_publisher(topic.type, topic.name, topic.publish)
+            self._publishers[topic.name] = made
+            self.spin_until(lambda: made.get_subscription_count() > 0)
+        return self._publishers[topic.name]
+
+    def say(self, topic: Topic, message: Any) -> None:
+        self.publisher(topic).publish(message)
+
+    def call(self, service: Service, request: Any) -> Any:
+        """The answer of a service."""
+        client = self.node.create_client(service.type, service.name)
+        self.spin_until(client.service_is_ready)
+        future = client.call_async(request)
+        self.spin_until(future.done)
+        result = future.result()
+        self.node.destroy_client(client)
+        return result
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()
+
+
+def command(state: BicycleState, **changes: Any) -> BicycleCommand:
+    """A valid answer that keeps an upright bicycle upright, with `changes`."""
+    values = {"episode": state.episode, "step": state.step, "controller": "probe", **changes}
+    return BicycleCommand(**values)
