@@ -95,6 +95,7 @@ _bicycle_environment() {
   esac
   _bicycle_network "$ws" || return
   _bicycle_overlay "$ws"
+  _bicycle_prepend PATH "$ws/bin"
   _bicycle_logs "$ws"
   export BICYCLE_WS=$ws OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}
 }

@@ -105,6 +105,7 @@ if [[ -n $native ]]; then
 else
   check_system
   is_done "$stamps/venv.stamp" "$venv" || { make_venv && mark "$stamps/venv.stamp" "$venv"; }
+  ln -sfn ../../ros2_ws/bin/bicycle "$venv/bin/bicycle"
   for set in "${sets[@]}"; do
     inputs=$(fingerprint "$ws/requirements/$set.lock" "$venv/pyvenv.cfg")
     is_done "$stamps/$set.stamp" "$inputs" || { install_set "$set" && mark "$stamps/$set.stamp" "$inputs"; }
