@@ -1,4 +1,4 @@
-"""N bicycles that ride with exploration noise and fill the replay memory."""
+"""N bicycles that ride with exploration noise and fill the memory."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from bicycle_controller.agents.base import Chooser
+from bicycle_controller.agents.base import Chooser, Memory
 from bicycle_controller.config import RunConfig
 from bicycle_controller.noise import Noise
-from bicycle_controller.replay import Replay, Returns
+from bicycle_controller.replay import Returns
 from bicycle_controller.starts import restart, ride_on, training_scenario
 from bicycle_sim.dynamics import State
 from bicycle_sim.task import BicycleTask, Step
@@ -29,7 +29,7 @@ class Collector:
         rounds: steps of all bicycles made.
     """
 
-    def __init__(self, config: RunConfig, replay: Replay) -> None:
+    def __init__(self, config: RunConfig, replay: Memory) -> None:
         """Start all bicycles; three generators are spawned from the run's seed."""
         self.config, self.replay = config, replay
         seeds = np.random.SeedSequence(config.seed).spawn(3)
@@ -38,18 +38,18 @@ class Collector:
         self.task = BicycleTask(scenario, config.physics, config.bicycles, task_rng)
         self.limits = scenario.action_limits
         self.driven = driven(self.limits)
-        ddpg, actions = config.ddpg, len(self.driven)
+        learner, actions = config.learner, len(self.driven)
         self.noise = Noise(config.noise, config.bicycles, actions, noise_rng)
-        self.absorbing = ddpg.fall == "absorbing"
+        self.absorbing = learner.fall == "absorbing"
         self.returns = Returns(
             config.bicycles,
             actions,
-            ddpg.n_step,
-            ddpg.gamma,
-            ddpg.fall_penalty,
+            learner.n_step,
+            learner.gamma,
+            learner.fall_penalty,
             self.absorbing,
-            ddpg.cost_cap,
-            ddpg.step_cost,
+            learner.cost_cap,
+            learner.step_cost,
         )
         self.steps = self.rounds = 0
         self.episode_return = np.zeros(config.bicycles)
@@ -82,11 +82,19 @@ class Collector:
         """Normalised actions (N, actions): at random in the warm-up, else the noisy policy's."""
         if self.steps < self.config.warm_up:
             return self.warm_rng.uniform(-1.0, 1.0, (self.config.bicycles, len(self.driven)))
-        action: np.ndarray = np.clip(agent.act(self.observation) + self.noise.sample(), -1.0, 1.0)
+        noisy = agent.act(self.observation) + self.noise.sample()
+        return self._finite(np.clip(noisy, -1.0, 1.0))
+
+    def _finite(self, action: np.ndarray) -> np.ndarray:
+        """The actions as they are.
+
+        Raises:
+            RuntimeError: when one is not finite.
+        """
         if not np.isfinite(action).all():
             raise RuntimeError(
                 f"training has diverged after {self.steps} steps (the actor gives numbers that are"
-                " not finite): lower the learning rates or ddpg.reward_scale"
+                f" not finite): lower the learning rates or {self.config.algorithm}.reward_scale"
             )
         return action
 

@@ -1,7 +1,7 @@
 """What a training run is made of: one frozen dataclass per concern, validated on creation.
 
-The values of the paper's Tables 2 and 3 have no default here: their one home is
-`presets/paper.yaml`. Everything that goes beyond the paper is a switch that is off by default.
+The algorithms' own parts are in `learner_config.py`. What the paper gives has no default: its
+one home is `presets/`. Everything beyond the paper is a switch that is off by default.
 `settings.py` reads these classes from YAML and from the command line.
 """
 
@@ -10,148 +10,24 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from bicycle_controller.checks import require_between, require_choice, require_positive
+from bicycle_controller.learner_config import DdpgConfig, LearnerConfig, NafConfig, PpoConfig
 from bicycle_sim.config import require
 from bicycle_sim.parameters import Physics
 from bicycle_sim.scenario import SCENARIOS, Scenario
 
-NATURAL_SCALE = (0.8, 3.0, 0.3, 1.0, 5.0, 2.0)
-"""Natural ranges of the six observations, in the order of `task.OBSERVATION_FIELDS`."""
+__all__ = [
+    "DdpgConfig",
+    "EvaluationConfig",
+    "NafConfig",
+    "NoiseConfig",
+    "PpoConfig",
+    "RunConfig",
+    "StartsConfig",
+]
 
-
-def _require_between(name: str, value: float, low: float, high: float) -> None:
-    require(low <= value <= high, f"{name} must lie within {low} and {high}, not {value!r}")
-
-
-def _require_positive(name: str, value: float) -> None:
-    require(math.isfinite(value) and value > 0, f"{name} must be above zero, not {value!r}")
-
-
-def _require_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
-    require(value in choices, f"{name} must be one of {', '.join(choices)}, not {value!r}")
-
-
-@dataclass(frozen=True)
-class DdpgConfig:
-    """Deep deterministic policy gradient (section 4 of the paper) and what may be added to it.
-
-    Raises:
-        ValueError: on a value out of range or a switch that contradicts another.
-    """
-
-    actor_hidden: tuple[int, ...]
-    """Units of the actor's hidden layers (Table 2)."""
-    critic_hidden: tuple[int, ...]
-    """Units of the critic's hidden layers (Table 2, errata row 28)."""
-    actor_learning_rate: float
-    """Adam's step for the actor (Table 2, errata row 29)."""
-    critic_learning_rate: float
-    """Adam's step for the critic (Table 2, errata row 29)."""
-    initialisation: str
-    """`literal`: every parameter within 3e-3 (Table 2 as printed); `output`: Xavier, and only
-    the output layer within 3e-3 (errata row 30); `fan_in`: Lillicrap et al. 2016."""
-    tau: float
-    """Share of the main network that enters its target at each update (section 4.1)."""
-    gamma: float
-    """Discount per step (Table 3)."""
-    batch: int
-    """Transitions per update (Table 3)."""
-    capacity: int
-    """Transitions that the replay memory holds (Table 3)."""
-    fall: str
-    """`frozen`: the fallen bicycle's steps enter the replay up to the step limit (errata row
-    25); `absorbing`: it starts again at once and its fall is worth r_fall / (1 - gamma)."""
-    observation_scale: tuple[float, ...]
-    """What each observation is divided by (errata row 35), see `NATURAL_SCALE`."""
-
-    action_layer: int = 2
-    """Hidden layer of the critic that the action enters at; 1 is the first."""
-    reward_scale: float = 1.0
-    """Factor on every reward."""
-    fall_penalty: float = 0.0
-    """Taken from the reward of every step that a bicycle lies, so that a fall costs
-    fall_penalty / (1 - gamma) more; before `reward_scale`."""
-    cost_cap: float = 0.0
-    """Most that one step may cost, before `fall_penalty`; with a fall above it, turning round is
-    never worth a fall. 0 caps nothing."""
-    step_cost: float = 0.0
-    """Taken from every reward, so that sooner is better also where the heading is right."""
-    n_step: int = 1
-    """Rewards summed before the critic's own estimate is used."""
-    critics: int = 1
-    """2: twin critics whose minimum is the target (TD3)."""
-    smoothing: float = 0.0
-    """Standard deviation of the noise on the target's action (TD3: 0.2)."""
-    smoothing_clip: float = 0.5
-    """Bound of that noise."""
-    actor_every: int = 1
-    """Critic updates per update of the actor and the targets (TD3: 2)."""
-    actor_layer_norm: bool = False
-    """Whether layer normalisation follows each hidden product of the actor."""
-    critic_layer_norm: bool = False
-    """The same for the critics; bounds what they extrapolate."""
-    bound_values: bool = False
-    """Whether targets are clipped to [reward_min / (1 - gamma), 0], all that can be true."""
-    reward_min: float = -25.0
-    """Least reward of a step, for `bound_values`; `fall_penalty` and
-    `step_cost` are taken off it too."""
-    huber: float = 0.0
-    """Where the critic's loss turns from square to linear; 0 keeps it square."""
-    grad_clip: float = 0.0
-    """Largest norm of each network's gradient; 0 does not clip."""
-    learning_rate_end: float = 1.0
-    """Share of both learning rates that is left at the last step, reached in a straight line."""
-    actor_average: float = 0.0
-    """Share of the actor that enters, at each of its updates, the averaged actor that is scored
-    and kept; 0 keeps the actor itself."""
-    mirror: bool = False
-    """Whether half of every batch is mirrored left to right (exact in corrected physics)."""
-    saturation_penalty: float = 0.0
-    """Weight of the squared pre-tanh outputs in the actor's loss."""
-    bc_weight: float = 0.0
-    """TD3+BC: weight of the squared distance to the stored action against normalised Q."""
-    bc_alpha: float = 2.5
-    """TD3+BC: what lambda = bc_alpha / mean|Q| is made of."""
-    backend: str = "auto"
-    """`fused` (hand-written gradients), `autograd`, or `auto`: fused where it can."""
-
-    def __post_init__(self) -> None:
-        for name in ("actor_hidden", "critic_hidden"):
-            sizes = getattr(self, name)
-            require(
-                len(sizes) > 0 and min(sizes) > 0, f"{name} needs sizes above zero, not {sizes}"
-            )
-        for name in ("actor_learning_rate", "critic_learning_rate", "reward_scale", "bc_alpha"):
-            _require_positive(name, getattr(self, name))
-        for name in ("batch", "capacity", "n_step", "actor_every"):
-            value = getattr(self, name)
-            require(value >= 1, f"{name} must be at least 1, not {value!r}")
-        not_negative = ("fall_penalty", "smoothing", "smoothing_clip", "huber", "grad_clip")
-        for name in (*not_negative, "saturation_penalty", "bc_weight", "cost_cap", "step_cost"):
-            _require_between(name, getattr(self, name), 0.0, math.inf)
-        for name in ("tau", "learning_rate_end", "actor_average"):
-            _require_between(name, getattr(self, name), 0.0, 1.0)
-        require(0.0 <= self.gamma < 1.0, f"gamma must lie within 0 and below 1, not {self.gamma}")
-        _require_between("reward_min", self.reward_min, -math.inf, 0.0)
-        require(self.critics in (1, 2), f"critics must be 1 or 2, not {self.critics!r}")
-        layers = len(self.critic_hidden)
-        require(
-            1 <= self.action_layer <= layers,
-            f"action_layer must lie within 1 and {layers}, the critic's hidden layers,"
-            f" not {self.action_layer!r}",
-        )
-        require(
-            len(self.observation_scale) == 6 and min(self.observation_scale) > 0,
-            f"observation_scale needs six values above zero, not {self.observation_scale}",
-        )
-        _require_choice("initialisation", self.initialisation, ("literal", "output", "fan_in"))
-        _require_choice("fall", self.fall, ("frozen", "absorbing"))
-        _require_choice("backend", self.backend, ("auto", "fused", "autograd"))
-
-    @property
-    def value_min(self) -> float:
-        """Least value that can be true, in scaled reward."""
-        least = self.reward_min - self.fall_penalty - self.step_cost
-        return least * self.reward_scale / (1.0 - self.gamma)
+ALGORITHMS = ("ddpg", "naf", "ppo")
+"""Fields of `RunConfig` of which a run has exactly one."""
 
 
 @dataclass(frozen=True)
@@ -172,10 +48,10 @@ class NoiseConfig:
     """When above `sigma`: the bicycles' sigmas are spread evenly from `sigma` to this."""
 
     def __post_init__(self) -> None:
-        _require_choice("noise.kind", self.kind, ("ou", "gaussian", "none"))
+        require_choice("noise.kind", self.kind, ("ou", "gaussian", "none"))
         for name in ("sigma", "sigma_max"):
-            _require_between(f"noise.{name}", getattr(self, name), 0.0, math.inf)
-        _require_between("noise.theta", self.theta, 0.0, 1.0)
+            require_between(f"noise.{name}", getattr(self, name), 0.0, math.inf)
+        require_between("noise.theta", self.theta, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -211,9 +87,9 @@ class StartsConfig:
 
     def __post_init__(self) -> None:
         for name in ("near_share", "ride_on"):
-            _require_between(f"starts.{name}", getattr(self, name), 0.0, 1.0)
+            require_between(f"starts.{name}", getattr(self, name), 0.0, 1.0)
         for name in ("tilt", "tilt_rate", "steer", "steer_rate", "max_steps"):
-            _require_between(f"starts.{name}", getattr(self, name), 0.0, math.inf)
+            require_between(f"starts.{name}", getattr(self, name), 0.0, math.inf)
         low, high = self.near_distance
         require(
             0 < low <= high, f"starts.near_distance must grow from above zero, not {low, high}"
@@ -250,24 +126,27 @@ class EvaluationConfig:
             value = getattr(self, name)
             require(value >= 1, f"evaluation.{name} must be at least 1, not {value!r}")
         for name in ("max_steps", "near_episodes"):
-            _require_between(f"evaluation.{name}", getattr(self, name), 0, math.inf)
-        _require_positive("evaluation.near_distance", self.near_distance)
+            require_between(f"evaluation.{name}", getattr(self, name), 0, math.inf)
+        require_positive("evaluation.near_distance", self.near_distance)
         for name in ("stop_at", "stop_falls"):
-            _require_between(f"evaluation.{name}", getattr(self, name), 0.0, 1.0)
+            require_between(f"evaluation.{name}", getattr(self, name), 0.0, 1.0)
 
 
 @dataclass(frozen=True)
 class RunConfig:
-    """A whole training run.
+    """A whole training run, of one algorithm.
 
     Raises:
-        ValueError: on a value out of range.
+        ValueError: on a value out of range, on more or less than one algorithm, or on a value
+            that the algorithm does not use.
     """
 
-    ddpg: DdpgConfig
     noise: NoiseConfig
     steps: int
     """Environment steps, over all bicycles."""
+    ddpg: DdpgConfig | None = None
+    naf: NafConfig | None = None
+    ppo: PpoConfig | None = None
     bicycles: int = 1
     """Bicycles stepped at once."""
     warm_up: int = 1_000
@@ -276,6 +155,8 @@ class RunConfig:
     """Updates after a step of all bicycles."""
     update_every: int = 1
     """Steps of all bicycles between two rounds of updates."""
+    offline_updates: int = 20_000
+    """Updates that `bicycle learn` makes from recorded rides, where there are no steps."""
     seed: int = 1
     scenario: Scenario = SCENARIOS["random-start-random-goal"]
     physics: Physics = field(default_factory=Physics)
@@ -295,9 +176,53 @@ class RunConfig:
     """Name of the preset that this came from."""
 
     def __post_init__(self) -> None:
-        for name in ("steps", "bicycles", "updates", "update_every", "threads", "log_every"):
+        whole = ("steps", "bicycles", "updates", "update_every", "offline_updates")
+        for name in (*whole, "threads", "log_every"):
             value = getattr(self, name)
             require(value >= 1, f"{name} must be at least 1, not {value!r}")
         for name in ("warm_up", "save_every", "seed"):
-            _require_between(name, getattr(self, name), 0.0, math.inf)
-        _require_choice("device", self.device, ("cpu", "cuda"))
+            require_between(name, getattr(self, name), 0.0, math.inf)
+        require_choice("device", self.device, ("cpu", "cuda"))
+        given = [name for name in ALGORITHMS if getattr(self, name) is not None]
+        require(
+            len(given) == 1,
+            f"a run has exactly one of {', '.join(ALGORITHMS)}, not"
+            f" {' and '.join(given) or 'none'}: extend a preset, and set the other to null",
+        )
+        if self.ppo is not None:
+            self._check_on_policy(self.ppo)
+
+    def _check_on_policy(self, ppo: PpoConfig) -> None:
+        """PPO explores by its own distribution and updates after each rollout."""
+        foreign = {"warm_up": (self.warm_up, 0), "noise.kind": (self.noise.kind, "none")}
+        foreign |= {"updates": (self.updates, 1), "update_every": (self.update_every, 1)}
+        for name, (value, only) in foreign.items():
+            require(value == only, f"{name} must be {only} for ppo, not {value!r}")
+        rows = ppo.rollout * self.bicycles
+        require(
+            ppo.batch <= rows,
+            f"ppo.batch must be at most {rows}, ppo.rollout x bicycles, not {ppo.batch}",
+        )
+
+    @property
+    def algorithm(self) -> str:
+        """The one of `ALGORITHMS` that this run uses."""
+        return next(name for name in ALGORITHMS if getattr(self, name) is not None)
+
+    @property
+    def learner(self) -> LearnerConfig:
+        """The algorithm's part, whichever it is."""
+        found: LearnerConfig = getattr(self, self.algorithm)
+        return found
+
+    @property
+    def rounds_between(self) -> int:
+        """Steps of all bicycles between two rounds of updates."""
+        return self.update_every if self.ppo is None else self.ppo.rollout
+
+    @property
+    def updates_due(self) -> int:
+        """Updates of one such round; for PPO, minibatches of all its epochs."""
+        if self.ppo is None:
+            return self.updates
+        return self.ppo.epochs * math.ceil(self.ppo.rollout * self.bicycles / self.ppo.batch)

@@ -1,4 +1,4 @@
-"""The actor and the critic of section 4.1 of the paper (figure 7, Table 2)."""
+"""The actor and the critic of section 4.1 of the paper (figure 7, Table 2), and state values."""
 
 from __future__ import annotations
 
@@ -37,17 +37,38 @@ class Actor(nn.Module):
         self.layers = nn.ModuleList(map(nn.Linear, sizes[:-1], sizes[1:]))
         self.norms = nn.ModuleList(nn.LayerNorm(size) for size in hidden if layer_norm)
 
-    def raw(self, observation: Tensor) -> Tensor:
-        """What enters the tanh, (..., actions), for scaled observations (..., inputs)."""
+    def features(self, observation: Tensor) -> Tensor:
+        """The last hidden layer, (..., units), for scaled observations (..., inputs)."""
         x = observation
         for index, layer in enumerate(self.layers[:-1]):
             x = layer(x)
             x = torch.relu(self.norms[index](x) if self.norms else x)
-        return self.layers[-1](x)
+        return x
+
+    def raw(self, observation: Tensor) -> Tensor:
+        """What enters the tanh, (..., actions), for scaled observations (..., inputs)."""
+        return self.layers[-1](self.features(observation))
 
     def forward(self, observation: Tensor) -> Tensor:
         """Actions within [-1, 1], (..., actions), for scaled observations (..., inputs)."""
         return torch.tanh(self.raw(observation))
+
+
+class Value(Actor):
+    """The value of a state, V(s): an actor's layers with one output and no tanh."""
+
+    def __init__(self, inputs: int, hidden: Sequence[int]) -> None:
+        """Build it with torch's own start.
+
+        Args:
+            inputs: numbers per observation, or per feature of another network.
+            hidden: units of each hidden layer; none makes it one product.
+        """
+        super().__init__(inputs, hidden, 1)
+
+    def forward(self, observation: Tensor) -> Tensor:
+        """V (...,) of (..., inputs)."""
+        return self.raw(observation).squeeze(-1)
 
 
 class Critic(nn.Module):

@@ -81,7 +81,7 @@ class RunFolder:
             raise ValueError(f"{self.path} holds no run to resume: leave out --resume")
         old, new = settings.load(self.config), settings.load(self.config, overrides)
         # Annealed learning rates depend on how many steps there will be.
-        annealed = old.ddpg.learning_rate_end < 1.0
+        annealed = old.learner.learning_rate_end < 1.0
         free = [name for name in RESUMABLE if not (annealed and name == "steps")]
         for name in vars(old):
             if name not in free and getattr(old, name) != getattr(new, name):

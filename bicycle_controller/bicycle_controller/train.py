@@ -13,16 +13,12 @@ from typing import Any
 import torch
 
 from bicycle_controller import checkpoint
-from bicycle_controller.agents.base import Agent
-from bicycle_controller.agents.ddpg import Ddpg
-from bicycle_controller.agents.fused import FusedDdpg
-from bicycle_controller.collect import Collector
+from bicycle_controller.assembly import make_agent, make_collector, make_memory
 from bicycle_controller.config import RunConfig
 from bicycle_controller.interrupt import Interrupt, InterruptError
 from bicycle_controller.metrics import Log, Progress
 from bicycle_controller.networks import policy_tensors
 from bicycle_controller.policy import Policy, PolicyInfo, save_policy
-from bicycle_controller.replay import Replay
 from bicycle_controller.run_folder import RunFolder, origin
 from bicycle_controller.score import Score, score
 
@@ -94,13 +90,6 @@ def resume(
     return trainer.train(progress, stop)
 
 
-def make_agent(config: RunConfig, device: str) -> Agent:
-    """The learner; the fused one supports every switch, so `auto` means it."""
-    kind = Ddpg if config.ddpg.backend == "autograd" else FusedDdpg
-    actions = int((config.scenario.action_limits > 0).sum())
-    return kind(config.ddpg, actions, config.seed, device)
-
-
 def usable_device(device: str) -> str:
     """`device`, or the CPU with one line on standard error when there is no CUDA here."""
     if device == "cuda" and not torch.cuda.is_available():
@@ -113,7 +102,7 @@ class Trainer:
     """All the state of a run, and its loop.
 
     Attributes:
-        updates: critic updates made.
+        updates: updates made, of the critic where there is one.
         best: score of the best policy so far.
     """
 
@@ -122,9 +111,8 @@ class Trainer:
         torch.set_num_threads(config.threads)
         device = usable_device(config.device)
         self.config, self.files = config, files
-        actions = int((config.scenario.action_limits > 0).sum())
-        self.replay = Replay(config.ddpg.capacity, actions, device)
-        self.collector = Collector(config, self.replay)
+        self.replay = make_memory(config, device)
+        self.collector = make_collector(config, self.replay)
         self.agent = make_agent(config, device)
         self.updates = 0
         self.best: Score | None = None
@@ -171,11 +159,11 @@ class Trainer:
         self.collector.step(self.agent)
         bar.advance(config.bicycles)
         warm = self.collector.steps >= config.warm_up
-        if not warm or self.collector.rounds % config.update_every:
+        if not warm or self.collector.rounds % config.rounds_between:
             return
         self.agent.anneal(self.collector.steps / config.steps)
-        self.agent.update(self.replay, config.updates)
-        self.updates += config.updates
+        self.agent.update(self.replay, config.updates_due)
+        self.updates += config.updates_due
         every = config.evaluation.every
         self.evaluation_due = self.updates // every > before // every
         if self.updates // config.log_every > before // config.log_every:
@@ -214,14 +202,14 @@ class Trainer:
     def policy(self) -> Policy:
         """The actor as it is now, with what is known about it."""
         config = self.config
-        about = {"algorithm": "ddpg", "preset": config.preset, "seed": config.seed}
+        about = {"algorithm": config.algorithm, "preset": config.preset, "seed": config.seed}
         about |= {"steps": self.collector.steps, "updates": self.updates}
-        name = f"{config.preset or 'ddpg'}-{config.scenario.name}-{config.seed}"
+        name = f"{config.preset or config.algorithm}-{config.scenario.name}-{config.seed}"
         info = PolicyInfo(
             name=re.sub(r"[^A-Za-z0-9._-]", "-", name)[:64],
             scenario=config.scenario,
             physics=config.physics,
-            observation_scale=config.ddpg.observation_scale,
+            observation_scale=config.learner.observation_scale,
             action_limits=tuple(config.scenario.action_limits.tolist()),
             trained=about | {key: self._origin[key] for key in ("command", "commit", "version")},
         )

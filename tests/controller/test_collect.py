@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from training_maker import small_run
+from training_maker import ddpg_of, small_run
 
 from bicycle_controller.collect import Collector
 from bicycle_controller.config import StartsConfig
@@ -167,16 +167,17 @@ def test_a_diverged_policy_is_one_line() -> None:
 
 def test_a_saved_collection_goes_on_to_the_bit() -> None:
     config = small_run("starts.near_share=0.5", "starts.ride_on=0.5", "ddpg.n_step=3")
-    config = replace(config, ddpg=replace(config.ddpg, fall="absorbing"))
-    first, second = Collector(config, Replay(9000, 2)), Collector(config, Replay(9000, 2))
+    config = replace(config, ddpg=replace(ddpg_of(config), fall="absorbing"))
+    memories = Replay(9000, 2), Replay(9000, 2)
+    first, second = (Collector(config, memory) for memory in memories)
     for _ in range(60):
         first.step(Still())
     second.load_state_dict(first.state_dict())
-    first.replay.size = first.replay.position = 0
+    memories[0].size = memories[0].position = 0
     for _ in range(60):
         for collector in (first, second):
             collector.step(Still())
-    rows = [c.replay.table[: c.replay.size].numpy() for c in (first, second)]
+    rows = [memory.table[: memory.size].numpy() for memory in memories]
     assert len(rows[0]) > 400
     assert np.array_equal(rows[0], rows[1])
     assert first.metrics() == second.metrics()

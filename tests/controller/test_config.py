@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 import yaml
-from training_maker import small_run
+from training_maker import ddpg_of, small_run
 
 from bicycle_controller import settings
 from bicycle_controller.config import DdpgConfig, EvaluationConfig, StartsConfig
@@ -15,7 +15,7 @@ from bicycle_sim.scenario import SCENARIOS
 
 def test_the_paper_preset_is_tables_2_and_3() -> None:
     config = settings.preset("paper")
-    ddpg, noise = config.ddpg, config.noise
+    ddpg, noise = ddpg_of(config), config.noise
     assert (ddpg.actor_hidden, ddpg.critic_hidden) == ((400, 300), (200, 200))
     assert (ddpg.actor_learning_rate, ddpg.critic_learning_rate) == (1e-3, 1e-3)
     assert (ddpg.initialisation, ddpg.action_layer) == ("literal", 2)
@@ -25,7 +25,7 @@ def test_the_paper_preset_is_tables_2_and_3() -> None:
 
 
 def test_the_paper_preset_uses_nothing_that_the_paper_has_not() -> None:
-    found = settings.preset("paper").ddpg
+    found = ddpg_of(settings.preset("paper"))
     plain = {
         "n_step": 1,
         "critics": 1,
@@ -43,12 +43,13 @@ def test_the_paper_preset_uses_nothing_that_the_paper_has_not() -> None:
 
 def test_rows_28_to_31_35_and_36_the_authors_preset() -> None:
     config = settings.preset("authors")
-    assert config.ddpg.critic_hidden == (400, 300)
-    assert (config.ddpg.actor_learning_rate, config.ddpg.critic_learning_rate) == (1e-4, 1e-3)
-    assert config.ddpg.initialisation == "output"
+    ddpg = ddpg_of(config)
+    assert ddpg.critic_hidden == (400, 300)
+    assert (ddpg.actor_learning_rate, ddpg.critic_learning_rate) == (1e-4, 1e-3)
+    assert ddpg.initialisation == "output"
     assert (config.noise.sigma, config.noise.theta) == (0.1, 0.15)
     scale = (math.pi / 2, 1, math.pi / 6, 1, 1, 1)
-    assert config.ddpg.observation_scale == pytest.approx(scale)
+    assert ddpg.observation_scale == pytest.approx(scale)
     assert (config.warm_up, config.starts.max_steps) == (1000, 400)
 
 
@@ -66,7 +67,7 @@ def test_a_file_may_extend_a_preset(tmp_path: Path) -> None:
     path.write_text("extends: authors\nddpg:\n  tau: 5e-3\nscenario: learned-speed\n")
     config = settings.load(path, ["ddpg.n_step=3", "noise.sigma=0.3"])
     base = settings.preset("authors")
-    assert config.ddpg == replace(base.ddpg, tau=0.005, n_step=3)
+    assert config.ddpg == replace(ddpg_of(base), tau=0.005, n_step=3)
     assert config.noise == replace(base.noise, sigma=0.3)
     assert config.scenario == SCENARIOS["learned-speed"]
 
@@ -133,7 +134,7 @@ def test_an_unknown_preset_names_the_nearest() -> None:
         ("ddpg: [", "cannot read"),
         ("- 1", "mapping"),
         ("extends: papr", "papr"),
-        ("steps: 5", "missing ddpg, noise"),
+        ("steps: 5", "missing noise"),
         ("extends: paper\nddgp: {}", "ddpg"),
     ],
 )
@@ -173,7 +174,7 @@ def test_a_missing_file_is_one_line() -> None:
     ],
 )
 def test_impossible_ddpg_is_refused(changes: dict[str, Any]) -> None:
-    config = settings.preset("paper").ddpg
+    config = ddpg_of(settings.preset("paper"))
     with pytest.raises(ValueError, match=next(iter(changes))):
         replace(config, **changes)
 
@@ -196,5 +197,5 @@ def test_the_least_value_counts_penalty_and_scale() -> None:
         "reward_scale": 0.1,
         "gamma": 0.9,
     }
-    config: DdpgConfig = replace(settings.preset("paper").ddpg, **changes)
+    config: DdpgConfig = replace(ddpg_of(settings.preset("paper")), **changes)
     assert config.value_min == pytest.approx(-25.0)

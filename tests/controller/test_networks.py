@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from training_maker import ddpg_of
 
 from bicycle_controller import settings
 from bicycle_controller.networks import Actor, Critic, initialise, linear_layers, policy_tensors
@@ -12,7 +13,7 @@ from bicycle_sim.scenario import SCENARIOS
 
 
 def built(preset: str, actions: int = 3) -> tuple[Actor, Critic]:
-    config = settings.preset(preset).ddpg
+    config = ddpg_of(settings.preset(preset))
     generator = torch.Generator().manual_seed(0)
     actor = Actor(6, config.actor_hidden, actions, config.actor_layer_norm)
     critic = Critic(6, config.critic_hidden, actions, config.action_layer)

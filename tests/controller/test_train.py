@@ -206,7 +206,7 @@ def test_the_folder_holds_what_it_promises(tmp_path: Path) -> None:
         info = load_policy(tmp_path / "run" / f"{name}.safetensors").info
         assert info.scenario == config.scenario
         assert (info.trained["seed"], info.trained["preset"]) == (7, "paper")
-        assert info.observation_scale == config.ddpg.observation_scale
+        assert info.observation_scale == config.learner.observation_scale
 
 
 def test_the_best_policy_is_the_one_that_scored_best(tmp_path: Path) -> None:

@@ -35,9 +35,15 @@ def small_run(*overrides: str, preset: str = "paper") -> RunConfig:
     return settings.preset(preset, [*SMALL, *overrides])
 
 
+def ddpg_of(config: RunConfig) -> DdpgConfig:
+    """The DDPG part of a run that has one."""
+    assert config.ddpg is not None
+    return config.ddpg
+
+
 def small_ddpg(**changes: Any) -> DdpgConfig:
     """DDPG with small networks and the given switches."""
-    return replace(small_run("ddpg.initialisation=fan_in").ddpg, **changes)
+    return replace(ddpg_of(small_run("ddpg.initialisation=fan_in")), **changes)
 
 
 def batch_of(

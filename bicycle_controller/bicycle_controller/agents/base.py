@@ -7,7 +7,6 @@ from typing import Any, Protocol
 import numpy as np
 
 from bicycle_controller.networks import Actor
-from bicycle_controller.replay import Replay
 
 
 class Chooser(Protocol):
@@ -17,8 +16,21 @@ class Chooser(Protocol):
         """Normalised actions (N, actions) for raw observations (N, 6), without noise."""
 
 
+class Memory(Protocol):
+    """What an agent learns from: the replay memory, or the rollout of an on-policy learner."""
+
+    def add(self, rows: np.ndarray) -> None:
+        """Store transitions (M, width), in the order of `replay.Batch`'s fields."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that it holds."""
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from `state`."""
+
+
 class Agent(Chooser, Protocol):
-    """An off-policy learner with a deterministic actor."""
+    """A learner with a deterministic actor."""
 
     @property
     def actor(self) -> Actor:
@@ -31,8 +43,8 @@ class Agent(Chooser, Protocol):
     def anneal(self, progress: float) -> None:
         """Set the learning rates for a run of which the share `progress` is done."""
 
-    def update(self, replay: Replay, count: int) -> None:
-        """Make `count` updates from one draw out of the memory."""
+    def update(self, memory: Any, count: int, /) -> None:
+        """Make `count` updates from the memory of its kind."""
 
     def metrics(self) -> dict[str, float]:
         """Means of what was logged since the last call."""

@@ -1,0 +1,238 @@
+"""Proximal policy optimisation (section 5.2 of the paper; Schulman et al. 2017).
+
+The policy is a normal distribution about mu(s) = tanh(network(s)) with one standard deviation
+per action that does not depend on the state. Its mean is what is scored, kept and deployed
+(errata row 38), so it is an `Actor` as DDPG's.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from bicycle_controller.agents.notes import Notes
+from bicycle_controller.learner_config import PpoConfig
+from bicycle_controller.networks import Actor, Value, linear_layers
+from bicycle_controller.replay import OBSERVATIONS, Batch
+from bicycle_controller.rollout import Rollout, advantages
+
+ADAM_EPSILON = 1e-5
+"""Of Adam, as in the usual implementations of PPO."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """B actions of a rollout and what the update needs to know of them."""
+
+    observation: Tensor
+    """(B, 6), scaled."""
+    action: Tensor
+    """(B, actions), as drawn."""
+    log_probability: Tensor
+    """(B,), under the policy that drew them."""
+    advantage: Tensor
+    """(B,)."""
+    value_target: Tensor
+    """(B,)."""
+
+
+class PpoNetwork(nn.Module):
+    """The policy's mean, its standard deviation and the value of a state.
+
+    Attributes:
+        actor: the mean mu.
+        value: V, of scaled observations, or of the actor's last hidden layer where shared.
+        log_std: logarithms of the standard deviations, (actions,).
+    """
+
+    def __init__(self, config: PpoConfig, actions: int, generator: torch.Generator) -> None:
+        """Draw the start: orthogonal, as usual for PPO; `generator` is on the CPU."""
+        super().__init__()
+        self.shared = config.shared
+        self.actor = Actor(OBSERVATIONS, config.hidden, actions)
+        inputs, hidden = (config.hidden[-1], ()) if self.shared else (OBSERVATIONS, config.hidden)
+        self.value = Value(inputs, hidden)
+        self.log_std = nn.Parameter(torch.full((actions,), config.log_std))
+        for network, gain in ((self.actor, 0.01), (self.value, 1.0)):
+            for layer in linear_layers(network):
+                last = layer is network.layers[-1]
+                nn.init.orthogonal_(layer.weight, gain if last else math.sqrt(2.0), generator)
+                nn.init.zeros_(layer.bias)
+
+    def forward(self, observation: Tensor) -> tuple[Tensor, Tensor]:
+        """mu (B, actions) and V (B,) of scaled observations (B, 6)."""
+        features = self.actor.features(observation)
+        mean = torch.tanh(self.actor.layers[-1](features))
+        return mean, self.value(features if self.shared else observation)
+
+    def log_probability(self, mean: Tensor, action: Tensor) -> Tensor:
+        """Logarithm (B,) of the density of actions (B, actions) about `mean`."""
+        offset = (action - mean) / self.log_std.exp()
+        constant = 0.5 * math.log(2.0 * math.pi)
+        return -(0.5 * offset.square() + self.log_std + constant).sum(-1)
+
+    def entropy(self) -> Tensor:
+        """H, the same in every state."""
+        return (self.log_std + 0.5 * math.log(2.0 * math.pi * math.e)).sum()
+
+
+def clipped_objective(ratio: Tensor, advantage: Tensor, clip: float) -> Tensor:
+    """J^CLIP of section 5.2, for ratios (B,) and advantages (B,)."""
+    bounded = ratio.clamp(1.0 - clip, 1.0 + clip)
+    return torch.min(ratio * advantage, bounded * advantage).mean()
+
+
+class Ppo:
+    """The network and its optimiser.
+
+    Attributes:
+        network: policy and value.
+        updates: updates made.
+    """
+
+    def __init__(
+        self, config: PpoConfig, actions: int, seed: int, device: torch.device | str = "cpu"
+    ) -> None:
+        """Draw the network.
+
+        Args:
+            config: every number and switch.
+            actions: numbers per action.
+            seed: of the network's start, of the actions drawn and of the minibatches.
+            device: where the network and its updates live.
+        """
+        self.config, self.device, self.updates = config, torch.device(device), 0
+        start = torch.Generator().manual_seed(seed)
+        self.network = PpoNetwork(config, actions, start).to(self.device)
+        self.optimiser = torch.optim.Adam(
+            self.network.parameters(), config.learning_rate, eps=ADAM_EPSILON, fused=True
+        )
+        self.generator = torch.Generator(self.device).manual_seed(seed + 1)
+        self.scale = torch.tensor(config.observation_scale, device=self.device)
+        self.notes = Notes()
+
+    @property
+    def actor(self) -> Actor:
+        """The mean, for scaled observations."""
+        return self.network.actor
+
+    @property
+    def deployed(self) -> Actor:
+        """The policy to score and keep: the mean."""
+        return self.network.actor
+
+    @torch.no_grad()
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        """The mean (N, actions) for raw observations (N, 6)."""
+        raw = torch.as_tensor(observation, dtype=torch.float32, device=self.device)
+        action: np.ndarray = self.actor(raw / self.scale).cpu().numpy()
+        return action
+
+    @torch.no_grad()
+    def sample(self, observation: np.ndarray) -> np.ndarray:
+        """Actions (N, actions) drawn for raw observations (N, 6); they may lie beyond 1."""
+        raw = torch.as_tensor(observation, dtype=torch.float32, device=self.device)
+        mean = self.actor(raw / self.scale)
+        drawn = torch.randn(mean.shape, generator=self.generator, device=self.device)
+        action: np.ndarray = (mean + self.network.log_std.exp() * drawn).cpu().numpy()
+        return action
+
+    def anneal(self, progress: float) -> None:
+        """Set the learning rate for a run of which the share `progress` is done."""
+        share = 1.0 - (1.0 - self.config.learning_rate_end) * min(progress, 1.0)
+        for group in self.optimiser.param_groups:
+            group["lr"] = share * self.config.learning_rate
+
+    def update(self, rollout: Rollout, count: int) -> None:
+        """Make `count` updates, one minibatch each, and empty the rollout.
+
+        Raises:
+            ValueError: when the rollout is not full.
+        """
+        if not rollout.full:
+            raise ValueError(f"the rollout is not full: {rollout.rounds} of {len(rollout.rows)}")
+        samples = self.samples(rollout)
+        for _, index in zip(range(count), self._minibatches(len(samples.action)), strict=False):
+            self._learn(Samples(*(column[index] for column in vars(samples).values())))
+        rollout.clear()
+
+    def _minibatches(self, rows: int) -> Iterator[Tensor]:
+        """Indices of minibatches for ever; each row once before any comes again."""
+        while True:
+            order = torch.randperm(rows, generator=self.generator, device=self.device)
+            yield from torch.split(order, self.config.batch)
+
+    @torch.no_grad()
+    def samples(self, rollout: Rollout) -> Samples:
+        """The rollout's T x N actions, judged by the policy and the value as they are."""
+        rows = torch.from_numpy(rollout.rows.reshape(-1, rollout.rows.shape[-1])).to(self.device)
+        sizes = [OBSERVATIONS, rollout.actions, OBSERVATIONS, 1, 1, 1, 1, 1]
+        parts = torch.split(rows, sizes, dim=1)
+        batch = Batch(*parts[:3], *(part.squeeze(1) for part in parts[3:]))
+        observation = batch.observation / self.scale
+        mean, value = self.network(observation)
+        _, next_value = self.network(batch.next_observation / self.scale)
+        ended = (batch.truncated > 0) | (batch.discount == 0)
+        columns = (batch.reward * self.config.reward_scale, value, next_value, batch.discount)
+        shape = rollout.rows.shape[:2]
+        reward, now, later, discount = (
+            column.double().cpu().numpy().reshape(shape) for column in columns
+        )
+        ends = ended.cpu().numpy().reshape(shape)
+        found = advantages(reward, now, later, discount, ends, self.config.gae_lambda)
+        advantage = torch.from_numpy(found.reshape(-1)).to(value)
+        log_probability = self.network.log_probability(mean, batch.action)
+        return Samples(observation, batch.action, log_probability, advantage, advantage + value)
+
+    def objective(self, samples: Samples) -> Tensor:
+        """J^CLIP' of section 5.2, to be made large."""
+        config, network = self.config, self.network
+        advantage = samples.advantage
+        if config.normalise_advantages and len(advantage) > 1:
+            advantage = (advantage - advantage.mean()) / (advantage.std() + 1e-8)
+        mean, value = network(samples.observation)
+        log_ratio = network.log_probability(mean, samples.action) - samples.log_probability
+        ratio = log_ratio.exp()
+        surrogate = clipped_objective(ratio, advantage, config.clip)
+        value_error = (value - samples.value_target).square().mean()
+        entropy = network.entropy()
+        clipped = ((ratio - 1.0).abs() > config.clip).float().mean()
+        self.notes.add(
+            objective=surrogate,
+            value_loss=value_error,
+            entropy=entropy,
+            divergence=(ratio - 1.0 - log_ratio).mean(),
+            clipped=clipped,
+        )
+        return surrogate - config.value_weight * value_error + config.entropy_weight * entropy
+
+    def _learn(self, samples: Samples) -> None:
+        loss = -self.objective(samples)
+        self.optimiser.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        if self.config.grad_clip > 0:
+            nn.utils.clip_grad_norm_(self.network.parameters(), self.config.grad_clip)
+        self.optimiser.step()
+        self.updates += 1
+
+    def metrics(self) -> dict[str, float]:
+        """Means of the objective's parts since the last call."""
+        return self.notes.take()
+
+    def state_dict(self) -> dict[str, Any]:
+        """Network, optimiser, generator and counter."""
+        state = {n: getattr(self, n).state_dict() for n in ("network", "optimiser", "notes")}
+        return state | {"generator": self.generator.get_state(), "updates": self.updates}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from `state`, to the bit."""
+        for name in ("network", "optimiser", "notes"):
+            getattr(self, name).load_state_dict(state[name])
+        self.generator.set_state(state["generator"].cpu())
+        self.updates = int(state["updates"])
