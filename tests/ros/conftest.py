@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-import fcntl
 import importlib.util
-import os
-import random
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import pytest
+from domains import claimed_domain
 from node_process import NodeProcess
-
-# Up to 101 no DDS port falls in Linux' ephemeral range; the low ones are left to people.
-DOMAINS = range(21, 101)
-LOCKS = Path(tempfile.gettempdir()) / f"bicycle_test_domains_{os.getuid()}"
 
 StartNode = Callable[..., NodeProcess]
 
@@ -31,22 +24,10 @@ def ros_environment() -> None:
 
 @pytest.fixture
 def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A ROS_DOMAIN_ID that no other test on this machine uses meanwhile, set in the environment.
-
-    A lock on a file holds the domain, so that parallel workers and other checkouts keep off and a
-    killed test frees it.
-    """
-    LOCKS.mkdir(exist_ok=True)
-    for domain in random.Random().sample(DOMAINS, len(DOMAINS)):
-        with (LOCKS / str(domain)).open("w") as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                continue
-            monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
-            yield domain
-            return
-    pytest.fail("no free ROS domain between 21 and 100: are other tests hanging?")
+    """A ROS_DOMAIN_ID that no other test on this machine uses, set in the environment."""
+    with claimed_domain() as domain:
+        monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
+        yield domain
 
 
 @pytest.fixture

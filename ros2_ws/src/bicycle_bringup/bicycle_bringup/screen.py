@@ -43,7 +43,7 @@ def _loop_rows(summary: RideSummary) -> list[tuple[str, str]]:
             f"{loop.late_steps} late, {loop.dropped_steps} dropped, {loop.held_steps} under a "
             f"held command, {loop.zero_steps} without one",
         ),
-        ("watchdog", f"{loop.watchdog_events} times"),
+        ("watchdog", _times(loop.watchdog_events)),
         ("bag", f"{summary.messages} messages, {loop.lost_steps} steps missing"),
     ]
     return rows
@@ -58,3 +58,7 @@ def _spread(quantiles: Quantiles) -> str:
 
 def _number(value: float) -> str:
     return f"{value:.2f}" if math.isfinite(value) else "–"
+
+
+def _times(count: int) -> str:
+    return {0: "never", 1: "once"}.get(count, f"{count} times")

@@ -1,0 +1,35 @@
+"""The picture of a ride."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib.image
+import numpy as np
+from made_up_ride import commands, joined, ride, states, statuses
+
+from bicycle_bringup.picture import draw_ride, ride_time
+
+GOALS = statuses(
+    (1, 1, (10.0, 0.0), 10.0, 0.0), (1, 2, (10.0, 0.0), 1.0, 9.0), (2, 1, (4.0, 4.0), 5.0, 0.0)
+)
+
+
+def test_it_shows_the_track_and_each_goal_in_its_colour(tmp_path: Path) -> None:
+    draw_ride(ride(states(200), GOALS, given=commands(199)), tmp_path / "ride.png")
+    image = matplotlib.image.imread(tmp_path / "ride.png")
+    assert image.shape[:2] == (1020, 1800)
+    for colour in ("#0b8457", "#c0392b", "#3a5ba0", "#e08e0b"):
+        wanted = np.array(matplotlib.colors.to_rgb(colour))
+        assert (np.abs(image[..., :3] - wanted).max(axis=-1) < 0.02).sum() > 20, colour
+
+
+def test_a_fall_before_the_first_goal_can_be_drawn(tmp_path: Path) -> None:
+    log = ride(joined(states(9, fall_at=6), states(1, episode=2)))
+    draw_ride(log, tmp_path / "ride.png")
+    assert (tmp_path / "ride.png").stat().st_size > 10_000
+
+
+def test_time_goes_on_over_a_reset() -> None:
+    time = ride_time(ride(joined(states(5), states(5, episode=2))))
+    assert np.allclose(np.diff(time), [0.025] * 4 + [0.0] + [0.025] * 4)

@@ -1,0 +1,37 @@
+"""ROS domains that no other test on this machine uses meanwhile."""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import random
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+# Up to 101 no DDS port falls in Linux' ephemeral range; the low ones are left to people.
+DOMAINS = range(21, 101)
+LOCKS = Path(tempfile.gettempdir()) / f"bicycle_test_domains_{os.getuid()}"
+
+
+@contextlib.contextmanager
+def claimed_domain() -> Iterator[int]:
+    """A domain for as long as the context lasts.
+
+    A lock on a file holds it, so that parallel workers and other checkouts keep off and a killed
+    test frees it.
+
+    Raises:
+        RuntimeError: when none is free.
+    """
+    LOCKS.mkdir(exist_ok=True)
+    for domain in random.Random().sample(DOMAINS, len(DOMAINS)):
+        with (LOCKS / str(domain)).open("w") as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                continue
+            yield domain
+            return
+    raise RuntimeError("no free ROS domain between 21 and 100: are other tests hanging?")

@@ -1,0 +1,191 @@
+"""A whole ride: three processes, a bag, its summary, picture and verification."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from bicycle_msgs.msg import BicycleCommand
+from domains import claimed_domain
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from node_process import NodeProcess
+from rclpy.serialization import deserialize_message, serialize_message
+from rosbags.highlevel import AnyReader
+
+from bicycle_bag.reader import BagReader
+from bicycle_bag.writer import BagWriter
+from bicycle_bringup.nodes import verify
+from bicycle_bringup.ride_log import COMMAND, read_ride
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+RIDE = Path(__file__).resolve().parents[2] / "ros2_ws" / "ride.sh"
+NEAR = ("--goals", "3", "--field", "20", "--seed", "1", "controller.policy:=lqr")
+LOCKSTEP = "simulator.pace:=lockstep"
+Start = Callable[..., NodeProcess]
+
+
+def pid_of(name: str, domain: int) -> int:
+    """The pid of one of the ride's processes."""
+    (note,) = (RIDE.parent / "runs" / "pids" / str(domain)).glob(f"{name}.*")
+    return int(note.suffix[1:])
+
+
+@pytest.fixture(scope="module")
+def ridden(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[NodeProcess, Path]]:
+    """One ride in lock-step to its end, and its folder."""
+    folder = tmp_path_factory.mktemp("ride") / "run"
+    words = [str(RIDE), *NEAR, LOCKSTEP, "--output", str(folder)]
+    with claimed_domain() as domain, NodeProcess(words, {"ROS_DOMAIN_ID": str(domain)}) as ride:
+        ride.wait(120)
+        yield ride, folder
+
+
+def test_it_reaches_all_goals_and_says_so(ridden: tuple[NodeProcess, Path]) -> None:
+    ride, folder = ridden
+    assert ride.wait() == 0, ride.output
+    assert [line.split(" at")[0] for line in ride.lines[:3]] == ["goal 1", "goal 2", "goal 3"]
+    assert "3 of 3 reached" in ride.output
+    assert str(folder) in ride.lines[-1]
+    assert len(ride.lines) < 24
+
+
+def test_it_leaves_a_bag_a_picture_and_numbers(ridden: tuple[NodeProcess, Path]) -> None:
+    _, folder = ridden
+    summary = json.loads((folder / "summary.json").read_text())
+    assert (summary["goals"], summary["reached"], summary["falls"]) == (3, 3, 0)
+    assert 1.0 <= summary["path_ratio"] < 5.0
+    assert summary["loop"]["lockstep"] is True
+    assert summary["loop"]["lost_steps"] == 0
+    assert summary["events"] == []
+    assert (folder / "ride.png").read_bytes().startswith(b"\x89PNG")
+    for name in ("simulator", "controller", "recorder"):
+        assert "Traceback" not in (folder / f"{name}.log").read_text()
+
+
+def test_others_read_the_bag_and_count_the_same(ridden: tuple[NodeProcess, Path]) -> None:
+    bag = ridden[1] / "bag"
+    own = BagReader(bag).counts
+    with AnyReader([bag]) as reader:
+        foreign = {topic: info.msgcount for topic, info in reader.topics.items()}
+        decoded = sum(1 for c, _, raw in reader.messages() if reader.deserialize(raw, c.msgtype))
+    assert foreign == own
+    assert decoded == sum(own.values())
+    counted = dict.fromkeys(own, 0)
+    for file in bag.glob("*.mcap"):
+        with file.open("rb") as stream:
+            messages = make_reader(stream, decoder_factories=[DecoderFactory()])
+            for _, channel, _, _ in messages.iter_decoded_messages():
+                counted[channel.topic] += 1
+    assert counted == own
+
+
+def test_every_state_comes_out_again(ridden: tuple[NodeProcess, Path]) -> None:
+    recording = verify.read(ridden[1] / "bag")
+    (*_, verdict) = verify.verify(recording)
+    assert verdict.proved, verdict
+    assert verdict.begun == 1
+    assert verdict.checked + verdict.begun == len(read_ride(ridden[1] / "bag").states["step"])
+
+
+def changed(bag: Path, target: Path, step: int, torque: float | None) -> None:
+    """Copy a bag with one command's torque changed, or without that command."""
+    reader = BagReader(bag)
+    with BagWriter(target) as writer:
+        for topic in reader.topics.values():
+            writer.add_topic(topic, reader.definition(topic.name))
+        for item in reader.messages():
+            data = item.data
+            if item.topic == COMMAND:
+                command = deserialize_message(data, BicycleCommand)
+                if command.step == step and torque is None:
+                    continue
+                if command.step == step:
+                    command.torque = torque
+                    data = serialize_message(command)
+            writer.write(item.topic, data, item.log_time_ns, item.publish_time_ns)
+
+
+def verified(bag: Path, start_node: Start) -> tuple[int, str]:
+    process = start_node(RIDE.parent / "replay.sh", ["--verify", bag])
+    return process.wait(60), process.lines[-1]
+
+
+def test_a_forged_command_is_found(
+    ridden: tuple[NodeProcess, Path], start_node: Start, tmp_path: Path
+) -> None:
+    changed(ridden[1] / "bag", tmp_path / "forged", step=40, torque=0.125)
+    status, line = verified(tmp_path / "forged", start_node)
+    assert status == 1
+    assert "not the same after 40 equal states: step 41 of episode 1: steer_" in line
+    assert "apart" in line
+
+
+def test_a_missing_command_is_not_hidden(
+    ridden: tuple[NodeProcess, Path], start_node: Start, tmp_path: Path
+) -> None:
+    changed(ridden[1] / "bag", tmp_path / "short", step=40, torque=None)
+    status, line = verified(tmp_path / "short", start_node)
+    assert status == 1
+    assert "not proved" in line
+    assert "1 could not be computed" in line
+    assert "first step 41 of episode 1" in line
+
+
+def test_a_controller_killed_on_the_way_is_reported(
+    start_node: Start, ros_domain: int, tmp_path: Path
+) -> None:
+    ride = start_node(RIDE, [*NEAR, LOCKSTEP, "--output", tmp_path / "run"])
+    ride.wait_for_line("goal 1 at", timeout=60)
+    os.kill(pid_of("controller", ros_domain), signal.SIGKILL)
+    assert ride.wait(120) == 0, ride.output
+    events = json.loads((tmp_path / "run" / "summary.json").read_text())["events"]
+    assert len(events) == 2
+    assert events[0].startswith("controller was killed by SIGKILL at t = ")
+    assert events[1].startswith("controller started again, ready at t = ")
+    assert "3 of 3 reached" in ride.output
+
+
+def test_without_respawn_a_dead_controller_ends_the_ride(
+    start_node: Start, ros_domain: int, tmp_path: Path
+) -> None:
+    ride = start_node(RIDE, [*NEAR, LOCKSTEP, "--no-respawn", "--output", tmp_path / "run"])
+    ride.wait_for_line("goal 1 at", timeout=60)
+    os.kill(pid_of("controller", ros_domain), signal.SIGKILL)
+    assert ride.wait(60) == 1
+    assert "ride.sh: controller was killed by SIGKILL at t = " in ride.output
+    assert "1 of 3 reached" in ride.output
+
+
+def test_an_interrupt_still_gives_the_summary(
+    start_node: Start, ros_domain: int, tmp_path: Path
+) -> None:
+    ride = start_node(RIDE, [*NEAR, "--output", tmp_path / "run"])
+    deadline = time.monotonic() + 60
+    bag = tmp_path / "run" / "recorder.log"
+    while "/bicycle/command" not in (bag.read_text() if bag.exists() else ""):
+        assert time.monotonic() < deadline, ride.output
+        time.sleep(0.1)
+    time.sleep(3.0)
+    assert ride.stop(signal.SIGINT, timeout=30) == 130, ride.output
+    assert "0 of 3 reached" in ride.output
+    assert "Hz, real time" in ride.output
+    assert BagReader(tmp_path / "run" / "bag").message_count > 0
+    assert list((RIDE.parent / "runs" / "pids" / str(ros_domain)).glob("[!r]*")) == []
+
+
+def test_a_wrong_parameter_names_the_process_and_its_log(
+    start_node: Start, tmp_path: Path
+) -> None:
+    ride = start_node(RIDE, ["controller.policy:=/none.safetensors", "--output", tmp_path / "run"])
+    assert ride.wait(60) == 1
+    (line,) = [line for line in ride.lines if line.startswith("ride.sh: controller")]
+    assert "controller exited with status 2 while starting" in line
+    assert "/none.safetensors" in line
+    assert str(tmp_path / "run" / "controller.log") in line

@@ -1,0 +1,228 @@
+"""The single scripts: help, mistakes, signals, stop, topics and goals, with real nodes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+from node_process import NodeProcess
+
+from bicycle_bringup.ride_options import config_folder
+from bicycle_controller.nodes.controller_settings import ControllerSettings
+from bicycle_sim.settings import parameters_of
+
+pytestmark = pytest.mark.ros
+
+WORKSPACE = Path(__file__).resolve().parents[2] / "ros2_ws"
+SCRIPTS = ("sim", "controller", "goal", "record", "replay", "topic", "stop", "ride", "setup")
+Start = Callable[..., NodeProcess]
+
+
+def script(name: str, *words: object, cwd: Path = Path("/")) -> subprocess.CompletedProcess[str]:
+    """Run a script to its end, from a folder that is not the workspace."""
+    return subprocess.run(
+        [str(WORKSPACE / f"{name}.sh"), *map(str, words)],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+
+
+@pytest.fixture
+def start_script(start_node: Start) -> Start:
+    """Start a script by its name."""
+    return lambda name, *words: start_node(WORKSPACE / f"{name}.sh", words)
+
+
+@pytest.fixture
+def bicycle(start_script: Start) -> tuple[NodeProcess, NodeProcess]:
+    """A simulator and a controller that ride as fast as they can."""
+    simulator = start_script("sim", "pace:=lockstep")
+    simulator.wait_for_line("waits for its first command")
+    controller = start_script("controller", "policy:=lqr")
+    controller.wait_for_line("waits for a goal")
+    return simulator, controller
+
+
+@pytest.mark.parametrize("name", SCRIPTS)
+def test_help_tells_usage_and_exit_status(name: str, ros_domain: int) -> None:
+    done = script(name, "--help")
+    assert done.returncode == 0
+    assert f"Usage: {name}.sh" in done.stdout
+    assert "Exit status: 0" in done.stdout
+    assert done.stderr == ""
+
+
+@pytest.mark.parametrize(("name", "parameter"), [("sim", "pace"), ("controller", "policy")])
+def test_help_lists_parameters(name: str, parameter: str, ros_domain: int) -> None:
+    assert f"  {parameter}:=" in script(name, "--help").stdout
+
+
+def test_the_controllers_file_holds_its_defaults() -> None:
+    stored = yaml.safe_load((config_folder() / "controller.yaml").read_text())
+    defaults = {item.name: item.default for item in parameters_of(ControllerSettings)}
+    assert stored == {"/**": {"ros__parameters": defaults}}
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "complaint"),
+    [
+        (("sim", "pase:=lockstep"), 2, "unknown parameter 'pase' (did you mean 'pace'?)"),
+        (("sim", "pace:=fast"), 2, "pace"),
+        (("sim", "real_time_factor:=-1.0"), 2, "real_time_factor"),
+        (("sim", "none.yaml"), 2, "no parameter file 'none.yaml'"),
+        (("sim", "--fast"), 2, "unknown argument '--fast'"),
+        (("controller", "policy:=/none.safetensors"), 2, "/none.safetensors"),
+        (("goal",), 2, "give X and Y in metres, or --file"),
+        (("goal", "1", "north"), 2, "invalid float value: 'north'"),
+        (("goal", "nan", "1"), 2, "not finite"),
+        (("goal", "1", "2", "--timeout", "0"), 2, "--timeout is 0.0"),
+        (("goal", "--file", "/none.csv"), 2, "cannot read /none.csv"),
+        (("goal", "1", "2", "--timeout", "0.5"), 4, "no controller within 0.5 s"),
+        (("replay", "/none"), 1, "no bag /none"),
+        (("replay", "--verify", "/none"), 1, "no bag /none"),
+        (("record", "--repair", "/none"), 1, "no bag /none"),
+        (("topic",), 2, "required: list|info|echo|rate"),
+        (("topic", "watch"), 2, "invalid choice: 'watch'"),
+        (("stop", "--now"), 2, "unknown option '--now'"),
+        (("ride", "--gaols", "3"), 2, "unrecognized arguments: --gaols"),
+    ],
+)
+def test_a_mistake_is_one_line_with_a_status(
+    words: tuple[str, ...], status: int, complaint: str, ros_domain: int
+) -> None:
+    done = script(*words)
+    assert done.returncode == status, done
+    assert complaint in done.stderr
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1, done.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_script_becomes_its_node_and_ends_with_status_0(
+    start_script: Start, number: signal.Signals
+) -> None:
+    simulator = start_script("sim")
+    simulator.wait_for_line("waits for its first command")
+    command = Path(f"/proc/{simulator.pid}/cmdline").read_text()
+    assert "bicycle_sim.nodes.sim_node" in command
+    assert simulator.stop(number) == 0
+
+
+def test_parameters_come_from_files_and_words_and_the_later_wins(
+    start_script: Start, tmp_path: Path
+) -> None:
+    mine = tmp_path / "mine.yaml"
+    mine.write_text("/**: {ros__parameters: {start_x: 5.0, start_y: 7.0}}")
+    start_script("sim", mine, "start_y:=9.0").wait_for_line("waits for its first command")
+    done = script("topic", "echo", "bicycle/state", "--once", "--field", "rear_contact")
+    assert done.stdout.splitlines()[:2] == ["rear_contact.x: 5.0", "rear_contact.y: 9.0"]
+
+
+def test_stop_ends_what_was_started_and_nothing_else(
+    bicycle: tuple[NodeProcess, NodeProcess], start_node: Start, tmp_path: Path
+) -> None:
+    stranger = start_node("bicycle_bag.nodes.recorder_node", ["--output", tmp_path / "bag"])
+    stranger.wait_for_line("recording into")
+    only = script("stop", "controller")
+    assert only.stdout.startswith("stopped controller (process ")
+    assert bicycle[1].wait() == 0
+    assert bicycle[0].running
+    rest = script("stop")
+    assert rest.stdout == f"stopped simulator (process {bicycle[0].pid}, SIGINT)\n"
+    assert bicycle[0].wait() == 0
+    assert stranger.running
+    again = script("stop")
+    assert (again.returncode, again.stdout) == (
+        0,
+        f"nothing of this workspace runs on domain {os.environ['ROS_DOMAIN_ID']}\n",
+    )
+
+
+def test_a_stale_note_kills_nobody(ros_domain: int) -> None:
+    sleeper = subprocess.Popen(["sleep", "60"])
+    folder = WORKSPACE / "runs" / "pids" / str(ros_domain)
+    folder.mkdir(parents=True, exist_ok=True)
+    note = folder / f"simulator.{sleeper.pid}"
+    note.write_text("12345\n")  # another process's start time: the pid was given out again
+    try:
+        assert "nothing of this workspace runs" in script("stop").stdout
+        assert sleeper.poll() is None
+        assert not note.exists()
+    finally:
+        sleeper.kill()
+        sleeper.wait()
+
+
+def test_topics_are_listed_described_and_measured(
+    bicycle: tuple[NodeProcess, NodeProcess],
+) -> None:
+    listed = script("topic", "list").stdout
+    assert "/bicycle/state " in listed
+    assert "bicycle_msgs/msg/BicycleState  (1 publish, 1 subscribe)" in listed
+    info = script("topic", "info", "/bicycle/command").stdout
+    assert "published by /bicycle_controller (reliable, volatile)" in info
+    assert "subscribed by /bicycle_sim (reliable, volatile)" in info
+    rate = script("topic", "rate", "bicycle/state", "--seconds", "1")
+    assert rate.returncode == 0
+    assert " Hz, period " in rate.stdout
+    latched = script("topic", "echo", "bicycle/episode", "--once").stdout
+    assert "pace: lockstep" in latched
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (("echo", "bicycle/stat", "--once"), "nobody publishes /bicycle/stat (did you mean"),
+        (("echo", "bicycle/state", "--once", "--field", "roll"), "has no field 'roll'"),
+    ],
+)
+def test_a_wrong_topic_is_one_line(
+    bicycle: tuple[NodeProcess, NodeProcess], words: tuple[str, ...], complaint: str
+) -> None:
+    done = script("topic", *words)
+    assert done.returncode == 1
+    assert complaint in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_a_goal_is_ridden_to(bicycle: tuple[NodeProcess, NodeProcess]) -> None:
+    done = script("goal", "12", "-3", "--wait")
+    assert done.returncode == 0, done
+    assert "goal 1 at (12, -3): reached after" in done.stdout
+
+
+def test_a_far_goal_is_rejected_and_a_second_one_replaces_the_first(
+    bicycle: tuple[NodeProcess, NodeProcess], start_script: Start
+) -> None:
+    rejected = script("goal", "1e6", "0")
+    assert (rejected.returncode, rejected.stdout) == (2, "")
+    assert "goal rejected: its position (1e+06, 0)" in rejected.stderr
+    first = start_script("goal", "9000", "0", "--wait")
+    bicycle[1].wait_for_line(r"goal \d+ \(9000, 0\) active")
+    assert script("goal", "-9000", "0").stdout == "accepted\n"
+    assert first.wait() == 4
+    assert "goal 1 replaced: a newer goal came" in first.output
+
+
+def test_waypoints_are_ridden_to_in_order(
+    bicycle: tuple[NodeProcess, NodeProcess], tmp_path: Path
+) -> None:
+    (tmp_path / "way.csv").write_text("x,y\n12,0\n12,14\n")
+    done = script("goal", "--file", "way.csv", "--wait", cwd=tmp_path)
+    assert done.returncode == 0, done
+    first, second = done.stdout.splitlines()
+    assert first.startswith("goal 1 at (12, 0): reached")
+    assert second.startswith("goal 2 at (12, 14): reached")
+
+
+def test_a_goal_times_out(bicycle: tuple[NodeProcess, NodeProcess]) -> None:
+    done = script("goal", "9999", "0", "--wait", "--timeout", "1.5")
+    assert done.returncode == 4
+    assert "not reached within 1.5 s" in done.stderr
