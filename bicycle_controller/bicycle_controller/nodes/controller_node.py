@@ -62,7 +62,7 @@ class ControllerNode(Node):
         listen(self, interfaces.STATE, self._on_state, depth=1)
         listen(self, interfaces.GOAL_POSE, self._on_goal_pose)
         listen(self, interfaces.GOAL_PATH, self._on_goal_path)
-        serve(self, interfaces.LOAD_POLICY, self._on_load_policy)
+        serve(self, interfaces.LOAD_POLICY, self._on_load_policy, aside=True)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self._settings.diagnostics_period, self._on_report, clock=steady)
         self.get_logger().info(f"{self._driver.policy.policy_id} waits for a goal")

@@ -8,9 +8,6 @@ from collections.abc import Generator
 from bicycle_controller.controllers import Controller
 from bicycle_controller.policy import PolicyError, load_controller
 
-NAP = 0.001
-"""s that the executor sleeps between two looks; a state may wait that long, once."""
-
 
 class Loading:
     """A load in its own thread; `await` it in a callback and the executor serves others."""
@@ -37,8 +34,7 @@ class Loading:
             PolicyError: one line with the remedy.
         """
         while self._thread.is_alive():
-            self._thread.join(NAP)
-            yield
+            yield  # The executor looks again whenever it wakes for something else.
         if self._made is None:
             raise PolicyError(self._error)
         return self._made
