@@ -20,6 +20,8 @@ from bicycle_sim.config import nearest
 COMMANDS = {
     "train": "learn to ride, or go on learning",
     "evaluate": "ride a controller from many starts and score it",
+    "learn": "learn to ride from recorded rides",
+    "sweep": "train many presets on many scenarios with many seeds",
     "export": "write a policy under a name, as ONNX, and its card",
 }
 FAILED = 1
