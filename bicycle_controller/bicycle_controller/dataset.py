@@ -17,7 +17,7 @@ from bicycle_sim.task import ACTION_FIELDS
 
 if TYPE_CHECKING:
     from bicycle_bag.reader import BagReader
-    from bicycle_controller.config import DdpgConfig
+    from bicycle_controller.learner_config import DdpgConfig
 
 LEAST = 5_000
 """Transitions, about two minutes of riding: with less nothing can be learned."""
@@ -218,6 +218,7 @@ def memory_rows(data: Dataset, ddpg: DdpgConfig) -> np.ndarray:
         ddpg.fall_penalty,
         absorbing=True,
         cost_cap=ddpg.cost_cap,
+        step_cost=ddpg.step_cost,
     )
     made = []
     for rows in lanes:
