@@ -58,11 +58,15 @@ class Probe:
             self.executor.spin_once(timeout_sec=0.05)
         return value
 
+    def spin_while(self, condition: Callable[[], Any], longest: float) -> None:
+        """Serve callbacks while `condition` holds, at most for a while."""
+        deadline = time.monotonic() + longest
+        while condition() and time.monotonic() < deadline:
+            self.executor.spin_once(timeout_sec=0.02)
+
     def spin_for(self, seconds: float) -> None:
         """Serve callbacks for a while, to see that something does not happen."""
-        deadline = time.monotonic() + seconds
-        while time.monotonic() < deadline:
-            self.executor.spin_once(timeout_sec=0.02)
+        self.spin_while(lambda: True, seconds)
 
     def publisher(self, topic: Topic) -> Any:
         """A publisher that somebody listens to."""
