@@ -51,7 +51,7 @@ class Pose:
 
     episode: int
     time: float
-    """s of simulated time within the episode."""
+    """s of simulated time; it goes on over resets."""
     x: float
     """m, rear contact."""
     y: float
@@ -138,6 +138,7 @@ class GoalTracker:
         self._pursuit: _Pursuit | None = None
         self._held_heading: float | None = None
         self._episode: int | None = None
+        self._time = -math.inf
 
     @property
     def active(self) -> Goal | None:
@@ -192,9 +193,11 @@ class GoalTracker:
         """Take in the state of one step; returns what has changed, in order."""
         newer, self._superseded = self._superseded, []
         events = [self._waits(goal, "a newer goal came", Status.REPLACED) for goal in newer]
-        if self._episode not in (None, pose.episode):
+        if pose.time < self._time:
+            self._start_again(pose)
+        elif self._episode not in (None, pose.episode):
             events += self._drop(Status.CANCELLED, Status.CANCELLED, "the simulator was reset")
-        self._episode = pose.episode
+        self._episode, self._time = pose.episode, pose.time
         if pose.fallen:
             events += self._drop(Status.FALLEN, Status.CANCELLED, "the bicycle fell")
             return events + self._announce()
@@ -203,6 +206,12 @@ class GoalTracker:
         if self._pursuit:
             self._pursuit.move(pose)
         return events + self._advance(pose)
+
+    def _start_again(self, pose: Pose) -> None:
+        """The simulator itself was started again: its goals stand, from where it is now."""
+        self._held_heading = None
+        if self._pursuit:
+            self._pursuit = _Pursuit(self._pursuit.goal, pose)
 
     def _numbered(self, points: Sequence[Point]) -> list[Goal]:
         goals = [Goal(self._next_id + i, point) for i, point in enumerate(points)]

@@ -198,6 +198,20 @@ def test_a_reset_cancels_the_goals_from_before_it_only() -> None:
     ]
 
 
+def test_a_simulator_started_again_keeps_its_goals() -> None:
+    tracker = GoalTracker()
+    tracker.replace([(0.0, 50.0)])
+    late = replace(HERE, episode=3, time=100.0, y=30.0)
+    tracker.update(late)
+    anew = replace(HERE, episode=1, time=0.0)
+    assert tracker.update(anew) == []
+    assert tracker.has_goal
+    _, events = straight(tracker, anew, 50.0)
+    (reached,) = events
+    assert reached.status is Status.REACHED
+    assert reached.path_length == pytest.approx(49.0, abs=0.07)
+
+
 def test_a_goal_underfoot_is_reached_at_once() -> None:
     tracker = GoalTracker()
     tracker.replace([(0.5, 0.0)])

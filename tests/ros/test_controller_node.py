@@ -325,6 +325,18 @@ def test_killed_and_started_again_it_rides_on_to_the_goal(
     assert not probe[STATE][-1].fallen
 
 
+def test_a_simulator_killed_and_started_again_is_ridden_to_the_goal(
+    start_sim: Any, start_controller: Any, probe: Probe
+) -> None:
+    first = start_sim(pace="lockstep")
+    start_controller()
+    probe.say(GOAL_POSE, goal(1e4, 0.0))
+    probe.spin_until(lambda: probe[STATE] and probe[STATE][-1].step > 30)
+    first.kill()
+    start_sim(pace="lockstep", start_x=9990.0)
+    probe.spin_until(lambda: statuses(probe) == [(1, GoalStatus.ACTIVE), (1, GoalStatus.REACHED)])
+
+
 def test_of_two_controllers_one_rides(start_sim: Any, start_controller: Any, probe: Probe) -> None:
     sim = start_sim(pace="lockstep")
     start_controller()

@@ -6,6 +6,7 @@ import math
 import os
 import secrets
 import sys
+import time
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,8 @@ from bicycle_sim.settings import describe
 
 NAME = "bicycle_controller"
 MOST_WAYPOINTS = 10_000
+SILENCE = 1.0
+"""s without a state, which otherwise comes at least every 0.1 s."""
 NO_LIMITS = np.full(3, np.inf)
 
 
@@ -49,6 +52,7 @@ class ControllerNode(Node):
         self._driver = self._make_driver()
         self._simulator_limits = NO_LIMITS
         self._bad_states = 0
+        self._heard = time.monotonic()
         self._state_was_bad = False
         self._publishers_by_name = advertise(
             self,
@@ -94,6 +98,7 @@ class ControllerNode(Node):
 
     def _on_state(self, message: BicycleState) -> None:
         """Answer the newest state."""
+        self._heard = time.monotonic()
         try:
             snapshot = convert.to_snapshot(message)
         except ValueError as error:
@@ -224,7 +229,10 @@ class ControllerNode(Node):
         driver = self._driver
         goal = driver.tracker.active
         text = f"rides to goal {goal.goal_id}" if goal else "waits for a goal"
-        bad = self._state_was_bad or driver.failing
+        silence = time.monotonic() - self._heard
+        if silence > SILENCE:
+            text = f"no state for {silence:.0f} s: is the simulator running on this domain?"
+        bad = self._state_was_bad or driver.failing or silence > SILENCE
         name = f"{self.get_fully_qualified_name().lstrip('/')}: policy"
         values: dict[str, object] = {
             "policy": driver.policy.policy_id,
