@@ -58,6 +58,11 @@ class NafNetwork(nn.Module):
         lower = torch.tril(lower, -1) + torch.diag_embed(diagonal.exp())
         return self.value(features), mean, lower
 
+    def state_value(self, observation: Tensor) -> Tensor:
+        """V (B,) alone, of scaled observations (B, 6)."""
+        found: Tensor = self.value(self.actor.features(observation))
+        return found
+
     def q(self, observation: Tensor, action: Tensor) -> Tensor:
         """Q (B,) of scaled observations (B, 6) and normalised actions (B, A)."""
         value, mean, lower = self(observation)
@@ -151,7 +156,7 @@ class Naf:
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """y (B,) = r + gamma V'(s'), for a batch as it came from the memory."""
-        following, _, _ = self.target(batch.next_observation / self.scale)
+        following = self.target.state_value(batch.next_observation / self.scale)
         return batch.reward * self.config.reward_scale + batch.discount * following
 
     def metrics(self) -> dict[str, float]:

@@ -1,0 +1,183 @@
+"""DDPG, NAF and PPO on Gymnasium's Pendulum-v1, beside stable-baselines3's DDPG and PPO.
+
+Whether our baselines learn what others' learn. Each pair has the same hyperparameters: of the
+off-policy learners two hidden layers of 64, batch 64, gamma 0.98, tau 0.005, Adam 1e-3 and
+Gaussian noise of 0.1; of PPO those of rl-baselines3-zoo without its state-dependent noise (4
+environments, rollouts of 4,096 steps, gamma 0.9, Adam 1e-3). What differs: our hidden units are
+rectified, stable-baselines3's PPO has tanh; our PPO squashes its mean.
+
+Scores are returns of episodes without exploration, from the same starts for all. Published for
+stable-baselines3: PPO -230 +- 143 and -212 +- 129, DDPG -190 +- 113 (huggingface.co:
+sb3/ppo-Pendulum-v1, qgallouedec/ppo-Pendulum-v1-1422831320 and ddpg-Pendulum-v1-3347268901).
+
+    python tests/benchmarks/bench_pendulum.py [--seeds 1 2 3] [--out FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import platform
+import shlex
+import sys
+import time
+from collections.abc import Callable
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+from pendulum import PendulumTask, pendulum_run, returns, train
+from tqdm import tqdm
+
+from bicycle_controller.run_folder import origin
+
+RESULTS = Path(__file__).parent / "results" / "pendulum.json"
+OFF_POLICY_STEPS = 10_000
+PPO_STEPS = 102_400
+EPISODES = 100
+EVALUATION_SEED = 50_000
+"""Of the first of the episodes that are scored."""
+
+OFF_POLICY = (
+    f"steps={OFF_POLICY_STEPS}",
+    "warm_up=1000",
+    "noise.kind=gaussian",
+    "noise.sigma=0.1",
+)
+SHARED = (
+    "gamma=0.98",
+    "tau=0.005",
+    "batch=64",
+    "reward_scale=1",
+    "observation_scale=[1,1,1,1,1,1]",
+)
+OURS: dict[str, tuple[str, ...]] = {
+    "ddpg": (
+        *OFF_POLICY,
+        *(f"ddpg.{text}" for text in SHARED),
+        "ddpg.actor_hidden=[64,64]",
+        "ddpg.critic_hidden=[64,64]",
+        "ddpg.action_layer=1",
+        "ddpg.initialisation=fan_in",
+    ),
+    "naf": (
+        *OFF_POLICY,
+        *(f"naf.{text}" for text in SHARED),
+        "naf.hidden=[64,64]",
+        "naf.initialisation=fan_in",
+    ),
+    "ppo": (
+        f"steps={PPO_STEPS}",
+        "bicycles=4",
+        "ppo.rollout=1024",
+        "ppo.gamma=0.9",
+        "ppo.learning_rate=0.001",
+        "ppo.reward_scale=1",
+        "ppo.observation_scale=[1,1,1,1,1,1]",
+    ),
+}
+PRESETS = {"ddpg": "paper", "naf": "naf", "ppo": "ppo"}
+
+
+def ours(name: str, seed: int) -> np.ndarray:
+    """Train ours; the returns of its deterministic policy."""
+    config = pendulum_run(PRESETS[name], *OURS[name], f"seed={seed}")
+    scale = config.learner.observation_scale
+    return returns(train(config).deployed, scale, EPISODES, EVALUATION_SEED)
+
+
+def theirs(name: str, seed: int) -> np.ndarray:
+    """Train stable-baselines3's; the returns of its deterministic policy."""
+    from stable_baselines3 import DDPG, PPO
+    from stable_baselines3.common.env_util import make_vec_env
+    from stable_baselines3.common.noise import NormalActionNoise
+
+    sizes: dict[str, Any] = {"net_arch": [64, 64]}
+    model: Any
+    if name == "ppo":
+        model = PPO(
+            "MlpPolicy",
+            make_vec_env("Pendulum-v1", n_envs=4, seed=seed),
+            n_steps=1024,
+            gamma=0.9,
+            learning_rate=1e-3,
+            seed=seed,
+            device="cpu",
+        )
+        model.learn(PPO_STEPS)
+    else:
+        model = DDPG(
+            "MlpPolicy",
+            gymnasium.make("Pendulum-v1"),
+            learning_starts=1000,
+            batch_size=64,
+            gamma=0.98,
+            action_noise=NormalActionNoise(np.zeros(1), np.full(1, 0.1)),
+            policy_kwargs=sizes,
+            seed=seed,
+            device="cpu",
+        )
+        model.learn(OFF_POLICY_STEPS)
+    task = PendulumTask(EPISODES, EVALUATION_SEED)
+    total = np.zeros(EPISODES)
+    for _ in range(200):
+        observation = task.observation()[:, :3].astype(np.float32)
+        total += task.step(model.predict(observation, deterministic=True)[0]).reward
+    return total
+
+
+def trial(learner: Callable[[str, int], np.ndarray], name: str, seed: int) -> dict[str, float]:
+    """One training, scored."""
+    start = time.process_time()
+    found = learner(name, seed)
+    row = {"seed": seed, "mean": float(found.mean()), "std": float(found.std())}
+    return row | {"cpu_s": time.process_time() - start}
+
+
+def machine() -> dict[str, Any]:
+    """Where and with what it ran."""
+    found: dict[str, Any] = {"python": platform.python_version(), "cores": os.cpu_count()}
+    for name in ("torch", "numpy", "gymnasium", "stable-baselines3"):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = None
+    return found
+
+
+def main() -> None:
+    """Run, print and write the results."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    args = parser.parse_args()
+    torch.set_num_threads(1)
+    contestants: list[tuple[str, Callable[[str, int], np.ndarray], str]] = [
+        (f"ours, {name}", ours, name) for name in OURS
+    ]
+    if machine()["stable-baselines3"] is None:
+        print("without stable-baselines3: install ros2_ws/requirements/bench.lock")
+    else:
+        contestants += [(f"stable-baselines3, {name}", theirs, name) for name in ("ddpg", "ppo")]
+    rows: dict[str, list[dict[str, float]]] = {title: [] for title, _, _ in contestants}
+    about = {"command": shlex.join(["python", *sys.argv]), "commit": origin()["commit"]}
+    about |= {"steps": {"ddpg, naf": OFF_POLICY_STEPS, "ppo": PPO_STEPS}, "episodes": EPISODES}
+    args.out.parent.mkdir(parents=True, exist_ok=True)
+    trials = [(seed, one) for seed in args.seeds for one in contestants]
+    for seed, (title, learner, name) in tqdm(trials, unit="run", disable=None):
+        rows[title].append(trial(learner, name, seed))
+        tqdm.write(f"{title:24} {rows[title][-1]}")
+        result = about | {"machine": machine(), "returns": rows}
+        args.out.write_text(json.dumps(result, indent=2) + "\n")
+    for title, found in rows.items():
+        means = [row["mean"] for row in found]
+        print(f"{title:24} {np.mean(means):8.1f}  ({', '.join(f'{m:.0f}' for m in means)})")
+    print(f"written to {args.out}")
+
+
+if __name__ == "__main__":
+    main()
