@@ -87,7 +87,7 @@ class Replay:
         if self.size == 0:
             raise ValueError("cannot sample from an empty replay memory")
         index = torch.randint(self.size, (count,), generator=generator, device=self.table.device)
-        parts = torch.split(self.table.index_select(0, index), self.columns, dim=1)
+        parts = torch.split_with_sizes(self.table.index_select(0, index), self.columns, 1)
         return Batch(*parts[:3], *(part.squeeze(1) for part in parts[3:]))
 
     def state_dict(self) -> dict[str, Any]:

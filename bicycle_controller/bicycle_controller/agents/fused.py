@@ -1,8 +1,8 @@
 """The update of `ddpg.py` with hand-written gradients: the same numbers in a third of the time.
 
-All parameters, gradients, moments and targets are flat vectors with named views, and every
-large result goes into memory that was there before. Every switch of `DdpgConfig` is supported;
-a test holds it against the autograd reference.
+All parameters, gradients, moments and targets are flat vectors with named views that ask for no
+gradient, and every large result goes into memory that was there before. Every switch of
+`DdpgConfig` is supported; a test holds it against the autograd reference.
 """
 
 from __future__ import annotations
@@ -90,7 +90,6 @@ class FusedDdpg(Ddpg):
     def _set_rates(self, actor: float, critic: float) -> None:
         self.actor_optimiser.rate, self.critic_optimiser.rate = actor, critic
 
-    @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """The critics' targets y (B,), equation (15), for a scaled batch."""
         action = self._smoothed(self._actor_target.forward(batch.next_observation).tanh_())
@@ -99,7 +98,6 @@ class FusedDdpg(Ddpg):
         target = torch.addcmul(batch.reward, batch.discount, least.squeeze(1))
         return target.clamp_(self.config.value_min, 0.0) if self.config.bound_values else target
 
-    @torch.no_grad()
     def _update_critics(self, batch: Batch, target: Tensor) -> None:
         """Equation (14); the slope of the loss at Q is 2 (Q - y) / B, bounded by Huber's."""
         config, size = self.config, len(target)
@@ -117,7 +115,6 @@ class FusedDdpg(Ddpg):
             self._clip_gradient(net)
         self.critic_optimiser.step()
 
-    @torch.no_grad()
     def _update_actor(self, batch: Batch) -> None:
         """Equation (17): the critic's slope at the action, through tanh into the actor."""
         config = self.config
@@ -137,7 +134,6 @@ class FusedDdpg(Ddpg):
         self._clip_gradient(self._actor)
         self.actor_optimiser.step()
 
-    @torch.no_grad()
     def _update_targets(self) -> None:
         """Equations (16) and (18)."""
         self._slow.lerp_(self._main, self.config.tau)

