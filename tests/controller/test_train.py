@@ -6,13 +6,12 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 import torch
+from run_compare import after, assert_same_run, rows, same, state_of
 from training_maker import SMALL, small_run
 
 from bicycle_controller import checkpoint, settings, train
@@ -22,7 +21,6 @@ from bicycle_controller.run_folder import RunFolder
 from bicycle_controller.score import score
 from bicycle_controller.train_command import add_arguments, run_command
 
-CLOCKS = {"wall_s", "cpu_s"}
 PROGRAM = """
 import argparse, sys
 from bicycle_controller.run_folder import RunFolder
@@ -35,48 +33,6 @@ try:
 except ValueError as error:
     sys.exit(f"error: {error}")
 """
-
-
-def rows(folder: Path) -> list[dict[str, Any]]:
-    """The log without its clocks."""
-    lines = (folder / "log.jsonl").read_text().splitlines()
-    return [{k: v for k, v in json.loads(line).items() if k not in CLOCKS} for line in lines]
-
-
-def state_of(folder: Path) -> dict[str, Any]:
-    """The checkpoint without clocks and origin."""
-    state = checkpoint.load(folder / "checkpoint" / "state.pt")
-    return {k: v for k, v in state.items() if k not in ("spent", "origin", "log_bytes")}
-
-
-def same(one: Any, other: Any) -> bool:
-    """Whether two nested states are equal to the bit."""
-    if isinstance(one, dict):
-        return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
-    if isinstance(one, list):
-        return len(one) == len(other) and all(map(same, one, other))
-    if isinstance(one, torch.Tensor):
-        return one.dtype == other.dtype and torch.equal(one, other)
-    if isinstance(one, np.ndarray):
-        return one.dtype == other.dtype and np.array_equal(one, other)
-    return type(one) is type(other) and one == other
-
-
-def assert_same_run(one: Path, other: Path) -> None:
-    assert rows(one) == rows(other)
-    first, second = state_of(one), state_of(other)
-    for key in first:
-        assert same(first[key], second[key]), key
-    for name in ("best.safetensors", "last.safetensors"):
-        mine, theirs = (load_policy(folder / name).tensors for folder in (one, other))
-        assert all(np.array_equal(mine[key], theirs[key]) for key in theirs)
-
-
-def after(rounds: int) -> Callable[[], bool]:
-    """Says stop at the given step of all bicycles."""
-    left = iter(range(rounds))
-    return lambda: next(left, None) is None
-
 
 RUNS = {
     "paper": (),

@@ -1,0 +1,360 @@
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from run_compare import after, assert_same_run, rows, same, state_of
+
+from bicycle_controller import checkpoint, settings, train
+from bicycle_controller.agents.ppo import Ppo, Samples, clipped_objective
+from bicycle_controller.assembly import make_agent, make_collector
+from bicycle_controller.config import RunConfig
+from bicycle_controller.learner_config import PpoConfig
+from bicycle_controller.policy import load_policy
+from bicycle_controller.rollout import Rollout, advantages
+
+SMALL = (
+    "ppo.hidden=[16, 12]",
+    "ppo.rollout=20",
+    "ppo.batch=32",
+    "ppo.epochs=3",
+    "scenario.max_steps=60",
+    "starts.max_steps=30",
+    "bicycles=8",
+    "steps=1600",
+    "log_every=20",
+    "evaluation.every=50",
+    "evaluation.episodes=8",
+    "tensorboard=false",
+)
+
+
+def small_run(*overrides: str) -> RunConfig:
+    return settings.preset("ppo", [*SMALL, *overrides])
+
+
+def small_ppo(**changes: Any) -> PpoConfig:
+    config = small_run().ppo
+    assert config is not None
+    return replace(config, **changes)
+
+
+def rollout_of(rounds: int, count: int, actions: int = 1) -> Rollout:
+    """A full rollout of random transitions in which nothing ends."""
+    rng = np.random.default_rng(0)
+    rollout = Rollout(rounds, count, actions)
+    for _ in range(rounds):
+        parts = [rng.normal(size=(count, width)) for width in (6, actions, 6, 1)]
+        flags = np.tile([0.99, 0.0, 0.0, 0.0], (count, 1))
+        rollout.add(np.concatenate([*parts, flags], axis=1).astype(np.float32))
+    return rollout
+
+
+def test_advantages_by_hand() -> None:
+    # gamma 0.5, lambda 0.5, one bicycle: step 1 goes on, step 2 runs out of time, step 3 goes on,
+    # step 4 falls. Differences: -1 + 0.5 * -4 + 2 = -1; -1 + 0.5 * -8 + 4 = -1, where the value
+    # -8 of the state at the time-out counts; -2 + 0.5 * -6 + 3 = -2; -10 + 6 = -4 without a
+    # value, whatever it is.
+    reward = np.array([[-1.0], [-1.0], [-2.0], [-10.0]])
+    value = np.array([[-2.0], [-4.0], [-3.0], [-6.0]])
+    next_value = np.array([[-4.0], [-8.0], [-6.0], [99.0]])
+    discount = np.array([[0.5], [0.5], [0.5], [0.0]])
+    ended = np.array([[False], [True], [False], [True]])
+    found = advantages(reward, value, next_value, discount, ended, 0.5)
+    # The second episode never reaches back into the first: -1 + 0.25 * -1, -1, -2 + 0.25 * -4, -4.
+    assert found[:, 0].tolist() == [-1.25, -1.0, -3.0, -4.0]
+
+
+def test_the_rollouts_end_bootstraps_and_bicycles_do_not_mix() -> None:
+    reward = np.array([[-1.0, 0.0], [-1.0, 0.0]])
+    value = np.zeros((2, 2))
+    next_value = np.array([[0.0, 0.0], [-4.0, 0.0]])
+    discount, ended = np.full((2, 2), 0.5), np.zeros((2, 2), dtype=bool)
+    found = advantages(reward, value, next_value, discount, ended, 1.0)
+    # -1 + 0.5 (-1 + 0.5 * -4), and -1 + 0.5 * -4.
+    assert found.tolist() == [[-2.5, 0.0], [-3.0, 0.0]]
+
+
+def test_lambda_one_is_the_discounted_return_and_zero_one_step() -> None:
+    rng = np.random.default_rng(0)
+    reward, value = rng.normal(size=(50, 3)), rng.normal(size=(51, 3))
+    discount, ended = np.full((50, 3), 0.9), np.zeros((50, 3), dtype=bool)
+    arguments = (reward, value[:-1], value[1:], discount, ended)
+    powers = 0.9 ** np.arange(50)[:, None]
+    expected = (powers * reward).sum(0) + 0.9**50 * value[-1] - value[0]
+    assert advantages(*arguments, 1.0)[0] == pytest.approx(expected)
+    one_step = reward + 0.9 * value[1:] - value[:-1]
+    assert advantages(*arguments, 0.0) == pytest.approx(one_step)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "advantage", "objective", "slope"),
+    [
+        (1.1, 2.0, 2.2, 2.0),  # within the interval
+        (1.5, 2.0, 2.4, 0.0),  # better already: no more to gain
+        (0.5, 2.0, 1.0, 2.0),  # worse: the way back counts in full
+        (1.5, -2.0, -3.0, -2.0),
+        (0.5, -2.0, -1.6, 0.0),
+        (0.9, -2.0, -1.8, -2.0),
+    ],
+)
+def test_the_clipped_objective_by_hand(
+    ratio: float, advantage: float, objective: float, slope: float
+) -> None:
+    x = torch.tensor([ratio], requires_grad=True)
+    found = clipped_objective(x, torch.tensor([advantage]), 0.2)
+    found.backward()  # type: ignore[no-untyped-call]
+    assert found.item() == pytest.approx(objective)
+    assert x.grad is not None
+    assert x.grad.item() == pytest.approx(slope)
+
+
+def still(**changes: Any) -> Ppo:
+    """One action, whose mean is 0 everywhere, and V = -2."""
+    agent = Ppo(small_ppo(**changes), 1, 0)
+    for network in (agent.network.actor, agent.network.value):
+        for parameter in network.parameters():
+            parameter.data.zero_()
+    value: Any = agent.network.value
+    value.layers[-1].bias.data.fill_(-2.0)
+    return agent
+
+
+def test_the_whole_objective_by_hand() -> None:
+    agent = still(
+        normalise_advantages=False, value_weight=0.5, entropy_weight=0.1, log_std=math.log(0.5)
+    )
+    # N(0, 0.5) at 0.5: log density -0.5 - log 0.5 - 0.5 log 2 pi.
+    log_density = -0.5 - math.log(0.5) - 0.5 * math.log(2.0 * math.pi)
+    samples = Samples(
+        observation=torch.zeros(2, 6),
+        action=torch.full((2, 1), 0.5),
+        log_probability=torch.tensor([log_density - math.log(1.5), log_density - math.log(0.5)]),
+        advantage=torch.tensor([2.0, 2.0]),
+        value_target=torch.tensor([-1.0, -5.0]),
+    )
+    # Ratios 1.5 and 0.5 give 2.4 and 1; the values' squared errors are 1 and 9; the entropy is
+    # 0.5 log(2 pi e 0.25).
+    entropy = 0.5 * math.log(2.0 * math.pi * math.e * 0.25)
+    expected = (2.4 + 1.0) / 2 - 0.5 * (1.0 + 9.0) / 2 + 0.1 * entropy
+    assert agent.objective(samples).item() == pytest.approx(expected, rel=1e-5)
+    found = agent.metrics()
+    assert found["value_loss"] == pytest.approx(5.0)
+    assert found["entropy"] == pytest.approx(entropy, rel=1e-5)
+    assert found["clipped"] == 1.0
+
+
+def test_densities_and_entropy_equal_torchs() -> None:
+    agent = Ppo(small_ppo(log_std=-0.7), 3, 0)
+    mean, action = torch.randn(20, 3), torch.randn(20, 3)
+    normal: Any = torch.distributions.Normal(mean, agent.network.log_std.exp())
+    found = agent.network.log_probability(mean, action)
+    assert torch.allclose(found, normal.log_prob(action).sum(-1), atol=1e-5)
+    assert torch.allclose(agent.network.entropy(), normal.entropy()[0].sum(), atol=1e-5)
+
+
+def test_advantages_are_normalised_per_minibatch() -> None:
+    agents = [still(normalise_advantages=on, value_weight=0.0) for on in (True, False)]
+    advantage = torch.tensor([3.0, 5.0, 7.0])
+    samples = [
+        Samples(torch.zeros(3, 6), torch.zeros(3, 1), torch.zeros(3), values, torch.zeros(3))
+        for values in (advantage, (advantage - 5.0) / 2.0)
+    ]
+    found = [agent.objective(batch).item() for agent, batch in zip(agents, samples, strict=True)]
+    assert found[0] == pytest.approx(found[1], abs=1e-6)
+
+
+def test_the_mean_is_squashed_and_samples_spread_about_it() -> None:
+    agent = Ppo(small_ppo(log_std=math.log(0.3)), 2, 0)
+    for parameter in agent.network.actor.parameters():
+        parameter.data.mul_(30.0)
+    observation = np.tile(np.random.default_rng(0).normal(size=(1, 6)), (20_000, 1))
+    mean, drawn = agent.act(observation), agent.sample(observation)
+    assert np.abs(mean).max() <= 1.0
+    assert drawn.mean(axis=0) == pytest.approx(mean[0], abs=0.01)
+    assert drawn.std(axis=0) == pytest.approx([0.3, 0.3], abs=0.01)
+
+
+def test_what_is_stored_is_what_was_drawn_so_that_ratios_start_at_one() -> None:
+    config = small_run("ppo.log_std=1")
+    rollout = Rollout(20, 8, 2)
+    agent, collector = make_agent(config, "cpu"), make_collector(config, rollout)
+    assert isinstance(agent, Ppo)
+    for _ in range(20):
+        collector.step(agent)
+    action = rollout.rows[:, :, 6:8]
+    assert np.abs(action).max() > 3.0
+    samples = agent.samples(rollout)
+    with torch.no_grad():
+        mean, _ = agent.network(samples.observation)
+        found = agent.network.log_probability(mean, samples.action)
+    assert torch.equal(found, samples.log_probability)
+
+
+def falling(fall: str) -> tuple[Rollout, np.ndarray]:
+    """What is stored while bicycles fall, and their rewards."""
+    config = small_run("ppo.log_std=1", f"ppo.fall={fall}", "starts.max_steps=60")
+    rollout = Rollout(60, 8, 2)
+    agent, collector = make_agent(config, "cpu"), make_collector(config, rollout)
+    for _ in range(60):
+        collector.step(agent)
+    return rollout, rollout.rows[:, :, 14]
+
+
+def test_a_fall_is_worth_lying_for_ever_and_a_time_out_bootstraps() -> None:
+    rollout, reward = falling("absorbing")
+    discount, truncated, fallen = (rollout.rows[:, :, column] for column in (15, 17, 18))
+    assert fallen.sum() > 3
+    assert (discount[fallen > 0] == 0).all()
+    # A fall costs at least 0.27 (30 degrees) / (1 - 0.99).
+    assert reward[fallen > 0].max() < -27.0
+    assert (discount[fallen == 0] == np.float32(0.99)).all()
+    frozen, reward = falling("frozen")
+    truncated, fallen = frozen.rows[:, :, 17], frozen.rows[:, :, 18]
+    assert (frozen.rows[:, :, 15] == np.float32(0.99)).all()
+    assert truncated[-1].sum() == fallen[-1].sum() == 8
+    assert reward[-1].tolist() == reward[-2].tolist()
+
+
+def test_every_transition_is_used_once_an_epoch() -> None:
+    agent = Ppo(small_ppo(batch=7), 1, 0)
+    batches = agent._minibatches(20)
+    for _ in range(3):
+        epoch = torch.cat([next(batches) for _ in range(3)])
+        assert sorted(epoch.tolist()) == list(range(20))
+
+
+def test_the_number_of_updates_is_all_epochs_minibatches() -> None:
+    config = small_run("ppo.batch=50")
+    assert (config.updates_due, config.rounds_between) == (3 * 4, 20)  # 160 rows: 3 x 50 + 10
+    off_policy = settings.preset("fast", ["updates=2", "update_every=3"])
+    assert (off_policy.updates_due, off_policy.rounds_between) == (2, 3)
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_layers_are_shared_only_if_so_wished(shared: bool) -> None:
+    agent = Ppo(small_ppo(shared=shared, entropy_weight=0.0), 1, 0)
+    samples = agent.samples(rollout_of(20, 8))
+    _, value = agent.network(samples.observation)
+    value.sum().backward()
+    actor: Any = agent.network.actor
+    assert (actor.layers[0].weight.grad is not None) == shared
+    assert len(list(agent.network.value.parameters())) == (2 if shared else 6)
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_it_finds_the_best_action_of_a_one_step_problem(shared: bool) -> None:
+    config = small_ppo(
+        hidden=(32,), rollout=8, batch=64, gamma=0.0, learning_rate=3e-3, reward_scale=1.0
+    )
+    agent = Ppo(replace(config, shared=shared), 1, 0)
+    rng = np.random.default_rng(0)
+    for _ in range(80):
+        rollout = Rollout(8, 32, 1)
+        for _ in range(8):
+            observation = rng.normal(size=(32, 6))
+            action = agent.sample(observation)
+            reward = -((action - 0.4) ** 2)
+            rest = np.zeros((32, 4))
+            rollout.add(np.concatenate([observation, action, observation, reward, rest], axis=1))
+        agent.update(rollout, 12)
+        assert rollout.rounds == 0
+    observation = rng.normal(size=(500, 6))
+    assert np.abs(agent.act(observation) - 0.4).mean() < 0.1
+    assert agent.network.log_std.exp().item() < 0.5
+
+
+def test_the_gradient_is_clipped_and_the_learning_rate_falls() -> None:
+    agent = Ppo(small_ppo(grad_clip=1e-3, learning_rate=0.1, learning_rate_end=0.5), 1, 0)
+    agent.update(rollout_of(20, 8), 1)
+    gradients: list[Any] = [parameter.grad for parameter in agent.network.parameters()]
+    norm = math.sqrt(sum(float(g.square().sum()) for g in gradients))
+    assert norm == pytest.approx(1e-3, rel=1e-3)
+    agent.anneal(0.5)
+    assert agent.optimiser.param_groups[0]["lr"] == pytest.approx(0.075)
+
+
+def test_a_rollout_refuses_what_does_not_fit() -> None:
+    rollout = rollout_of(3, 2)
+    with pytest.raises(ValueError, match="takes 3 times"):
+        rollout.add(rollout.rows[0])
+    with pytest.raises(ValueError, match="takes 3 times"):
+        Rollout(3, 2, 1).add(np.zeros((1, 18), dtype=np.float32))
+    agent = Ppo(small_ppo(), 1, 0)
+    with pytest.raises(ValueError, match="not full: 0 of 3"):
+        agent.update(Rollout(3, 2, 1), 1)
+
+
+@pytest.mark.parametrize("shared", ["false", "true"])
+def test_a_resumed_run_gives_the_same_numbers_to_the_bit(shared: str, tmp_path: Path) -> None:
+    # Interrupted in the middle of a rollout.
+    config = small_run(f"ppo.shared={shared}", "ppo.entropy_weight=0.01")
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    assert train.run(config, whole).updates == 150
+    assert train.run(config, parts, stop=after(70)).status == "interrupted"
+    assert len(checkpoint.load(parts / "checkpoint" / "state.pt")["replay"]["rows"]) == 11
+    assert train.resume(parts, stop=after(31)).status == "interrupted"
+    assert train.resume(parts).status == "finished"
+    assert_same_run(whole, parts)
+    assert {row["kind"] for row in rows(whole)} == {"train", "evaluation"}
+
+
+def test_a_seed_repeats_a_run_and_another_does_not(tmp_path: Path) -> None:
+    for name, seed in (("a", 1), ("b", 1), ("c", 2)):
+        train.run(small_run(f"seed={seed}", "steps=640"), tmp_path / name)
+    assert_same_run(tmp_path / "a", tmp_path / "b")
+    assert not same(state_of(tmp_path / "a")["agent"], state_of(tmp_path / "c")["agent"])
+
+
+def test_the_deployed_policy_is_the_mean(tmp_path: Path) -> None:
+    config = small_run()
+    train.run(config, tmp_path / "run")
+    policy = load_policy(tmp_path / "run" / "last.safetensors")
+    agent = Ppo(small_ppo(), 2, 99)
+    agent.load_state_dict(state_of(tmp_path / "run")["agent"])
+    raw = np.random.default_rng(0).normal(size=(50, 6))
+    limits = config.scenario.action_limits
+    expected = np.column_stack([agent.act(raw) * limits[:2], np.zeros(50)])
+    assert np.allclose(policy.act(raw), expected, atol=1e-6)
+    assert policy.info.trained["algorithm"] == "ppo"
+
+
+@pytest.mark.parametrize(
+    ("preset", "override", "words"),
+    [
+        ("ppo", "warm_up=5", "warm_up must be 0 for ppo"),
+        ("ppo", "noise.kind=ou", "noise.kind must be none for ppo"),
+        ("ppo", "updates=2", "updates must be 1 for ppo"),
+        ("ppo", "ppo.batch=5000", "ppo.batch must be at most 2048"),
+        ("ppo", "ppo.clip=0", "clip must be above zero"),
+        ("ppo", "ppo.gae_lamda=0.9", "did you mean 'gae_lambda'"),
+        ("ppo", "ppo=null", "exactly one of ddpg, naf, ppo, not none"),
+        ("naf", "naf.tau=2", "tau must lie within"),
+        ("naf", "naf.hidden=[]", "hidden needs sizes"),
+        ("naf", "naf.gamma=1", "gamma must lie within 0 and below 1"),
+    ],
+)
+def test_a_mistake_is_one_line_that_names_the_field(
+    preset: str, override: str, words: str
+) -> None:
+    with pytest.raises(ValueError, match=re.escape(words)) as caught:
+        settings.preset(preset, [override])
+    assert "\n" not in str(caught.value)
+
+
+def test_a_run_has_one_algorithm(tmp_path: Path) -> None:
+    path = tmp_path / "two.yaml"
+    path.write_text(settings.dump(settings.preset("naf")).replace("ddpg: null\n", ""))
+    assert settings.load(path).algorithm == "naf"
+    path.write_text("extends: naf\nppo:\n" + _ppo_part())
+    with pytest.raises(ValueError, match="exactly one of ddpg, naf, ppo, not naf and ppo"):
+        settings.load(path)
+
+
+def _ppo_part() -> str:
+    text = settings.dump(settings.preset("ppo"))
+    return text.split("ppo:\n")[1].split("bicycles:")[0]
