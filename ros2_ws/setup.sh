@@ -54,22 +54,22 @@ done
 unset _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH PYTHONPATH PYTHONHOME VIRTUAL_ENV \
   PIP_USER PIP_TARGET PIP_PREFIX COLCON_PREFIX_PATH
 
-make_venv() {
-  if [[ -e $venv && ! -f $venv/pyvenv.cfg && -n $(ls -A "$venv") ]]; then
+make_venv() { # Every step may be interrupted: what is half done is seen and done again
+  if [[ -e $venv && ! -f $venv/pyvenv.cfg && ! -d $stamps && -n $(ls -A "$venv") ]]; then
     die 3 "$venv is in the way and is not a virtual environment; move it and call again."
   fi
-  if [[ -f $stamps/venv.stamp ]]; then
-    stage "removing the virtual environment of $(<"$stamps/venv.stamp")" none rm -rf "$venv"
-  elif [[ -e $venv ]] && ! "$venv/bin/python" -m pip --version >/dev/null 2>&1; then
-    stage "removing an unfinished virtual environment" none rm -rf "$venv"
+  if [[ -f $stamps/venv.stamp ]] || { [[ -d $venv ]] && ! "$venv/bin/python" -m pip --version >/dev/null 2>&1; }; then
+    rm -rf "$ws/build/old_venv"
+    mv "$venv" "$ws/build/old_venv"
+    stage "removing the old virtual environment" none rm -rf "$ws/build/old_venv"
   fi
+  mkdir -p "$stamps"
   if [[ -x $venv/bin/python ]]; then
     echo "Using the virtual environment that is there: $venv"
   else
     [[ -n $python ]] || find_python || die 3 "no Python 3.10 to 3.13 to make it with; set PYTHON=/path/to/one."
     stage "virtual environment ($("$python" -V 2>&1))" none "$python" -m venv "$venv"
   fi
-  mkdir -p "$stamps"
 }
 
 install_set() { # SET: the packages of one lock

@@ -149,7 +149,7 @@ stage() { # LABEL COUNTER COMMAND...: runs quietly with one line of progress; en
   local pid=$!
   set +m
   # shellcheck disable=SC2064 # the pid of now
-  trap "kill -TERM -- -$pid 2>/dev/null; wait $pid; echo; die 130 'interrupted; call again to go on.'" INT TERM
+  trap "kill -TERM -- -$pid 2>/dev/null; wait $pid || true; echo; die 130 'interrupted; call again to go on.'" INT TERM
   while kill -0 "$pid" 2>/dev/null; do
     if [[ -t 1 ]]; then
       line="$label ... $(progress "$counter" "$offset") $((SECONDS - start)) s"
