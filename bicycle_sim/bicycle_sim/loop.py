@@ -20,7 +20,7 @@ from bicycle_sim.simulator import Command, Simulator, Snapshot, Start
 from bicycle_sim.transitions import Transition, TransitionLog
 
 RELEASE = 0.25
-"""s after which a silent controller gives way to another where the watchdog is off."""
+"""s of silence, at least, after which a controller gives way to another."""
 
 SHORTEST_WATCHDOG = 4
 """Steps: with less, the ordinary delay of an answer would set the watchdog off."""
@@ -109,7 +109,7 @@ class Loop:
         self.patience = options.watchdog_timeout / options.real_time_factor
         self.gate = CommandGate(
             simulator.scenario.action_limits,
-            release=self.patience or RELEASE,
+            release=max(self.patience, RELEASE),
             max_age=math.ceil((options.watchdog_timeout or 1e6) / simulator.time_step),
             clock=lambda: clock() * 1e-9,
         )
