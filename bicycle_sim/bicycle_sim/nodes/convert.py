@@ -191,6 +191,25 @@ def from_transition(transition: Transition, nanoseconds: int) -> TransitionMessa
     )
 
 
+def to_transition(message: TransitionMessage) -> Transition:
+    """The transition that a message carries, but for its goal, which is NaN."""
+    return Transition(
+        episode=int(message.episode),
+        step=int(message.step),
+        goal=(math.nan, math.nan),
+        goal_id=int(message.goal_id),
+        observation=np.array(message.observation),
+        action=(message.action[0], message.action[1], message.action[2]),
+        reward=message.reward,
+        next_observation=np.array(message.next_observation),
+        terminated=bool(message.terminated),
+        truncated=bool(message.truncated),
+        fallen=bool(message.fallen),
+        speed=message.speed,
+        policy=message.policy,
+    )
+
+
 def to_setting(message: EpisodeInfo) -> tuple[Scenario, Physics]:
     """Scenario and physics of an episode.
 

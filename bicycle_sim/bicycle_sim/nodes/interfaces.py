@@ -17,6 +17,7 @@ from bicycle_msgs.msg import (
     EpisodeInfo,
     GoalStatus,
     LoopTiming,
+    TrainerStatus,
     Transition,
 )
 from bicycle_msgs.srv import LoadPolicy, Reset
@@ -94,6 +95,7 @@ GOAL_POSE = _topic("goal_pose", PoseStamped)
 GOAL_PATH = _topic("goal_path", Path)
 ACTIVE_GOAL = _topic("bicycle/active_goal", PoseStamped, depth=1, latched=True)
 GOAL_STATUS = _topic("bicycle/goal_status", GoalStatus, depth=10, latched=True)
+TRAINER = _topic("bicycle/trainer", TrainerStatus, depth=1, latched=True)
 
 TOPICS: tuple[Topic, ...] = (
     STATE,
@@ -111,6 +113,7 @@ TOPICS: tuple[Topic, ...] = (
     GOAL_PATH,
     ACTIVE_GOAL,
     GOAL_STATUS,
+    TRAINER,
 )
 """All of them."""
 
