@@ -73,13 +73,18 @@ def run(
         ValueError: when the folder holds a run already, or the configuration does not suit bags.
         RuntimeError: when learning diverges.
     """
+    return _learn(begin(config, data, folder), progress, stop)
+
+
+def begin(config: RunConfig, data: Dataset, folder: Path) -> Learner:
+    """A new run's folder and its learner, before the first update; arguments as in `run`."""
     config = replace(config, scenario=data.scenario, physics=data.physics)
     rows = dataset.memory_rows(data, ddpg_of(config))
     files = RunFolder(folder)
     files.create(config)
     about = report(data) | {"digest": _digest(rows)}
     write_atomically(folder / DATA, json.dumps(about, indent=2).encode() + b"\n")
-    return _learn(Learner(config, files, _memory(config, rows)), progress, stop)
+    return Learner(config, files, _memory(config, rows))
 
 
 def resume(
@@ -93,6 +98,11 @@ def resume(
         ValueError: when there is no such run, it cannot be read, or its bags have changed.
         RuntimeError: when learning diverges.
     """
+    return _learn(reopen(folder), progress, stop)
+
+
+def reopen(folder: Path) -> Learner:
+    """The learner of the run in `folder` as its last checkpoint has it; see `resume`."""
     files = RunFolder(folder)
     if not (folder / DATA).exists():
         raise ValueError(f"{folder} holds no run of 'bicycle learn' to resume: leave out --resume")
@@ -106,7 +116,7 @@ def resume(
     learner = Learner(config, files, _memory(config, rows))
     if files.checkpoint.exists():
         learner.load(files.checkpoint)
-    return _learn(learner, progress, stop)
+    return learner
 
 
 def _digest(rows: np.ndarray) -> str:

@@ -27,6 +27,8 @@ class Score:
     """The same for goals near the start; None where they were not ridden."""
     near_fall_rate: float | None = None
     near_median_time_s: float | None = None
+    mean_return: float | None = None
+    """Mean sum of rewards of the rides that are not to near goals."""
 
     @property
     def rank(self) -> tuple[float, float]:
@@ -46,7 +48,7 @@ def score(
     scenario = dataclasses.replace(scenario, max_steps=fixed.max_steps or scenario.max_steps)
     far = evaluate(policy, scenario, physics, fixed.episodes, fixed.seed).summary()
     names = ("reach_rate", "fall_rate", "orbit_rate", "median_time_s")
-    values = {name: far[name] for name in names}
+    values = {name: far[name] for name in (*names, "mean_return")}
     if fixed.near_episodes > 0:
         near_goals = near(scenario, fixed.near_distance)
         found = evaluate(policy, near_goals, physics, fixed.near_episodes, fixed.seed).summary()

@@ -1,0 +1,237 @@
+"""The trainer as a ROS 2 node: transitions in, status out, better policies to the controller."""
+
+from __future__ import annotations
+
+import importlib.util
+import math
+import sys
+import time
+from typing import Any
+
+from bicycle_msgs.msg import EpisodeInfo, TrainerStatus
+from bicycle_msgs.msg import Transition as TransitionMessage
+from bicycle_msgs.srv import LoadPolicy
+from rcl_interfaces.srv import GetParameters
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from bicycle_controller.live import Stream, packed
+from bicycle_controller.nodes.trainer_settings import TrainerSettings
+from bicycle_controller.trainer_link import Link
+from bicycle_sim.nodes import convert, interfaces
+from bicycle_sim.nodes.interfaces import advertise, listen
+from bicycle_sim.nodes.params import declare
+from bicycle_sim.nodes.runner import UserError, run
+from bicycle_sim.settings import describe
+from bicycle_sim.transitions import Transition
+
+NAME = "bicycle_trainer"
+POLL = 0.1
+"""s between two exchanges with the learning process."""
+TICK = 1.0
+"""s between two status messages."""
+
+
+class TrainerNode(Node):
+    """Feeds a learning process and hands its better policies over."""
+
+    def __init__(self) -> None:
+        """Start learning from bags, or wait for a bicycle.
+
+        Raises:
+            UserError: on a bad parameter, or without torch.
+        """
+        super().__init__(NAME)
+        self._settings = declare(self, TrainerSettings)
+        if importlib.util.find_spec("torch") is None:
+            raise UserError("learning needs torch: run 'ros2_ws/setup.sh --with train'")
+        self._stream = Stream()
+        self._batch: list[Transition] = []
+        self._link: Link | None = None
+        self._facts: dict[str, Any] = {"phase": "waiting"}
+        self._message = ""
+        self._in_charge = self._settings.in_charge
+        self._asked = bool(self._in_charge)
+        self._offer: tuple[str, str] | None = None
+        self._calling = self._held_back = False
+        self._before = (time.monotonic(), 0, 0)
+        self._publisher = advertise(self, interfaces.TRAINER)[interfaces.TRAINER.name]
+        self._loader = self.create_client(LoadPolicy, interfaces.LOAD_POLICY.name)
+        self._asker = self.create_client(GetParameters, "bicycle_controller/get_parameters")
+        self._begin()
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(POLL, self._on_poll, clock=steady)
+        self.create_timer(TICK, self._on_tick, clock=steady)
+
+    def _begin(self) -> None:
+        """Learn from bags at once; live, when the simulator has said what is ridden."""
+        try:
+            order = self._settings.order()
+        except ValueError as error:
+            raise UserError(str(error)) from None
+        if order.live:
+            listen(self, interfaces.EPISODE, self._on_episode)
+            listen(self, interfaces.TRANSITION, self._on_transition)
+            self._say("waits for a simulator")
+        else:
+            self._start(Link(order), f"learns from {self._settings.bags} in {order.folder}")
+
+    def _start(self, link: Link, text: str) -> None:
+        self._link = link
+        if self._in_charge:
+            link.beat(self._in_charge)
+        self._say(text)
+
+    def _say(self, text: str) -> None:
+        self._message = text
+        self.get_logger().info(text)
+
+    # What comes from the simulator.
+
+    def _on_episode(self, info: EpisodeInfo) -> None:
+        """The first one says what is ridden."""
+        if self._link is not None:
+            return
+        try:
+            order = self._settings.order(*convert.to_setting(info))
+        except (ValueError, TypeError) as error:
+            self.get_logger().warning(f"episode info ignored: {error}; are both of one version?")
+            return
+        self._start(Link(order), f"learns live in {order.folder}")
+
+    def _on_transition(self, message: TransitionMessage) -> None:
+        self._batch += self._stream.take(convert.to_transition(message))
+
+    # What goes to and comes from the learning process.
+
+    def _on_poll(self) -> None:
+        link = self._link
+        if link is None:
+            return
+        if self._batch:
+            link.feed(packed(self._batch))
+            self._batch = []
+        alive = link.alive
+        for news in link.news():
+            self._take(news)
+        if not alive:
+            self.close()
+            raise UserError("the learning process has died: see its last words above")
+
+    def _take(self, news: dict[str, Any]) -> None:
+        """One report of the learning process."""
+        if "error" in news:
+            self.close()
+            raise UserError(news["error"])
+        if "note" in news:
+            self._say(news["note"])
+        if "in_charge" in news:
+            self._facts["in_charge"] = news["in_charge"]
+        if "offer" in news:
+            self._offer = (news["offer"], news["policy"])
+            self._say(f"{news['policy']} beats the policy in charge")
+        known = ("phase", "updates", "transitions", "q_policy", "last", "best", "path")
+        self._facts |= {name: news[name] for name in known if name in news}
+
+    # What goes to and comes from the controller.
+
+    def _on_tick(self) -> None:
+        """Once a second: tell, ask what rides, hand over what is better."""
+        self._publisher.publish(self._status())
+        if not self._asked and self._link is not None and self._asker.service_is_ready():
+            self._asked = True
+            request = GetParameters.Request(names=["policy"])
+            self._asker.call_async(request).add_done_callback(self._on_asked)
+        if self._offer and self._settings.hand_over and not self._calling:
+            self._hand_over(*self._offer)
+
+    def _on_asked(self, future: Any) -> None:
+        """The controller has said which policy it was started with."""
+        values = future.result().values
+        if values and self._link is not None:
+            self._link.beat(values[0].string_value)
+
+    def _hand_over(self, path: str, policy: str) -> None:
+        """Have the controller load a better policy, if it still rides the one that was beaten."""
+        riding, beaten = self._stream.policy, self._facts.get("in_charge", "")
+        if riding and riding != beaten:
+            if not self._held_back:
+                self._say(f"{riding} rides, not {beaten}, which was beaten: nothing handed over")
+            self._held_back = True
+            return
+        self._held_back = False
+        if not self._loader.service_is_ready():
+            return
+        self._calling = True
+        future = self._loader.call_async(LoadPolicy.Request(path=path))
+        future.add_done_callback(lambda done: self._on_loaded(done, policy))
+
+    def _on_loaded(self, future: Any, policy: str) -> None:
+        """The controller has answered."""
+        self._calling = False
+        if self._offer is not None and self._offer[1] == policy:
+            self._offer = None
+        answer = future.result()
+        if not answer.success:
+            self._say(f"not handed over: {answer.message}")
+            return
+        self._facts["in_charge"] = str(answer.policy)
+        self._stream.policy = ""
+        if self._link is not None:
+            self._link.in_charge(str(answer.policy))
+        self._say(f"handed over: {answer.message}")
+
+    def _status(self) -> TrainerStatus:
+        """All that is known now."""
+        facts, now = self._facts, time.monotonic()
+        updates = facts.get("updates", 0)
+        then, old_updates, old_arrived = self._before
+        self._before = (now, updates, self._stream.arrived)
+        last, best = facts.get("last"), facts.get("best")
+        return TrainerStatus(
+            header=convert.to_header(self.get_clock().now().nanoseconds),
+            mode=self._settings.mode,
+            phase=str(facts["phase"]),
+            updates=int(updates),
+            transitions=int(facts.get("transitions", 0)),
+            lost_transitions=int(self._stream.lost),
+            update_rate=float((updates - old_updates) / (now - then)),
+            transition_rate=float((self._stream.arrived - old_arrived) / (now - then)),
+            mean_return=_number(last, "mean_return"),
+            reach_rate=_number(last, "reach_rate"),
+            fall_rate=_number(last, "fall_rate"),
+            best_reach_rate=_number(best, "reach_rate"),
+            best_fall_rate=_number(best, "fall_rate"),
+            mean_q=_or_nan(facts.get("q_policy")),
+            best_policy=str(facts.get("path", "")),
+            in_charge=str(facts.get("in_charge", "")),
+            message=self._message,
+        )
+
+    def close(self) -> None:
+        """End the learning process, which saves first."""
+        if self._link is not None and not self._link.stop():
+            self.get_logger().warning("the learning process was killed: it lost its last interval")
+        self._link = None
+
+
+def _number(score: Any, name: str) -> float:
+    """A number of a score; NaN where there is none."""
+    return _or_nan(getattr(score, name, None))
+
+
+def _or_nan(value: float | None) -> float:
+    return math.nan if value is None else float(value)
+
+
+def main() -> None:
+    """Run the trainer until SIGINT or SIGTERM."""
+    usage = (
+        "usage: bicycle_trainer [--ros-args -p NAME:=VALUE ... --params-file FILE]\n\n"
+        "Learns to ride the bicycle. Parameters and their defaults:\n" + describe(TrainerSettings)
+    )
+    sys.exit(run(NAME, TrainerNode, usage))
+
+
+if __name__ == "__main__":
+    main()

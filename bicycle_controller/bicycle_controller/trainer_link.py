@@ -1,0 +1,110 @@
+"""The learning process as the trainer node sees it: started, fed, listened to and ended.
+
+Learning runs in a process of its own, so that neither its arithmetic nor its lock on the
+interpreter can hold up a callback; torch is imported there only.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bicycle_sim.parameters import Physics
+from bicycle_sim.scenario import Scenario
+
+NICE = 10
+"""Added to the learning process's niceness: the loop and the controller come first."""
+PATIENCE = 1.5
+"""s for the learning process to save and end."""
+
+
+@dataclass(frozen=True)
+class Order:
+    """What the learning process is to do."""
+
+    folder: Path
+    """The run's; see `run_folder`."""
+    preset: str
+    overrides: tuple[str, ...]
+    bags: tuple[str, ...]
+    """Recorded rides to learn from, in live mode to begin with."""
+    live: bool
+    """Whether transitions come while it learns."""
+    resume: bool
+    """Whether to go on with the run in the folder."""
+    warm_up: int
+    """Transitions before the first update, in live mode."""
+    updates_per_step: float
+    """Most updates for each transition that has come, in live mode."""
+    scenario: Scenario | None = None
+    """That of the running simulator; None takes the bags'."""
+    physics: Physics | None = None
+
+
+class Link:
+    """One learning process."""
+
+    def __init__(self, order: Order) -> None:
+        """Start it."""
+        context = multiprocessing.get_context("spawn")
+        self._inbox = context.Queue()
+        self._outbox, child = context.Pipe(duplex=False)
+        self._process = context.Process(
+            target=_work, args=(order, self._inbox, child), name="learner", daemon=True
+        )
+        self._process.start()
+        child.close()
+
+    @property
+    def alive(self) -> bool:
+        """Whether it still runs."""
+        return self._process.is_alive()
+
+    def feed(self, rows: np.ndarray) -> None:
+        """Hand over packed transitions; never waits."""
+        self._inbox.put(("rows", rows))
+
+    def beat(self, name: str) -> None:
+        """Name the policy that candidates must beat: a file, a shipped policy, or lqr."""
+        self._inbox.put(("beat", name))
+
+    def in_charge(self, policy_id: str) -> None:
+        """Tell that an offered policy has been loaded, and is the one to beat now."""
+        self._inbox.put(("in charge", policy_id))
+
+    def news(self) -> list[dict[str, Any]]:
+        """What it has told since the last call."""
+        found: list[dict[str, Any]] = []
+        try:
+            while self._outbox.poll():
+                found.append(self._outbox.recv())
+        except (EOFError, OSError):
+            pass  # it has ended; `alive` tells
+        return found
+
+    def stop(self) -> bool:
+        """End it; whether it saved and ended by itself."""
+        self._inbox.cancel_join_thread()
+        self._inbox.close()
+        if self._process.is_alive():
+            self._process.terminate()
+            self._process.join(PATIENCE)
+        clean = not self._process.is_alive()
+        if not clean:
+            self._process.kill()
+            self._process.join(PATIENCE)
+        return clean
+
+
+def _work(order: Order, inbox: Any, outbox: Any) -> None:
+    """The learning process's beginning."""
+    os.setsid()  # a terminal's Ctrl-C is for the node, which ends this process in its own time
+    os.nice(NICE)
+    from bicycle_controller.trainer_process import work
+
+    work(order, inbox, outbox)

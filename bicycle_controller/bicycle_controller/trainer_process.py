@@ -1,0 +1,312 @@
+"""What the learning process does between two looks at its inbox: update, try, offer, save."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import queue
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bicycle_controller import dataset, learn, settings
+from bicycle_controller.config import RunConfig
+from bicycle_controller.interrupt import Interrupt, InterruptError
+from bicycle_controller.learner import CHUNK, Learner, ddpg_of
+from bicycle_controller.live import unpacked
+from bicycle_controller.metrics import Log
+from bicycle_controller.policy import Policy, load_controller, load_policy, save_policy
+from bicycle_controller.replay import Replay, Returns
+from bicycle_controller.run_folder import RunFolder
+from bicycle_controller.score import Score, score
+from bicycle_controller.trainer_link import Order
+
+TELL = 0.5
+"""s between two reports."""
+NAP = 0.02
+"""s to sleep while there is nothing to do."""
+MEMORY = "memory.f32"
+"""In the checkpoint's folder: the rows of the replay memory as they came, float32."""
+
+
+def work(order: Order, inbox: Any, outbox: Any) -> None:
+    """Learn until SIGTERM, or until the parent is gone."""
+    with contextlib.suppress(BrokenPipeError):
+        try:
+            Worker(order, inbox, outbox).run()
+        except (ValueError, RuntimeError, OSError) as error:
+            outbox.send({"error": " ".join(str(error).split())})
+
+
+class Worker:
+    """A learner, what feeds it, and the policy that its candidates must beat."""
+
+    def __init__(self, order: Order, inbox: Any, outbox: Any) -> None:
+        self._order, self._inbox, self._outbox = order, inbox, outbox
+        self._learner: Learner
+        self._returns: Returns
+        self._kept = 0
+        self._unsaved: list[np.ndarray] = []
+        self._saved_rows = 0
+        self._to_beat = ""
+        self._bar: Score | None = None
+        self._best: Policy | None = None
+        self._last: Score | None = None
+        self._offers: dict[str, Score] = {}
+        self._final = False
+        self._told = 0.0
+
+    def run(self) -> None:
+        """Work until told to end, then save."""
+        parent = multiprocessing.parent_process()
+        with Interrupt() as interrupt:
+            self._say(phase="loading")
+            try:
+                with interrupt.at_once():
+                    self._open()
+            except InterruptError:
+                return
+            learner = self._learner
+            log = Log(learner.files.path, learner.log_bytes, learner.updates, False)
+            saved = time.monotonic()
+            with log:
+                while not interrupt.signal and (parent is None or parent.is_alive()):
+                    self._receive()
+                    self._turn(log, interrupt)
+                    self._tell()
+                    if time.monotonic() - saved >= learner.config.save_every:
+                        self._save(log)
+                        saved = time.monotonic()
+                self._save(log)
+
+    # Beginning.
+
+    def _open(self) -> None:
+        """Make the learner, or take up the one of the folder.
+
+        Raises:
+            ValueError: on bags, a configuration or a folder that will not do.
+        """
+        order = self._order
+        if order.live:
+            self._open_live()
+        elif order.resume:
+            self._learner = learn.reopen(order.folder)
+        else:
+            data = self._data()
+            self._learner = learn.begin(self._config(), data, order.folder)
+        if self._learner.best is not None:
+            self._best = load_policy(self._learner.files.best)
+
+    def _config(self) -> RunConfig:
+        order = self._order
+        config = settings.preset(order.preset, order.overrides)
+        if order.scenario is not None and order.physics is not None:
+            config = replace(config, scenario=order.scenario, physics=order.physics)
+        return config
+
+    def _data(self) -> dataset.Dataset:
+        """The bags, checked."""
+        data = dataset.load(self._order.bags, self._order.scenario)
+        for warning in dataset.check(data):
+            self._say(note=warning)
+        return data
+
+    def _open_live(self) -> None:
+        order, files = self._order, RunFolder(self._order.folder)
+        config = files.resumed_config([]) if order.resume else self._config()
+        ddpg = ddpg_of(config)
+        if ddpg.fall != "absorbing":
+            raise ValueError("no steps come of a fallen bicycle: set ddpg.fall=absorbing")
+        if not order.resume:
+            files.create(config)
+        actions = int((config.scenario.action_limits > 0).sum())
+        self._learner = Learner(config, files, Replay(ddpg.capacity, actions))
+        self._returns = Returns(
+            1,
+            actions,
+            ddpg.n_step,
+            ddpg.gamma,
+            ddpg.fall_penalty,
+            absorbing=True,
+            cost_cap=ddpg.cost_cap,
+            step_cost=ddpg.step_cost,
+        )
+        if order.resume and files.checkpoint.exists():
+            self._load_memory(self._learner.load(files.checkpoint))
+        elif order.bags:
+            self._keep(dataset.memory_rows(self._data(), ddpg))
+
+    # Feeding.
+
+    def _receive(self) -> None:
+        """Take in all that has come."""
+        while True:
+            try:
+                kind, value = self._inbox.get_nowait()
+            except queue.Empty:
+                return
+            if kind == "rows":
+                self._take(value)
+            elif kind == "beat":
+                self._to_beat = value
+            elif kind == "in charge" and value in self._offers:
+                self._bar = self._offers[value]
+
+    def _take(self, rows: np.ndarray) -> None:
+        """Put packed transitions into the memory."""
+        scenario = self._learner.config.scenario
+        driven = np.flatnonzero(scenario.action_limits > 0)
+        observation, action, reward, following, *flags = unpacked(rows)
+        chosen = np.clip(action[:, driven] / scenario.action_limits[driven], -1.0, 1.0)
+        columns = (observation, chosen, reward, following, *flags)
+        for index in range(len(rows)):
+            one = slice(index, index + 1)
+            self._keep(self._returns.push(*(column[one] for column in columns)))
+
+    def _keep(self, rows: np.ndarray) -> None:
+        """Add rows to the memory, and to what the next save appends to its file."""
+        for part in _parts(rows, self._learner.replay.capacity):
+            self._learner.replay.add(part)
+        self._kept += len(rows)
+        self._unsaved.append(rows)
+
+    # Learning.
+
+    def _turn(self, log: Log, interrupt: Interrupt) -> None:
+        """One thing: score what must be beaten, try a candidate, make some updates, or nap."""
+        learner = self._learner
+        try:
+            if self._to_beat:
+                with interrupt.at_once():
+                    self._score_bar()
+            elif learner.evaluation_due:
+                self._say(phase="evaluating")
+                with interrupt.at_once():
+                    self._try_candidate(log)
+            elif self._may_update():
+                learner.advance(log, CHUNK, self._progress())
+                self._final = False
+            elif not self._order.live and not self._final:
+                learner.evaluation_due = self._final = True
+            else:
+                time.sleep(NAP)
+        except InterruptError:
+            pass
+
+    def _may_update(self) -> bool:
+        learner, order = self._learner, self._order
+        if not order.live:
+            return learner.updates < learner.config.offline_updates
+        if learner.replay.size < order.warm_up:
+            return False
+        return learner.updates < order.updates_per_step * self._kept
+
+    def _progress(self) -> float:
+        """Share of the run that is done; a live one has no end."""
+        done = self._learner.updates / self._learner.config.offline_updates
+        return 0.0 if self._order.live else done
+
+    def _try_candidate(self, log: Log) -> None:
+        candidate = self._learner.evaluate(log)
+        self._last = candidate.score
+        if candidate.dreams:
+            self._say(note="candidate refused: the mean Q of its actions is above 0")
+        if candidate.kept:
+            self._best = candidate.policy
+            self._offer()
+
+    def _score_bar(self) -> None:
+        """Ride the policy in charge as candidates are ridden."""
+        name, self._to_beat = self._to_beat, ""
+        config = self._learner.config
+        try:
+            controller = load_controller(name, config.physics)
+        except ValueError as error:
+            self._say(
+                note=f"the policy in charge cannot be scored, so none is handed over: {error}"
+            )
+            return
+        self._bar = score(controller, config.scenario, config.physics, config.evaluation)
+        found = f"{self._bar.reach_rate:.1%} reached, {self._bar.fall_rate:.1%} fell"
+        self._say(note=f"{controller.policy_id} is to be beaten: {found}")
+        self._say(in_charge=controller.policy_id)
+        self._offer()
+
+    def _offer(self) -> None:
+        """Offer the best policy if it beats the one in charge."""
+        best, found = self._best, self._learner.best
+        if best is None or found is None or self._bar is None or found.rank <= self._bar.rank:
+            return
+        path = self._learner.files.path / "policies" / f"{best.policy_id}.safetensors"
+        save_policy(best, path)
+        self._offers[best.policy_id] = found
+        self._say(offer=str(path.resolve()), policy=best.policy_id)
+
+    # Telling and saving.
+
+    def _say(self, **values: Any) -> None:
+        self._outbox.send(values)
+
+    def _tell(self) -> None:
+        """Report where things stand, twice a second."""
+        if time.monotonic() - self._told < TELL:
+            return
+        self._told = time.monotonic()
+        learner = self._learner
+        phase = "learning"
+        if self._order.live and learner.replay.size < self._order.warm_up:
+            phase = "waiting"
+        elif not self._order.live and self._final and not learner.evaluation_due:
+            phase = "finished"
+        self._say(
+            phase=phase,
+            updates=learner.updates,
+            transitions=learner.replay.size,
+            q_policy=learner.q_policy,
+            last=self._last,
+            best=learner.best,
+            path=str(learner.files.best.resolve()) if self._best is not None else "",
+        )
+
+    def _save(self, log: Log) -> None:
+        """Write the checkpoint; of the memory only what has come since the last time."""
+        extra: dict[str, Any] = {}
+        if self._order.live:
+            path = self._memory_file
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with path.open("ab") as file:
+                file.truncate(self._saved_rows * self._row_bytes)
+                for rows in self._unsaved:
+                    file.write(np.ascontiguousarray(rows, dtype=np.float32).tobytes())
+                    self._saved_rows += len(rows)
+            self._unsaved = []
+            extra = {"rows": self._saved_rows, "returns": self._returns.state_dict()}
+        self._learner.save(log, extra)
+
+    def _load_memory(self, extra: dict[str, Any]) -> None:
+        """Fill the memory as it was at the checkpoint."""
+        self._saved_rows = self._kept = int(extra["rows"])
+        self._returns.load_state_dict(extra["returns"])
+        data = self._memory_file.read_bytes()[: self._saved_rows * self._row_bytes]
+        rows = np.frombuffer(data, dtype=np.float32).reshape(self._saved_rows, -1)
+        for part in _parts(rows, self._learner.replay.capacity):
+            self._learner.replay.add(part)
+
+    @property
+    def _memory_file(self) -> Path:
+        return self._learner.files.checkpoint.parent / MEMORY
+
+    @property
+    def _row_bytes(self) -> int:
+        return 4 * int(self._learner.replay.table.shape[1])
+
+
+def _parts(rows: np.ndarray, most: int) -> Iterator[np.ndarray]:
+    """`rows` in pieces that a memory of `most` rows takes at once."""
+    for first in range(0, len(rows), most):
+        yield rows[first : first + most]
