@@ -188,12 +188,15 @@ def test_export_refuses_another_policy_s_evaluation(
     assert not (tmp_path / "to").exists()
 
 
-def test_ctrl_c_ends_without_a_traceback() -> None:
-    words = ["evaluate", "lqr", "--episodes", "1000000"]
+def test_ctrl_c_ends_without_a_traceback(tmp_path: Path) -> None:
+    begun = tmp_path / "begun"
+    words = ["evaluate", "lqr", "--episodes", "1000000", "--out", str(begun / "found.json")]
     process = subprocess.Popen([*BICYCLE, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    time.sleep(3.0)
+    while not begun.exists():
+        assert process.poll() is None
+        time.sleep(0.01)
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=30)
+    out, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert out == b""
     assert err == b"bicycle evaluate: interrupted\n"
