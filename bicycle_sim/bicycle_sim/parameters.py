@@ -17,7 +17,8 @@ class Constants:
     """Table 1, in SI units, with what the table leaves out (rows 11, 16, 17, 22).
 
     Raises:
-        ValueError: when a constant is not a finite number above zero.
+        ValueError: when a constant is not a finite number above zero, or when the handlebar
+            could turn to where a radius is zero.
     """
 
     gravity: float = 9.82
@@ -58,6 +59,8 @@ class Constants:
             value = getattr(self, item.name)
             if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0):
                 raise ValueError(f"{item.name} must be a finite number above zero, not {value!r}")
+        if self.steer_stop >= math.pi / 2:
+            raise ValueError(f"steer_stop must be below pi/2 rad, not {self.steer_stop!r}")
 
     @property
     def mass(self) -> float:

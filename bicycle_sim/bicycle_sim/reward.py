@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, fields
 
+from bicycle_sim.config import require
 from bicycle_sim.geometry import Array
 
 
 @dataclass(frozen=True)
 class RewardWeights:
-    """What each squared quantity costs (eq. 20); `balance()` is the authors' balance task."""
+    """What each squared quantity costs (eq. 20); `balance()` is the authors' balance task.
+
+    Raises:
+        ValueError: on a weight below zero or not finite.
+    """
 
     lean_angle: float = 1.0
     lean_rate: float = 0.1
     lean_acceleration: float = 0.01
     heading_error: float = 2.0
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            require(
+                math.isfinite(value) and value >= 0,
+                f"{item.name} must be zero or more and finite, not {value!r}",
+            )
 
     @classmethod
     def balance(cls) -> RewardWeights:

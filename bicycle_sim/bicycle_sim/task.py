@@ -1,8 +1,7 @@
 """N bicycles that ride to N goals: starts, observations, rewards and ends of episodes.
 
 The task knows neither Gymnasium nor ROS. It never resets by itself, so the caller sees the
-last observation of every episode. Arrays are numpy by default; with `xp=torch` and a device
-the same code keeps everything there.
+last observation of every episode.
 """
 
 from __future__ import annotations

@@ -1,0 +1,224 @@
+"""The Gymnasium face: Gymnasium's own checker, units, ends and seeds."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bicycle_sim.scenario import Region, Scenario, named
+
+gymnasium = pytest.importorskip("gymnasium")
+
+from gymnasium.utils.env_checker import check_env  # noqa: E402
+from gymnasium.vector import AutoresetMode  # noqa: E402
+
+from bicycle_sim.gym_env import AUTHORS_SCALE, BicycleEnv, BicycleVectorEnv  # noqa: E402
+
+NEAR = Scenario(
+    "near", Region.point(0.0, 0.0), Region.point(0.0, 1.4), heading_spread=0.0, max_steps=30
+)
+FAR = replace(NEAR, name="far", goal=Region.point(0.0, 100.0))
+
+
+@pytest.mark.parametrize(
+    "kwargs",
+    [
+        {},
+        {"scenario": "learned-speed", "observation_scale": AUTHORS_SCALE},
+        {"scenario": "learning-to-turn-fixed-speed", "physics": "corrected"},
+        {"scenario": "fixed-start-fixed-goal", "fall": "terminate"},
+    ],
+)
+def test_passes_gymnasiums_checker_without_warnings(kwargs: dict[str, Any]) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gymnasium.make("BicycleGoal-v0", **kwargs)
+        check_env(env.unwrapped)
+        env.close()
+
+
+@pytest.mark.parametrize("mode", ["vector_entry_point", "sync"])
+def test_many_at_once(mode: str) -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        envs = gymnasium.make_vec("BicycleGoal-v0", num_envs=3, vectorization_mode=mode)
+    observation, info = envs.reset(seed=1)
+    assert observation in envs.observation_space
+    assert envs.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    envs.action_space.seed(1)
+    for _ in range(50):
+        observation, reward, terminated, truncated, info = envs.step(envs.action_space.sample())
+        assert observation in envs.observation_space
+        assert reward.shape == terminated.shape == truncated.shape == (3,)
+        assert info["goal_distance"].shape == (3,)
+        assert info["_goal_distance"].all()
+    assert isinstance(envs, BicycleVectorEnv) == (mode == "vector_entry_point")
+    envs.close()
+
+
+def test_both_faces_tell_the_same() -> None:
+    one, many = BicycleEnv(FAR), BicycleVectorEnv(2, FAR)
+    _, info = one.reset(seed=1)
+    _, infos = many.reset(seed=1)
+    assert set(info) == {key for key in infos if not key.startswith("_")}
+    for torque in np.linspace(-1.0, 1.0, 25, dtype=np.float32):
+        action = np.array([torque, -torque / 2], np.float32)
+        found = one.step(action)
+        batch = many.step(np.tile(action, (2, 1)))
+        for index in range(2):
+            np.testing.assert_array_equal(batch[0][index], found[0])
+            assert batch[1][index] == found[1]
+            assert {key: batch[4][key][index] for key in found[4]} == found[4]
+
+
+@pytest.mark.parametrize(
+    ("scenario", "names"),
+    [
+        ("random-start-random-goal", ("torque", "displacement")),
+        ("learned-speed", ("torque", "displacement", "pedal_force")),
+        (
+            replace(FAR, torque_limit=0.0, pedal_limit=50.0, displacement_limit=0.0),
+            ("pedal_force",),
+        ),
+    ],
+)
+def test_an_action_is_a_share_of_each_limit(
+    scenario: str | Scenario, names: tuple[str, ...]
+) -> None:
+    env = BicycleEnv(scenario)
+    assert env.action_names == names
+    assert env.action_space.shape == (len(names),)
+    env.reset(seed=2)
+    before = env.task.state
+    env.step(np.full(len(names), 0.5, np.float32))
+    limits = env.task.scenario.action_limits
+    k = env.task.physics.constants
+    torque = env.task.state.steer_rate.item() * k.tyre_steer_inertia / k.time_step
+    assert torque == pytest.approx(0.5 * limits[0])
+    force = (env.task.state.speed - before.speed).item() / k.time_step * k.driven_mass / 0.2
+    assert force == pytest.approx(0.5 * limits[2], abs=1e-9)
+    lean = env.task.state.lean_acceleration.item() * k.lean_inertia
+    tilt = math.atan(0.5 * limits[1] / k.mass_height)
+    assert lean == pytest.approx(k.mass * k.mass_height * k.gravity * math.sin(tilt))
+
+
+def test_only_the_goal_terminates_and_time_truncates() -> None:
+    env = BicycleEnv(NEAR)
+    env.reset(seed=0)
+    ends = [env.step(np.zeros(2, np.float32))[2:4] for _ in range(6)]
+    # 1.4 m less 1 m at 0.0694 m a step: six steps.
+    assert ends == [(False, False)] * 5 + [(True, False)]
+    env = BicycleEnv(FAR)
+    env.reset(seed=0)
+    ends = [env.step(np.zeros(2, np.float32))[2:4] for _ in range(30)]
+    assert ends == [(False, False)] * 29 + [(False, True)]
+
+
+@pytest.mark.parametrize("fall", ["freeze", "terminate"])
+def test_a_fall_freezes_or_terminates(fall: str) -> None:
+    env = BicycleEnv(FAR, fall=fall)
+    env.reset(seed=0)
+    env.task.state = replace(env.task.state, lean_angle=np.array([0.6]))
+    observation, reward, terminated, truncated, info = env.step(np.zeros(2, np.float32))
+    assert info["fallen"] is True
+    assert (terminated, truncated) == (fall == "terminate", False)
+    if fall == "freeze":
+        again = env.step(np.ones(2, np.float32))
+        np.testing.assert_array_equal(again[0], observation)
+        assert again[1] == reward
+
+
+def test_the_reward_is_equation_20() -> None:
+    env = BicycleEnv("random-start-random-goal")
+    env.reset(seed=4)
+    _, reward, _, _, info = env.step(np.array([1.0, -1.0], np.float32))
+    _, _, lean, rate, acceleration, error = env.task.observation()[0]
+    expected = -(lean**2 + 0.1 * rate**2 + 0.01 * acceleration**2 + 2.0 * error**2)
+    assert reward == pytest.approx(expected)
+    terms = [value for name, value in info.items() if name.startswith("reward_")]
+    assert sum(terms) == pytest.approx(expected)
+    assert len(terms) == 4
+
+
+def test_next_step_autoreset() -> None:
+    envs = BicycleVectorEnv(2, replace(NEAR, goal=Region((0.0, 1.4), (0.0, 30.0))))
+    envs.reset(seed=6)
+    zero = np.zeros(2)
+    every = np.ones(2, dtype=bool)
+    envs.task.place(every, zero, zero, zero, zero, np.array([1.4, 30.0]))
+    still = np.zeros((2, 2), np.float32)
+    for _ in range(6):
+        observation, reward, terminated, truncated, _ = envs.step(still)
+    assert terminated.tolist() == [True, False]
+    last = observation[1].copy()
+    observation, reward, terminated, truncated, info = envs.step(np.ones((2, 2), np.float32))
+    assert terminated.tolist() == truncated.tolist() == [False, False]
+    assert reward[0] == 0.0
+    assert reward[1] != 0.0
+    np.testing.assert_array_equal(observation[0], [0.0] * 6)
+    assert not np.array_equal(observation[1], last)
+    assert envs.task.steps.tolist() == [0, 7]
+    assert info["reward_lean_angle"][0] == 0.0
+
+
+def test_a_seed_repeats_a_ride() -> None:
+    def ride(seed: int) -> list[np.ndarray]:
+        envs = BicycleVectorEnv(4, replace(NEAR, goal=Region((-9.0, 3.0), (9.0, 9.0))))
+        found = [envs.reset(seed=seed)[0]]
+        envs.action_space.seed(seed)
+        found += [envs.step(envs.action_space.sample())[0] for _ in range(70)]
+        return found
+
+    np.testing.assert_array_equal(ride(1), ride(1))
+    assert not np.array_equal(ride(1), ride(2))
+
+
+def test_observations_stay_inside_however_wild() -> None:
+    env = BicycleEnv(observation_scale=AUTHORS_SCALE)
+    env.reset(seed=0)
+    for value in (1e6, -1e6):
+        env.task.state = replace(env.task.state, steer_rate=np.array([value]))
+        assert env.step(np.zeros(2, np.float32))[0] in env.observation_space
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "words"),
+    [
+        ({"scenario": "learnt-speed"}, "did you mean 'learned-speed'"),
+        ({"physics": "true"}, "choose faithful or corrected"),
+        ({"fall": "stop"}, "fall must be one of freeze, terminate"),
+        ({"observation_scale": (1.0, 2.0)}, "six numbers above zero"),
+        ({"observation_scale": (1.0,) * 5 + (0.0,)}, "six numbers above zero"),
+        ({"render_mode": "human"}, "render_mode must be None"),
+        (
+            {"scenario": replace(FAR, torque_limit=0.0, displacement_limit=0.0)},
+            "allows no action at all",
+        ),
+    ],
+)
+def test_mistakes_are_one_line(kwargs: dict[str, Any], words: str) -> None:
+    for kind in (BicycleEnv, BicycleVectorEnv):
+        with pytest.raises(ValueError, match=words) as caught:
+            kind(**kwargs)
+        assert "\n" not in str(caught.value)
+
+
+def test_an_action_that_is_not_finite_is_refused() -> None:
+    env = BicycleEnv(named("learned-speed"))
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="not finite"):
+        env.step(np.array([np.nan, 0.0, 0.0]))
+
+
+def test_the_docstring_states_the_spaces() -> None:
+    env = BicycleEnv()
+    text = BicycleEnv.__doc__ or ""
+    assert f"| {-env.observation_space.high[0]:.4f} | 1.3963 |" in text
+    np.testing.assert_allclose(
+        env.observation_space.high, [1.3963, 1e4, math.pi, 1e3, 1e4, math.pi]
+    )
