@@ -131,9 +131,9 @@ class Scenario:
         values = dict(data)
         for name, kind in (("start", Region), ("goal", Region), ("reward", RewardWeights)):
             inner = values.get(name)
-            if isinstance(inner, dict):
+            if name in values and not isinstance(inner, kind):
                 reject_unknown(kind, inner)
-                values[name] = kind(**inner)
+                values[name] = kind(**inner)  # type: ignore[arg-type]
         return cls(**values)  # type: ignore[arg-type]
 
 

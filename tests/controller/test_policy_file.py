@@ -154,6 +154,7 @@ def metadata() -> dict[str, str]:
         ("action_limits", "[2, 0.2, 100]", "outputs"),
         ("scenario", '{"name": "x"}', "scenario"),
         ("scenario", "[]", "scenario"),
+        ("scenario", '{"name": "x", "start": 5, "goal": 5}', "must be a mapping"),
         ("physics", '{"gravity": 9.8}', "physics"),
         ("time_step", "0.01", "time_step"),
         ("trained", "[]", "trained"),
