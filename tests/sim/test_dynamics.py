@@ -20,6 +20,7 @@ from bicycle_sim.parameters import Constants, Physics
 
 FAITHFUL, CORRECTED = Physics(), Physics.named("corrected")
 K = Constants()
+Actions = list[tuple[float, float, float]]
 LISTED_SPEEDS = (1.0, 2.0, 10.0 / 3.6, 4.0, 5.0)
 
 
@@ -41,7 +42,7 @@ rides = st.lists(actions, min_size=1, max_size=20)
 ordinary = settings(max_examples=60, deadline=None)
 
 
-def ride(state: State, actions: list[tuple[float, float, float]], physics: Physics) -> State:
+def ride(state: State, actions: Actions, physics: Physics) -> State:
     for torque, displacement, force in actions:
         one = np.ones_like(state.speed)
         state = dynamics.step(state, torque * one, displacement * one, force * one, physics)
@@ -50,7 +51,7 @@ def ride(state: State, actions: list[tuple[float, float, float]], physics: Physi
 
 @ordinary
 @given(bicycles, rides)
-def test_rides_as_the_reference_program(bicycle: Bicycle, actions: list) -> None:
+def test_rides_as_the_reference_program(bicycle: Bicycle, actions: Actions) -> None:
     state, other = state_of(bicycle), bicycle
     for torque, displacement, force in actions:
         state = ride(state, [(torque, displacement, force)], FAITHFUL)
@@ -93,7 +94,7 @@ def test_one_step_worked_by_hand() -> None:
 
 @ordinary
 @given(bicycles, rides, st.sampled_from((FAITHFUL, CORRECTED)))
-def test_wheelbase_is_kept(bicycle: Bicycle, actions: list, physics: Physics) -> None:
+def test_wheelbase_is_kept(bicycle: Bicycle, actions: Actions, physics: Physics) -> None:
     end = ride(state_of(bicycle), actions, physics)
     apart = np.hypot(end.front_x - end.rear_x, end.front_y - end.rear_y)
     assert abs(apart.item() - K.wheelbase) <= K.wheelbase_tolerance + 1e-12
@@ -118,9 +119,8 @@ def turned(state: State, angle: float) -> State:
 
 def mirrored(state: State) -> State:
     """The same bicycle in a mirror that stands along the y axis."""
-    odd = ("lean_angle", "lean_rate", "lean_acceleration", "steer_angle", "steer_rate", "heading")
-    odd += ("front_x", "rear_x")
-    return replace(state, **{name: -getattr(state, name) for name in odd})
+    even = ("speed", "front_y", "rear_y")
+    return replace(state, **{name: -getattr(state, name) for name in SYMBOLS if name not in even})
 
 
 def same(one: State, other: State, tolerance: float = 1e-8) -> bool:
@@ -134,7 +134,7 @@ def contacts(state: State) -> np.ndarray:
 @ordinary
 @given(bicycles, rides, st.floats(-3.0, 3.0))
 def test_corrected_rides_alike_in_every_direction(
-    bicycle: Bicycle, actions: list, angle: float
+    bicycle: Bicycle, actions: Actions, angle: float
 ) -> None:
     start = state_of(bicycle)
     end = ride(turned(start, angle), actions, CORRECTED)
@@ -143,7 +143,7 @@ def test_corrected_rides_alike_in_every_direction(
 
 @ordinary
 @given(bicycles, rides)
-def test_corrected_rides_alike_to_both_sides(bicycle: Bicycle, actions: list) -> None:
+def test_corrected_rides_alike_to_both_sides(bicycle: Bicycle, actions: Actions) -> None:
     start, opposite = state_of(bicycle), [(-t, -d, f) for t, d, f in actions]
     end = ride(mirrored(start), opposite, CORRECTED)
     assert same(end, mirrored(ride(start, actions, CORRECTED)))
@@ -215,7 +215,7 @@ def test_straight_handlebar_is_no_special_place() -> None:
 
 @ordinary
 @given(st.lists(bicycles, min_size=2, max_size=9), rides)
-def test_many_ride_as_each_alone(several: list[Bicycle], actions: list) -> None:
+def test_many_ride_as_each_alone(several: list[Bicycle], actions: Actions) -> None:
     together = rows(ride(state_of(*several), actions, FAITHFUL))
     alone = [rows(ride(state_of(bicycle), actions, FAITHFUL)) for bicycle in several]
     np.testing.assert_array_equal(together, np.concatenate(alone, axis=1))
@@ -223,15 +223,17 @@ def test_many_ride_as_each_alone(several: list[Bicycle], actions: list) -> None:
 
 @settings(max_examples=20, deadline=None)
 @given(st.lists(bicycles, min_size=1, max_size=4), rides, st.sampled_from((FAITHFUL, CORRECTED)))
-def test_tensors_ride_as_arrays(several: list[Bicycle], actions: list, physics: Physics) -> None:
+def test_tensors_ride_as_arrays(
+    several: list[Bicycle], actions: Actions, physics: Physics
+) -> None:
     torch = pytest.importorskip("torch")
     arrays, tensors = state_of(*several), state_of(*several, xp=torch)
     limits = (1.0, 5.0)
     for action in actions:
-        first = [value * np.ones(len(several)) for value in action]
-        second = [torch.as_tensor(value) for value in first]
-        arrays = dynamics.step(arrays, *first, physics, limits)
-        tensors = dynamics.step(tensors, *second, physics, limits, xp=torch)
+        torque, displacement, force = (value * np.ones(len(several)) for value in action)
+        arrays = dynamics.step(arrays, torque, displacement, force, physics, limits)
+        torque, displacement, force = map(torch.as_tensor, (torque, displacement, force))
+        tensors = dynamics.step(tensors, torque, displacement, force, physics, limits, torch)
         np.testing.assert_allclose(rows(tensors), rows(arrays), rtol=1e-9, atol=1e-9)
         arrays = State(**{name: getattr(tensors, name).numpy() for name in SYMBOLS})
 

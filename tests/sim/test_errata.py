@@ -128,7 +128,7 @@ def test_row_07_theta_of_zero_is_finite_and_as_the_large_constant() -> None:
 
 def lean_torque(**values: float) -> float:
     """The bracket of equation 5 plus gravity, N m, of a bicycle with such a state."""
-    state = riding(**values)
+    state = replace(riding(), **{name: np.array([value]) for name, value in values.items()})
     turn = dynamics.curvatures(state.steer_angle, K)
     found = dynamics.lean_equation(state, np.zeros(1), state.speed, turn, K)
     return found.item() * K.lean_inertia
@@ -434,4 +434,4 @@ def test_row_40_reward_weights() -> None:
     assert goal.heading_error == 2.0
     assert (balance.lean_angle, balance.lean_rate, balance.lean_acceleration) == (0.01, 0.1, 1.0)
     terms = reward_terms(np.ones(1), np.ones(1), np.ones(1), np.ones(1), balance)
-    assert sum(terms.values()).item() == pytest.approx(-1.11)
+    assert sum(value.item() for value in terms.values()) == pytest.approx(-1.11)
