@@ -185,7 +185,17 @@ def test_a_wrong_parameter_names_the_process_and_its_log(
 ) -> None:
     ride = start_node(RIDE, ["controller.policy:=/none.safetensors", "--output", tmp_path / "run"])
     assert ride.wait(60) == 1
-    (line,) = [line for line in ride.lines if line.startswith("ride.sh: controller")]
+    (line,) = ride.lines
     assert "controller exited with status 2 while starting" in line
     assert "/none.safetensors" in line
     assert str(tmp_path / "run" / "controller.log") in line
+
+
+def test_a_busy_domain_is_refused(start_node: Start, ros_domain: int, tmp_path: Path) -> None:
+    start_node(RIDE.parent / "sim.sh").wait_for_line("waits for its first command")
+    ride = start_node(RIDE, [*NEAR, "--output", tmp_path / "run"])
+    assert ride.wait(60) == 1
+    assert ride.lines == [
+        f"ride.sh: ROS_DOMAIN_ID={ros_domain} is taken by bicycle_sim: stop.sh ends what this "
+        "workspace runs, or choose another ROS_DOMAIN_ID"
+    ]

@@ -6,8 +6,7 @@ import ctypes
 import os
 import signal
 import subprocess
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -116,19 +115,43 @@ class Child:
             self._note.unlink(missing_ok=True)
 
 
-def wait_until(
-    condition: Callable[[], bool], timeout: float, poll: Callable[[], None] | None = None
-) -> bool:
-    """Whether `condition` came true within `timeout` seconds; `poll` runs in between."""
-    deadline = time.monotonic() + timeout
-    while not condition():
-        if time.monotonic() > deadline:
-            return False
-        if poll is None:
-            time.sleep(0.02)
-        else:
-            poll()
-    return True
+class Crew:
+    """The processes of one ride.
+
+    Args:
+        commands: program and arguments of each, by name, in the order to start them.
+        folder: where their logs go.
+        registry: as for `Child`.
+    """
+
+    def __init__(
+        self, commands: Mapping[str, Sequence[str]], folder: Path, registry: Path | None = None
+    ) -> None:
+        self._children = {
+            name: Child(name, command, folder / f"{name}.log", registry)
+            for name, command in commands.items()
+        }
+
+    def start(self, *names: str) -> None:
+        """Start these, or all."""
+        for name in names or self._children:
+            self._children[name].start()
+
+    def ended(self) -> list[Exit]:
+        """Those that have ended."""
+        exits = (child.ended() for child in self._children.values())
+        return [exit_ for exit_ in exits if exit_ is not None]
+
+    def last_words(self, name: str) -> str:
+        """The last line of one's log, and where the rest is."""
+        child = self._children[name]
+        lines = child.last_lines(1)
+        return f"{lines[0] if lines else 'it said nothing'} (log: {child.log})"
+
+    def stop(self, *order: str) -> None:
+        """End these one after the other."""
+        for name in order:
+            self._children[name].stop()
 
 
 def _die_with_parent() -> None:

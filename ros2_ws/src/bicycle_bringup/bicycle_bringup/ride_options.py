@@ -11,7 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from bicycle_bringup.arguments import OneLineParser
+from bicycle_bringup.course import Point, random_goals
 from bicycle_sim.config import nearest
 
 MODULES = {
@@ -45,6 +48,12 @@ class RideOptions:
     parameters: tuple[str, ...]
     """``NODE.name:=value``."""
     parameter_files: tuple[Path, ...]
+
+    def draw_goals(self) -> list[Point]:
+        """As many as are asked for, or more than can be ridden to in the time."""
+        count = 10 + round(60.0 * self.minutes) if self.minutes else self.goals
+        rng = np.random.default_rng(self.seed)
+        return random_goals(count, self.field, (0.0, 0.0), rng)
 
     def command(self, name: str) -> list[str]:
         """The command that starts one node.

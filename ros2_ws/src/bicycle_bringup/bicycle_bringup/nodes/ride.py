@@ -7,27 +7,30 @@ ends them in an order that leaves the bag whole.
 from __future__ import annotations
 
 import math
+import os
 import signal
 import sys
 import time
 from collections.abc import Callable
 from types import FrameType
 
-import numpy as np
 import rclpy
 from rclpy.signals import SignalHandlerOptions
-from tqdm import tqdm
 
 from bicycle_bag.errors import BagError
-from bicycle_bringup.course import random_goals
+from bicycle_bringup.display import Display
 from bicycle_bringup.nodes.rider import Rider, progress_text
 from bicycle_bringup.plan import Plan
-from bicycle_bringup.processes import Child, registry_of
+from bicycle_bringup.processes import Crew, registry_of
 from bicycle_bringup.report import report
 from bicycle_bringup.ride_options import MODULES, RideOptions, parse, workspace
 from bicycle_bringup.summary import RideSummary
 from bicycle_controller.goals import Status
 
+DISCOVERY = 0.5
+"""s for nodes of this machine to be seen."""
+GHOSTS = 4.0
+"""s after which a killed node is off the list of what there is."""
 READY_TIMEOUT = 30.0
 """s for a node to come up."""
 BACK_OFF = 1.0
@@ -38,8 +41,6 @@ STALL = 20.0
 """s without a step after which a ride is given up."""
 ECHO = 2.0
 """s for a controller to say what it does with a goal; then the goal is sent again."""
-REDRAW = 0.1
-"""s between two looks of the progress bar."""
 LIE_DOWN = 0.5
 """s that a fallen bicycle lies before it is put up again, so that the bag shows it."""
 
@@ -54,40 +55,27 @@ class Ride:
     Attributes:
         events: lines about what happened to processes.
         interrupted: set by SIGINT or SIGTERM.
+        begun: whether goals have been sent.
     """
 
     def __init__(self, options: RideOptions, rider: Rider) -> None:
         self.events: list[str] = []
         self.interrupted = False
+        self.begun = False
         self._options = options
         self._rider = rider
-        registry = registry_of(workspace())
-        self._children = {
-            name: Child(name, options.command(name), options.folder / f"{name}.log", registry)
-            for name in MODULES
-        }
-        self._plan = Plan(self._draw_goals())
+        commands = {name: options.command(name) for name in MODULES}
+        self._crew = Crew(commands, options.folder, registry_of(workspace()))
+        self._plan = Plan(options.draw_goals())
         self._deaths = 0
         self._last_step = (0, 0)
         self._stepped = time.monotonic()
-        self._drawn = 0.0
         self._sent = math.inf
         self._fell: float | None = None
         # One at a time where nobody knows how many there will be.
         self._batch = 1 if options.minutes else options.goals
-        self._bar = tqdm(
-            total=options.minutes * 60.0 if options.minutes else options.goals,
-            bar_format="{desc}{percentage:3.0f}%|{bar:20}| {elapsed}{postfix}",
-            disable=None,
-            leave=False,
-        )
-
-    def _draw_goals(self) -> list[tuple[float, float]]:
-        """As many as are asked for, or more than can be ridden to in the time."""
-        options = self._options
-        count = options.goals if not options.minutes else 10 + round(options.minutes * 60.0)
-        rng = np.random.default_rng(options.seed)
-        return random_goals(count, options.field, (0.0, 0.0), rng)
+        goals = 0 if options.minutes else options.goals
+        self._display = Display(goals, 60.0 * options.minutes)
 
     def on_signal(self, number: int, frame: FrameType | None) -> None:
         """Ask the ride to end."""
@@ -99,12 +87,13 @@ class Ride:
         Raises:
             RideError: when a process dies that cannot be replaced, or nothing moves any more.
         """
-        for name in MODULES:
-            self._children[name].start()
+        self._look_around()
+        self._crew.start()
         self._wait("simulator", lambda: self._rider.state is not None)
         self._wait("controller", self._rider.controller_listens)
         self._wait("recorder", self._rider.recorder_listens)
         self._send()
+        self.begun = True
         self._stepped = time.monotonic()
         while not (self.interrupted or self._over()):
             self._rider.spin()
@@ -115,9 +104,8 @@ class Ride:
 
     def close(self) -> None:
         """End the processes: the recorder last, so that it hears the others' last words."""
-        self._bar.close()
-        for name in ("simulator", "controller", "recorder"):
-            self._children[name].stop()
+        self._display.close()
+        self._crew.stop("simulator", "controller", "recorder")
 
     def all_reached(self, summary: RideSummary) -> bool:
         """Whether the bag shows that everything asked for was ridden to."""
@@ -130,29 +118,43 @@ class Ride:
             return self._rider.time >= 60.0 * self._options.minutes
         return self._plan.finished
 
+    def _look_around(self) -> None:
+        """Begin only where nobody else rides.
+
+        Raises:
+            RideError: when somebody does; one that was killed is forgotten after some seconds.
+        """
+        self._display.waiting("others to show themselves")
+        began = time.monotonic()
+        while not self.interrupted:
+            self._rider.spin()
+            waited = time.monotonic() - began
+            others = self._rider.others()
+            if waited > DISCOVERY and not others:
+                return
+            if waited > GHOSTS:
+                domain = os.environ.get("ROS_DOMAIN_ID", 0)
+                raise RideError(
+                    f"ROS_DOMAIN_ID={domain} is taken by {', '.join(others)}: stop.sh ends what "
+                    "this workspace runs, or choose another ROS_DOMAIN_ID"
+                )
+
     def _wait(self, name: str, ready: Callable[[], bool]) -> None:
         """Wait until a node is ready.
 
         Raises:
             RideError: when it is not in time, or ends.
         """
-        self._bar.set_description_str(f"waiting for the {name} ")
+        self._display.waiting(f"the {name}")
         deadline = time.monotonic() + READY_TIMEOUT
         while not (ready() or self.interrupted):
             self._rider.spin()
-            for child in self._children.values():
-                if (ended := child.ended()) is not None:
-                    raise RideError(f"{ended} while starting: {self._blame(child)}")
+            for ended in self._crew.ended():
+                last = self._crew.last_words(ended.name)
+                raise RideError(f"{ended} while starting: {last}")
             if time.monotonic() > deadline:
-                child = self._children[name]
-                raise RideError(
-                    f"{name} is not ready after {READY_TIMEOUT:g} s: {self._blame(child)}"
-                )
-
-    def _blame(self, child: Child) -> str:
-        """The end of a process's log, and where the rest is."""
-        lines = child.last_lines(1)
-        return f"{lines[0] if lines else 'it said nothing'} (log: {child.log})"
+                last = self._crew.last_words(name)
+                raise RideError(f"{name} is not ready after {READY_TIMEOUT:g} s: {last}")
 
     def _send(self) -> None:
         """Send the goals that come next."""
@@ -172,9 +174,9 @@ class Ride:
             if number is None:
                 continue
             self._deaths = 0
-            self._say(f"goal {number} at ({position[0]:.1f}, {position[1]:.1f}): {change.message}")
-            if not self._options.minutes:
-                self._bar.update(1)
+            self._display.say(
+                f"goal {number} at ({position[0]:.1f}, {position[1]:.1f}): {change.message}"
+            )
             if self._batch == 1:
                 self._send()
         if time.monotonic() - self._sent > ECHO:
@@ -186,19 +188,19 @@ class Ride:
         Raises:
             RideError: when it does.
         """
-        for name, child in self._children.items():
-            if (ended := child.ended()) is None:
-                continue
-            if name != "controller" or not self._options.respawn or self._deaths >= MOST_DEATHS:
-                raise RideError(f"{ended} at t = {self._rider.time:.1f} s: {self._blame(child)}")
+        for ended in self._crew.ended():
+            respawn = self._options.respawn and self._deaths < MOST_DEATHS
+            if ended.name != "controller" or not respawn:
+                last = self._crew.last_words(ended.name)
+                raise RideError(f"{ended} at t = {self._rider.time:.1f} s: {last}")
             self._deaths += 1
             self._rider.controller_died()
             self._note(f"{ended} at t = {self._rider.time:.1f} s")
             until = time.monotonic() + BACK_OFF
             while time.monotonic() < until and not self.interrupted:
                 self._rider.spin()
-            child.start()
-            self._wait(name, self._rider.controller_listens)
+            self._crew.start("controller")
+            self._wait("controller", self._rider.controller_listens)
             self._note(f"controller started again, ready at t = {self._rider.time:.1f} s")
             self._stepped = time.monotonic()
             self._rider.changes.clear()
@@ -220,39 +222,26 @@ class Ride:
             self._fell = None
         elif self._fell is None:
             self._fell = now
-            self._say(f"fell at t = {self._rider.time:.1f} s")
+            self._display.say(f"fell at t = {self._rider.time:.1f} s")
         elif now - self._fell > LIE_DOWN and not self._plan.finished:
             self._fell = None
             if not self._rider.reset():
-                raise RideError(f"the simulator does not reset: {self._log_of('simulator')}")
+                last = self._crew.last_words("simulator")
+                raise RideError(f"the simulator does not reset: {last}")
             self._send()
         if now - self._stepped > STALL:
-            raise RideError(
-                f"no step for {STALL:g} s: is the bicycle paused? {self._log_of('controller')}"
-            )
-
-    def _log_of(self, name: str) -> str:
-        return f"log: {self._children[name].log}"
+            last = self._crew.last_words("controller")
+            raise RideError(f"no step for {STALL:g} s: is the bicycle paused? {last}")
 
     def _show(self) -> None:
         """Bring the progress bar up to date."""
-        if self._options.minutes:
-            self._bar.n = min(self._rider.time, float(self._bar.total))
-        goals = "" if self._options.minutes else f" of {self._options.goals}"
-        self._bar.set_description_str(f"goal {self._plan.number}{goals} ", refresh=False)
-        self._bar.set_postfix_str(progress_text(self._rider.state), refresh=False)
-        if time.monotonic() - self._drawn > REDRAW:
-            self._drawn = time.monotonic()
-            self._bar.refresh()
+        done = self._rider.time if self._options.minutes else len(self._plan.results)
+        self._display.show(self._plan.number, done, progress_text(self._rider.state))
 
     def _note(self, line: str) -> None:
         """Keep a line for the summary."""
         self.events.append(line)
-        self._say(line)
-
-    def _say(self, line: str) -> None:
-        tqdm.write(line, file=sys.stdout)
-        sys.stdout.flush()
+        self._display.say(line)
 
 
 def ride(options: RideOptions) -> int:
@@ -279,6 +268,8 @@ def ride(options: RideOptions) -> int:
 
 def _sum_up(options: RideOptions, one: Ride, failed: bool) -> int:
     """Print the summary of the bag; returns the exit status."""
+    if failed and not one.begun:
+        return 1
     try:
         summary, text = report(options.folder / "bag", options.folder, one.events)
     except BagError as error:

@@ -69,6 +69,12 @@ class Rider(Node):
         stamp = self.state.header.stamp
         return float(stamp.sec + 1e-9 * stamp.nanosec)
 
+    def others(self) -> list[str]:
+        """Names of nodes that simulate or command a bicycle of this name."""
+        topics = (interfaces.STATE, interfaces.COMMAND)
+        found = [self.get_publishers_info_by_topic(self._full(topic)) for topic in topics]
+        return sorted({str(end.node_name) for ends in found for end in ends})
+
     def controller_listens(self) -> bool:
         """Whether a living controller takes goals and answers states."""
         alive = self._controllers() - self._dead
