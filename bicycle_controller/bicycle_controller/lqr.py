@@ -18,6 +18,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 
 import numpy as np
@@ -56,21 +57,21 @@ class LqrConfig:
     """Cost of squared lean, lean rate, steering, steering rate and heading error."""
     torque_weight: float = 1.0
     """Cost of squared torque."""
-    displacement_weight: float = 400.0
-    """Cost of squared displacement."""
-    lean_limit: float = 0.36
-    """rad, the steepest lean wanted in a turn."""
+    displacement_weight: float = 1.0
+    """Cost of squared displacement as a share of its limit."""
+    tilt_limit: float = 0.36
+    """rad, the steepest tilt of the centre of mass wanted in a turn."""
     steer_limit: float = 0.7
     """rad, the largest steering wanted in a turn."""
     lean_step: float = 0.18
     """rad that the wanted lean may run ahead of the present one."""
     turn_shape: tuple[float, ...] = (1.0, 1.0, 0.67, 0.38, 0.69, 0.12)
     """Share of the tightest turn that is wanted at the heading errors TURN_ERRORS."""
-    straight_speed: float = 4.0
+    straight_speed: float = 5.0
     """m/s held when the goal lies ahead."""
-    turn_speed: float = 2.0
+    turn_speed: float = 1.75
     """m/s held when the heading error is `turn_error` or more."""
-    turn_error: float = 1.0
+    turn_error: float = 0.5
     """rad of heading error from which on `turn_speed` is held."""
     speed_gain: float = 200.0
     """N of pedal force per m/s that is missing."""
@@ -91,7 +92,26 @@ class LqrConfig:
                     f"{item.name} must be finite and above zero, not {value!r}",
                 )
         require(self.steer_limit < math.pi / 2, "steer_limit must be below pi/2")
-        require(self.lean_limit < math.pi / 2, "lean_limit must be below pi/2")
+        require(self.tilt_limit < math.pi / 2, "tilt_limit must be below pi/2")
+
+
+TUNED = {
+    "lqr": LqrConfig(),
+    "lqr-displacement": LqrConfig(use_displacement=True),
+    "lqr-pedal": LqrConfig(use_pedal=True),
+    "lqr-displacement-pedal": LqrConfig(use_displacement=True, use_pedal=True),
+    "lqr-20cm": LqrConfig(
+        use_displacement=True,
+        displacement_limit=0.2,
+        state_weights=(5.0, 0.25, 0.03, 0.08, 14.5),
+        displacement_weight=7.2,
+        tilt_limit=0.49,
+        steer_limit=0.77,
+        lean_step=0.28,
+        turn_shape=(1.0, 1.0, 0.72, 0.55, 0.74, 0.78),
+    ),
+}
+"""Tunings by name; `lqr-20cm` needs a scenario that allows its displacement of 20 cm."""
 
 
 class LqrController:
@@ -126,32 +146,51 @@ class LqrController:
 
         Returns:
             (N, 3): N m of torque, m of displacement, N of pedal force, within the limits.
+
+        Raises:
+            ValueError: on another shape.
         """
+        if observation.shape != (len(speed), 6):
+            raise ValueError(
+                f"observation must have shape (N, 6) with N speeds, not {observation.shape} "
+                f"with {len(speed)}"
+            )
         config = self.config
         steer, steer_rate, lean, lean_rate, _, error = observation.T
-        torque_gains, displacement_gains, heading_gain, tightest = self._gains(speed)
+        gains = self._gains(speed)
 
         share = np.interp(np.abs(error), TURN_ERRORS, config.turn_shape)
-        wanted_steer = -_limited(heading_gain * error, tightest * share)
-        ahead = steady_lean(wanted_steer, speed, self.physics.constants) - lean
-        state = (-_limited(ahead, config.lean_step), lean_rate, steer - wanted_steer, steer_rate)
+        wanted_steer = -_limited(gains[8] * error, gains[9] * share)
+        wanted_tilt = steady_lean(wanted_steer, speed, self.physics.constants)
+        wanted_displacement, wanted_lean = self._divide(wanted_tilt, gains[10])
+        ahead = _limited(wanted_lean - lean, config.lean_step)
+        state = (-ahead, lean_rate, steer - wanted_steer, steer_rate)
 
         action = np.zeros((len(speed), 3))
-        action[:, 0] = _limited(-_dot(torque_gains, state), config.torque_limit)
+        action[:, 0] = _limited(-_dot(gains[0:4], state), config.torque_limit)
         if config.use_displacement:
-            wanted = -_dot(displacement_gains, state)
-            action[:, 1] = _limited(wanted, config.displacement_limit)
+            displacement = wanted_displacement - _dot(gains[4:8], state)
+            action[:, 1] = _limited(displacement, config.displacement_limit)
         if config.use_pedal:
             action[:, 2] = self._pedal(error, speed)
         return action
 
-    def _gains(self, speed: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """(4, N), (4, N), (N,) and (N,): the columns of `_design` at each speed."""
+    def _divide(
+        self, tilt: np.ndarray, share: np.ndarray
+    ) -> tuple[np.ndarray | float, np.ndarray]:
+        """Displacement, m, and lean, rad, that tilt the centre of mass together (eq. 6)."""
+        if not self.config.use_displacement:
+            return 0.0, tilt
+        height = self.physics.constants.mass_height
+        displacement = _limited(height * np.tan(share * tilt), self.config.displacement_limit)
+        return displacement, tilt - np.arctan(displacement / height)
+
+    def _gains(self, speed: np.ndarray) -> np.ndarray:
+        """The numbers of `_design` at each speed, (11, N)."""
         place = (speed - SPEEDS[0]) * self._speed_scale
         place = np.minimum(np.maximum(place, 0.0), len(SPEEDS) - 1.0)
         index = place.astype(np.intp)
-        row = (self._schedule[index] + (place - index)[:, None] * self._slopes[index]).T
-        return row[0:4], row[4:8], row[8], row[9]
+        return (self._schedule[index] + (place - index)[:, None] * self._slopes[index]).T
 
     def _pedal(self, error: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Pedal force, (N,) N: fast when the goal lies ahead, slow in turns."""
@@ -161,28 +200,47 @@ class LqrController:
         return _limited(config.speed_gain * (wanted - speed), config.pedal_limit)
 
     def _design(self, speed: float) -> list[float]:
-        """Four torque gains, four displacement gains, heading gain and tightest steering.
+        """Gains at one speed, m/s.
 
-        The LQR's fifth gain, on the heading error, becomes the steady steering that the
-        other gains would answer it with; so the loop is the LQR's for small errors, and can
-        be limited in terms of turns for large ones.
+        The LQR's fifth gain, on the heading error, is turned into the steady turn with which
+        the other gains would answer it. So the loop is the LQR's for small errors, and can be
+        limited in terms of turns for large ones.
+
+        Returns:
+            Four gains of torque and four of displacement on lean, lean rate, steering and
+            steering rate; wanted steering per heading error; the largest wanted steering, rad;
+            the displacement's share of a steady tilt.
         """
         config, constants = self.config, self.physics.constants
         a, b = discrete(speed, self.physics)
+        costs = [config.torque_weight, config.displacement_weight / config.displacement_limit**2]
         inputs = 2 if config.use_displacement else 1
-        b = b[:, :inputs]
-        q = np.diag(config.state_weights)
-        r = np.diag([config.torque_weight, config.displacement_weight][:inputs])
-        cost = solve_discrete_are(a, b, q, r)
         gain = np.zeros((2, 5))
-        gain[:inputs] = np.linalg.solve(r + b.T @ cost @ b, b.T @ cost @ a)
+        gain[:inputs] = _regulator(a, b[:, :inputs], config.state_weights, costs[:inputs])
 
         steer = np.linspace(0.0, config.steer_limit, 1001)
-        lean = steady_lean(steer, np.full_like(steer, speed), constants)
-        lean_per_steer = lean[1] / steer[1]
-        heading_gain = gain[0, 4] / (gain[0, 0] * lean_per_steer + gain[0, 2])
-        tightest = np.interp(config.lean_limit, lean, steer)
-        return [*gain[0, :4], *gain[1, :4], heading_gain, tightest]
+        tilt = steady_lean(steer, np.full_like(steer, speed), constants)
+        tilt_per_steer, tilt_per_metre = tilt[1] / steer[1], 1.0 / constants.mass_height
+        # Unknown lean, steering and displacement per heading error: no torque, the regulator's
+        # displacement, and the tilt that the turn needs.
+        balance = [
+            [gain[0, 0], gain[0, 2], 0.0],
+            [gain[1, 0], gain[1, 2], 1.0],
+            [1.0, -tilt_per_steer, tilt_per_metre],
+        ]
+        _, turn, moved = np.linalg.solve(balance, [-gain[0, 4], -gain[1, 4], 0.0])
+        share = moved * tilt_per_metre / (turn * tilt_per_steer)
+        tightest = np.interp(config.tilt_limit, tilt, steer)
+        return [*gain[0, :4], *gain[1, :4], -float(turn), float(tightest), float(share)]
+
+
+def _regulator(
+    a: np.ndarray, b: np.ndarray, state_costs: Sequence[float], input_costs: Sequence[float]
+) -> np.ndarray:
+    """Gain K of the u = -K x with the least sum of weighted squares, (inputs, states)."""
+    q, r = np.diag(state_costs), np.diag(input_costs)
+    cost = solve_discrete_are(a, b, q, r)
+    return np.linalg.solve(r + b.T @ cost @ b, b.T @ cost @ a)
 
 
 def _dot(gains: np.ndarray, state: tuple[np.ndarray, ...]) -> np.ndarray:

@@ -47,8 +47,11 @@ __all__ = [
 DEFAULT_POLICY = "fixed-speed"
 """The shipped policy that rides when none is named."""
 
-LQR = ("lqr", "lqr-displacement", "lqr-pedal", "lqr-displacement-pedal")
-"""Names of the classical controller, by what it uses beside the handlebar."""
+LQR = ("lqr", "lqr-displacement", "lqr-pedal", "lqr-displacement-pedal", "lqr-20cm")
+"""Names of the classical controller, by what it uses beside the handlebar.
+
+The displacement is 2 cm at most, but for the last, which needs a scenario that allows 20.
+"""
 
 SUFFIX = ".safetensors"
 BEST = "best.safetensors"
@@ -202,11 +205,9 @@ def load_controller(name_or_path: str | Path, physics: Physics | None = None) ->
     if name_or_path not in LQR:
         return load_policy(name_or_path)
     # Imported here: it needs scipy, which a policy does without.
-    from bicycle_controller.lqr import LqrConfig, LqrController
+    from bicycle_controller.lqr import TUNED, LqrController
 
-    parts = str(name_or_path).split("-")
-    config = LqrConfig(use_displacement="displacement" in parts, use_pedal="pedal" in parts)
-    return LqrController(config, physics)
+    return LqrController(TUNED[str(name_or_path)], physics)
 
 
 def load_policy(name_or_path: str | Path = DEFAULT_POLICY) -> Policy:
