@@ -105,7 +105,8 @@ class DdpgConfig:
     bc_alpha: float = 2.5
     """TD3+BC: what lambda = bc_alpha / mean|Q| is made of."""
     backend: str = "auto"
-    """`fused` (hand-written gradients), `autograd`, or `auto`: fused where it can."""
+    """`autograd`; `fused`: hand-written gradients in torch; `native`: the same in C++; `auto`: the
+    fastest that works here. Their numbers differ by rounding."""
 
     def __post_init__(self) -> None:
         for name in ("actor_hidden", "critic_hidden"):
@@ -132,7 +133,7 @@ class DdpgConfig:
         require_scale("observation_scale", self.observation_scale)
         require_choice("initialisation", self.initialisation, ("literal", "output", "fan_in"))
         require_choice("fall", self.fall, ("frozen", "absorbing"))
-        require_choice("backend", self.backend, ("auto", "fused", "autograd"))
+        require_choice("backend", self.backend, ("auto", "native", "fused", "autograd"))
 
     @property
     def value_min(self) -> float:

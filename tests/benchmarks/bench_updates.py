@@ -29,6 +29,7 @@ from torch.nn import functional
 from tqdm import tqdm
 
 from bicycle_controller import settings
+from bicycle_controller.agents import native
 from bicycle_controller.agents.ddpg import Ddpg
 from bicycle_controller.agents.fused import FusedDdpg
 from bicycle_controller.config import DdpgConfig
@@ -66,15 +67,15 @@ def transitions() -> dict[str, np.ndarray]:
     }
 
 
-def ours(kind: type[Ddpg], batch: int, data: dict[str, np.ndarray], burst: int = 1) -> Update:
+def ours(backend: str, batch: int, data: dict[str, np.ndarray], burst: int = 1) -> Update:
     """This project's learner; `burst` updates from one draw."""
-    config = replace(paper(), batch=batch)
+    config = replace(paper(), batch=batch, backend=backend)
     replay = Replay(ROWS, ACTIONS)
     columns = [data[name] for name in ("observation", "action", "next_observation")]
     ends = [data["reward"], config.gamma * (1.0 - data["final"]), data["final"]]
     zero = np.zeros((ROWS, 2), dtype=np.float32)
     replay.add(np.concatenate([*columns, np.stack(ends, axis=1), zero], axis=1))
-    agent = kind(config, ACTIONS, 0)
+    agent = (Ddpg if backend == "autograd" else FusedDdpg)(config, ACTIONS, 0)
 
     def update(count: int) -> None:
         for _ in range(max(1, count // burst)):
@@ -168,12 +169,13 @@ def stable_baselines3(batch: int, data: dict[str, np.ndarray]) -> Update:
 def contestants(batch: int) -> dict[str, Update]:
     """All who take part, by name."""
     data = transitions()
-    found: dict[str, Update] = {
-        "ours, fused": ours(FusedDdpg, batch, data),
-        "ours, fused, 8 from one draw": ours(FusedDdpg, batch, data, burst=8),
-        "ours, autograd": ours(Ddpg, batch, data),
-        "CleanRL's style": CleanLoop(batch, data),
-    }
+    found: dict[str, Update] = {}
+    if native.load() is not None:
+        found["ours, native"] = ours("native", batch, data)
+        found["ours, native, 8 from one draw"] = ours("native", batch, data, burst=8)
+    found["ours, torch by hand"] = ours("fused", batch, data)
+    found["ours, autograd"] = ours("autograd", batch, data)
+    found["CleanRL's style"] = CleanLoop(batch, data)
     try:
         found["stable-baselines3"] = stable_baselines3(batch, data)
     except ModuleNotFoundError as error:

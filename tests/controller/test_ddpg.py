@@ -1,3 +1,4 @@
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,9 +11,26 @@ from training_maker import batch_of, random_replay, small_ddpg
 from bicycle_controller import checkpoint
 from bicycle_controller.agents.ddpg import Ddpg
 from bicycle_controller.agents.fused import FusedDdpg
+from bicycle_controller.agents.native import load
+from bicycle_controller.config import DdpgConfig
 from bicycle_controller.replay import Replay, Returns
 
-BOTH = pytest.mark.parametrize("kind", [Ddpg, FusedDdpg])
+Kind = Callable[[DdpgConfig, int, int], Ddpg]
+
+
+def fused(config: DdpgConfig, actions: int, seed: int) -> Ddpg:
+    """By hand in torch."""
+    return FusedDdpg(replace(config, backend="fused"), actions, seed)
+
+
+def native(config: DdpgConfig, actions: int, seed: int) -> Ddpg:
+    """By hand in C++."""
+    return FusedDdpg(replace(config, backend="native"), actions, seed)
+
+
+COMPILED = pytest.mark.skipif(load() is None, reason="no C++ compiler here")
+BY_HAND = [fused, pytest.param(native, marks=COMPILED)]
+EVERY = pytest.mark.parametrize("kind", [Ddpg, *BY_HAND])
 PARTS = ("actor", "critics", "actor_target", "critic_targets", "actor_average")
 ZERO, FALSE, TRUE = np.zeros((1, 6)), np.array([False]), np.array([True])
 
@@ -43,9 +61,9 @@ def target_of(
     return float(agent.targets(agent._prepared(batch))[0])
 
 
-@BOTH
+@EVERY
 @pytest.mark.parametrize("fall", ["frozen", "absorbing"])
-def test_targets_of_every_end_by_hand(kind: type[Ddpg], fall: str) -> None:
+def test_targets_of_every_end_by_hand(kind: Kind, fall: str) -> None:
     config = small_ddpg(fall=fall, gamma=0.9, reward_scale=0.1, fall_penalty=1.0)
     agent = kind(config, 1, 0)
     constant_critics(agent, -5.0)
@@ -59,15 +77,15 @@ def test_targets_of_every_end_by_hand(kind: type[Ddpg], fall: str) -> None:
     assert target_of(agent, -2.0, fallen=TRUE) == pytest.approx(expected)
 
 
-@BOTH
-def test_twin_critics_give_their_minimum(kind: type[Ddpg]) -> None:
+@EVERY
+def test_twin_critics_give_their_minimum(kind: Kind) -> None:
     agent = kind(small_ddpg(critics=2, gamma=0.5), 1, 0)
     constant_critics(agent, -3.0, -7.0)
     assert target_of(agent, -1.0) == pytest.approx(-1.0 + 0.5 * -7.0)
 
 
-@BOTH
-def test_bounded_targets_stay_within_what_can_be_true(kind: type[Ddpg]) -> None:
+@EVERY
+def test_bounded_targets_stay_within_what_can_be_true(kind: Kind) -> None:
     config = small_ddpg(bound_values=True, gamma=0.5, reward_min=-10.0, reward_scale=0.1)
     agent = kind(config, 1, 0)
     constant_critics(agent, 8.0)
@@ -76,8 +94,8 @@ def test_bounded_targets_stay_within_what_can_be_true(kind: type[Ddpg]) -> None:
     assert target_of(agent, -1.0) == pytest.approx(-10.0 * 0.1 / 0.5)
 
 
-@BOTH
-def test_smoothing_noise_is_clipped_and_moves_the_targets_action(kind: type[Ddpg]) -> None:
+@EVERY
+def test_smoothing_noise_is_clipped_and_moves_the_targets_action(kind: Kind) -> None:
     config = small_ddpg(smoothing=10.0, smoothing_clip=0.25, action_layer=2)
     agent = kind(config, 1, 0)
     action = torch.zeros(1000, 1)
@@ -87,7 +105,7 @@ def test_smoothing_noise_is_clipped_and_moves_the_targets_action(kind: type[Ddpg
     assert agent._smoothed(torch.ones(1000, 1)).max() == 1.0
 
 
-def hand_worked_agent(kind: type[Ddpg]) -> Ddpg:
+def hand_worked_agent(kind: Kind) -> Ddpg:
     config = small_ddpg(
         actor_hidden=(1,),
         critic_hidden=(1,),
@@ -111,8 +129,8 @@ def set_parameters(network: torch.nn.Module, *values: list[Any]) -> None:
         parameter.data.copy_(torch.tensor(value))
 
 
-@BOTH
-def test_one_update_by_hand(kind: type[Ddpg]) -> None:
+@EVERY
+def test_one_update_by_hand(kind: Kind) -> None:
     agent = hand_worked_agent(kind)
     agent.update_on(batch_of([[2.0, 0, 0, 0, 0, 0]], [[0.5]], [-1.0], [0.0]))
     # The observation is 2 / 2 = 1. Q = 3 (1 + 2 * 0.5) + 1 = 7 and y = -1, so the loss's slope
@@ -148,8 +166,8 @@ def test_the_gradients_of_that_update_by_hand() -> None:
     assert actor[3] == pytest.approx([-2.9 * 1.9])
 
 
-@BOTH
-def test_the_actor_and_the_targets_wait_for_their_turn(kind: type[Ddpg]) -> None:
+@EVERY
+def test_the_actor_and_the_targets_wait_for_their_turn(kind: Kind) -> None:
     agent, replay = kind(small_ddpg(actor_every=3), 2, 0), random_replay(2)
     start = [p.detach().clone() for p in (*agent.actor.parameters(),)]
     slow = [p.detach().clone() for p in agent.critic_targets.parameters()]
@@ -162,8 +180,8 @@ def test_the_actor_and_the_targets_wait_for_their_turn(kind: type[Ddpg]) -> None
     assert not all(torch.equal(a, b) for a, b in zip(start, agent.actor.parameters(), strict=True))
 
 
-@BOTH
-def test_the_learning_rates_fall_in_a_straight_line(kind: type[Ddpg]) -> None:
+@EVERY
+def test_the_learning_rates_fall_in_a_straight_line(kind: Kind) -> None:
     """Adam's first step is the learning rate, so the critic's output bias tells it."""
     for progress, share in ((0.0, 1.0), (0.5, 0.6), (1.0, 0.2), (1.5, 0.2)):
         agent = kind(small_ddpg(learning_rate_end=0.2, critic_learning_rate=0.01), 2, 0)
@@ -174,8 +192,8 @@ def test_the_learning_rates_fall_in_a_straight_line(kind: type[Ddpg]) -> None:
         assert abs(bias.item() - before) == pytest.approx(0.01 * share, rel=1e-3)
 
 
-@BOTH
-def test_the_averaged_actor_follows_and_is_the_one_deployed(kind: type[Ddpg]) -> None:
+@EVERY
+def test_the_averaged_actor_follows_and_is_the_one_deployed(kind: Kind) -> None:
     agent, replay = kind(small_ddpg(actor_average=0.25), 2, 0), random_replay(2)
     expected = [p.detach().clone() for p in agent.actor.parameters()]
     for _ in range(3):
@@ -202,10 +220,11 @@ SWITCHES: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.parametrize("kind", BY_HAND)
 @pytest.mark.parametrize("name", SWITCHES)
-def test_hand_written_gradients_equal_autograd(name: str) -> None:
+def test_hand_written_gradients_equal_autograd(kind: Kind, name: str) -> None:
     config, replay = small_ddpg(**SWITCHES[name]), random_replay(2)
-    first, second = Ddpg(config, 2, 3), FusedDdpg(config, 2, 3)
+    first, second = Ddpg(config, 2, 3), kind(config, 2, 3)
     start = [p.detach().clone() for p in first.actor.parameters()]
     for agent in (first, second):
         for _ in range(10):
@@ -223,10 +242,11 @@ def test_hand_written_gradients_equal_autograd(name: str) -> None:
     assert set(metrics[0]) == {"critic_loss", "q_data", "q_policy"}
 
 
-def test_hand_written_gradients_equal_autograd_at_the_papers_sizes() -> None:
+@pytest.mark.parametrize("kind", BY_HAND)
+def test_hand_written_gradients_equal_autograd_at_the_papers_sizes(kind: Kind) -> None:
     config = replace(small_ddpg(), actor_hidden=(400, 300), critic_hidden=(200, 200), batch=64)
     replay = random_replay(3)
-    first, second = Ddpg(config, 3, 0), FusedDdpg(config, 3, 0)
+    first, second = Ddpg(config, 3, 0), kind(config, 3, 0)
     for agent in (first, second):
         agent.update(replay, 5)
     for part in ("actor", "critics"):
@@ -236,10 +256,10 @@ def test_hand_written_gradients_equal_autograd_at_the_papers_sizes() -> None:
         assert all(torch.allclose(one, other, rtol=0, atol=1e-5) for one, other in pairs)
 
 
-@BOTH
+@EVERY
 @pytest.mark.parametrize("switches", [{}, {"critics": 2, "smoothing": 0.1, "mirror": True}])
 def test_a_saved_agent_goes_on_to_the_bit(
-    kind: type[Ddpg], switches: dict[str, Any], tmp_path: Path
+    kind: Kind, switches: dict[str, Any], tmp_path: Path
 ) -> None:
     config, replay = small_ddpg(**switches), random_replay(2)
     agent, other = kind(config, 2, 0), kind(config, 2, 77)

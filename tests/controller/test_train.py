@@ -36,6 +36,7 @@ except ValueError as error:
 
 RUNS = {
     "paper": (),
+    "fused": ("ddpg.backend=fused",),
     "authors, autograd": ("ddpg.backend=autograd", "ddpg.initialisation=output"),
     "everything": (
         "ddpg.fall=absorbing",

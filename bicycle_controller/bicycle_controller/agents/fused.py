@@ -12,6 +12,7 @@ from torch import Tensor
 
 from bicycle_controller.agents.ddpg import Ddpg
 from bicycle_controller.agents.fused_net import Flat, FusedNet
+from bicycle_controller.agents.native import NativeNet, load
 from bicycle_controller.config import DdpgConfig
 from bicycle_controller.networks import Critic
 from bicycle_controller.replay import Batch
@@ -58,6 +59,14 @@ class FlatAdam:
             own.copy_(state[name])
 
 
+def _use_native(config: DdpgConfig, device: torch.device) -> bool:
+    """Whether `native.cpp` does the work: it knows one thread of the CPU only."""
+    if config.backend == "native" and (device.type != "cpu" or load() is None):
+        raise ValueError("ddpg.backend=native needs the CPU and a C++ compiler: choose auto")
+    plain = config.backend == "auto" and device.type == "cpu" and torch.get_num_threads() == 1
+    return config.backend == "native" or (plain and load() is not None)
+
+
 class FusedDdpg(Ddpg):
     """`Ddpg` without autograd; networks and checkpoints look the same from outside."""
 
@@ -67,19 +76,21 @@ class FusedDdpg(Ddpg):
         """Draw the same networks as `Ddpg` and move them into flat memory."""
         super().__init__(config, actions, seed, device)
         batch = config.batch
-        main = Flat([self.actor, *self.critics])
-        slow = Flat([self.actor_target, *self.critic_targets])
+        net = NativeNet if _use_native(config, self.device) else FusedNet
+        turned = net is FusedNet
+        main = Flat([self.actor, *self.critics], turned)
+        slow = Flat([self.actor_target, *self.critic_targets], turned)
         self._main, self._slow = main.values, slow.values
         gradient = torch.zeros_like(main.values)
         own, *parts = torch.split(gradient, main.sizes)
-        self._actor = FusedNet(self.actor, batch, own)
-        self._actor_target = FusedNet(self.actor_target, batch, None)
+        self._actor = net(self.actor, batch, own)
+        self._actor_target = net(self.actor_target, batch, None)
         critics = [critic for critic in self.critics if isinstance(critic, Critic)]
         self._critics = [
-            FusedNet(net, batch, part) for net, part in zip(critics, parts, strict=True)
+            net(critic, batch, part) for critic, part in zip(critics, parts, strict=True)
         ]
         targets = [critic for critic in self.critic_targets if isinstance(critic, Critic)]
-        self._critic_targets = [FusedNet(net, batch, None) for net in targets]
+        self._critic_targets = [net(critic, batch, None) for critic in targets]
         rest = main.sizes[0]
         self.actor_optimiser = FlatAdam(main.values[:rest], own, config.actor_learning_rate)
         self.critic_optimiser = FlatAdam(
@@ -138,7 +149,7 @@ class FusedDdpg(Ddpg):
         """Equations (16) and (18)."""
         self._slow.lerp_(self._main, self.config.tau)
 
-    def _clip_gradient(self, net: FusedNet) -> None:
+    def _clip_gradient(self, net: FusedNet | NativeNet) -> None:
         if self.config.grad_clip > 0 and net.gradient is not None:
             norm = net.gradient.norm()
             net.gradient.mul_((self.config.grad_clip / (norm + 1e-6)).clamp(max=1.0))

@@ -27,29 +27,35 @@ class Flat:
         sizes: how many each network has.
     """
 
-    def __init__(self, networks: Sequence[nn.Module]) -> None:
-        """Move the parameters of `networks` into one new vector."""
+    def __init__(self, networks: Sequence[nn.Module], turned: bool) -> None:
+        """Move the parameters of `networks` into one new vector; for `turned` see `_views`."""
         self.sizes = [sum(item.numel() for item in net.parameters()) for net in networks]
         device = next(networks[0].parameters()).device
         self.values = torch.zeros(sum(self.sizes), device=device)
         parts = torch.split(self.values, self.sizes)
         for net, part in zip(networks, parts, strict=True):
-            for item, view in zip(net.parameters(), _views(net, part), strict=True):
+            for item, view in zip(net.parameters(), _views(net, part, turned), strict=True):
                 view.copy_(item.data)
                 item.data = view
 
 
-def _views(network: nn.Module, flat: Tensor) -> list[Tensor]:
+def gradient_views(network: nn.Module, flat: Tensor, turned: bool = False) -> dict[str, Tensor]:
+    """Views of `flat` by the names of the network's parameters; for `turned` see `_views`."""
+    names = [name for name, _ in network.named_parameters()]
+    return dict(zip(names, _views(network, flat, turned), strict=True))
+
+
+def _views(network: nn.Module, flat: Tensor, turned: bool) -> list[Tensor]:
     """`flat` in the shapes of the network's parameters, in their order.
 
-    Where a layer has few inputs its weight lies transposed in memory: the product that makes
-    its gradient is five times faster so.
+    With `turned` the weight of a layer with few inputs lies transposed in memory: torch makes
+    the product for its gradient five times faster so.
     """
     sizes = [item.numel() for item in network.parameters()]
     parts = torch.split(flat, sizes)
     shapes = [item.shape for item in network.parameters()]
     return [
-        part.view(shape[::-1]).t() if _is_narrow(shape) else part.view(shape)
+        part.view(shape[::-1]).t() if turned and _is_narrow(shape) else part.view(shape)
         for part, shape in zip(parts, shapes, strict=True)
     ]
 
@@ -82,8 +88,7 @@ class FusedNet:
         self.join = network.action_layer - 1 if isinstance(network, Critic) else -1
         self.gradient = gradient
         if gradient is not None:
-            names = [name for name, _ in network.named_parameters()]
-            self._grads = dict(zip(names, _views(network, gradient), strict=True))
+            self._grads = gradient_views(network, gradient, turned=True)
         device = self.layers[0].weight.device
         self._transposed = [layer.weight.detach().t() for layer in self.layers]
         self._weights = [layer.weight.detach() for layer in self.layers]

@@ -1,0 +1,180 @@
+"""`FusedNet` in C++: a compiler in the machine makes it twice as fast, none loses nothing.
+
+`native.cpp` is compiled once for the processor it runs on, into the user's cache. Where that
+cannot be done the training goes on with torch, and one line says why.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import sys
+import tempfile
+import weakref
+from importlib import resources
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from bicycle_controller.agents.fused_net import gradient_views
+from bicycle_controller.networks import Actor, Critic, linear_layers
+from bicycle_controller.replay import OBSERVATIONS
+
+FLAGS = ("-O3", "-march=native", "-std=c++17", "-shared", "-fPIC")
+SOURCES = ("native.cpp", "product.h")
+COMPILERS = ("c++", "g++", "clang++")
+PATIENCE = 120
+"""s that the compiler may take."""
+
+
+class _Layer(ctypes.Structure):
+    """`Layer` of native.cpp."""
+
+    _fields_ = (
+        ("inputs", ctypes.c_int),
+        ("outputs", ctypes.c_int),
+        *((f"pointer_{index}", ctypes.c_void_p) for index in range(8)),
+    )
+
+
+class NativeNet:
+    """Forward and backward pass of one network on the CPU, in one thread; see `FusedNet`."""
+
+    def __init__(self, network: Actor | Critic, batch: int, gradient: Tensor | None) -> None:
+        """Prepare the memory.
+
+        Args:
+            network: its parameters are read where they are, so they must stay there.
+            batch: B.
+            gradient: flat memory for `backward`; None for a network that is never trained.
+
+        Raises:
+            RuntimeError: when the library cannot be had, or there is no memory.
+        """
+        library = load()
+        if library is None:
+            raise RuntimeError("the native update step could not be compiled here")
+        self.gradient = gradient
+        self.join = network.action_layer - 1 if isinstance(network, Critic) else -1
+        layers = _layers(network, gradient)
+        actions = layers[self.join].inputs - OBSERVATIONS if self.join == 0 else 0
+        if self.join > 0:
+            actions = layers[self.join].inputs - layers[self.join - 1].outputs
+        self._keep = [item.data for item in network.parameters()]
+        self.output = torch.empty(batch, layers[-1].outputs)
+        self._action_slope = torch.empty(batch, actions)
+        net = library.net_new(layers, len(layers), self.join, OBSERVATIONS, batch)
+        if not net:
+            raise RuntimeError(f"no memory for a native network of batch {batch}")
+        self._net, self._library = ctypes.c_void_p(net), library
+        weakref.finalize(self, library.net_free, self._net)
+
+    def forward(self, observation: Tensor, action: Tensor | None = None) -> Tensor:
+        """(B, outputs) of scaled observations (B, 6), and for a critic of actions (B, A)."""
+        seen = observation.contiguous()
+        acted = None if action is None else action.contiguous()
+        self._library.net_forward(
+            self._net,
+            seen.data_ptr(),
+            None if acted is None else acted.data_ptr(),
+            self.output.data_ptr(),
+        )
+        return self.output
+
+    def backward(self, slope: Tensor) -> None:
+        """Fill `gradient` from the loss's slope at the output, (B, outputs)."""
+        slope = slope.contiguous()
+        self._library.net_backward(self._net, slope.data_ptr())
+
+    def action_slope(self, slope: Tensor) -> Tensor:
+        """The loss's slope at the action (B, A), from that at the output; a critic's only."""
+        slope = slope.contiguous()
+        self._library.net_action_slope(self._net, slope.data_ptr(), self._action_slope.data_ptr())
+        return self._action_slope
+
+
+def _layers(network: Actor | Critic, gradient: Tensor | None) -> ctypes.Array[_Layer]:
+    """The network as native.cpp wants it."""
+    slopes: dict[str, Tensor] = {}
+    if gradient is not None:
+        slopes = gradient_views(network, gradient)
+    norms = [norm for norm in network.norms if isinstance(norm, nn.LayerNorm)]
+    layers = []
+    for index, layer in enumerate(linear_layers(network)):
+        pairs = [(f"layers.{index}.{name}", getattr(layer, name)) for name in ("weight", "bias")]
+        normed = index < len(norms)
+        if normed:
+            both = ("weight", "bias")
+            pairs += [(f"norms.{index}.{name}", getattr(norms[index], name)) for name in both]
+        pointers: list[int | None] = []
+        for first in range(0, len(pairs), 2):
+            two = pairs[first : first + 2]
+            pointers += [value.data.data_ptr() for _, value in two]
+            pointers += [slopes[n].data_ptr() if slopes else None for n, _ in two]
+        pointers += [None] * (8 - len(pointers))
+        layers.append(_Layer(layer.in_features, layer.out_features, *pointers))
+    return (_Layer * len(layers))(*layers)
+
+
+@functools.cache
+def load() -> ctypes.CDLL | None:
+    """The compiled library, or None after one line on standard error."""
+    try:
+        library = ctypes.CDLL(str(_compiled()))
+    except (OSError, subprocess.SubprocessError) as error:
+        reason = " ".join(str(error).split())[:200]
+        print(f"the native update step is not used ({reason}): torch does it", file=sys.stderr)
+        return None
+    pointer, number = ctypes.c_void_p, ctypes.c_int
+    library.net_new.argtypes = [ctypes.POINTER(_Layer), number, number, number, number]
+    library.net_new.restype = pointer
+    for name, count in (("free", 1), ("forward", 4), ("backward", 2), ("action_slope", 3)):
+        function = getattr(library, f"net_{name}")
+        function.argtypes, function.restype = [pointer] * count, None
+    return library
+
+
+def _compiled() -> Path:
+    """The library's file, compiled if need be.
+
+    Raises:
+        OSError: when there is no compiler, it fails, or there is no place to write to.
+        subprocess.TimeoutExpired: when compiling takes too long.
+    """
+    package = resources.files("bicycle_controller.agents")
+    sources = {name: package.joinpath(name).read_bytes() for name in SOURCES}
+    about = (" ".join(FLAGS) + _processor()).encode()
+    mark = hashlib.sha256(b"".join([*sources.values(), about]))
+    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bicycle"
+    path = root / f"native-{mark.hexdigest()[:16]}.so"
+    if path.exists():
+        return path
+    compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
+    if compiler is None:
+        raise FileNotFoundError("there is no C++ compiler")
+    root.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=root) as folder:
+        for name, text in sources.items():
+            (Path(folder) / name).write_bytes(text)
+        made = Path(folder) / "native.so"
+        words = [compiler, *FLAGS, "-o", str(made), str(Path(folder) / SOURCES[0])]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE)
+        if done.returncode != 0:
+            said = [line for line in done.stderr.splitlines() if line.strip()] or ["nothing said"]
+            raise OSError(f"{compiler} ended with status {done.returncode}: {said[0]}")
+        made.replace(path)
+    return path
+
+
+def _processor() -> str:
+    """What the machine code depends on."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    kinds = ("flags", "Features", "model name")
+    return platform.machine() + "".join(sorted({n for n in lines if n.startswith(kinds)}))
