@@ -10,7 +10,9 @@ Scores are returns of episodes without exploration, from the same starts for all
 stable-baselines3: PPO -230 +- 143 and -212 +- 129, DDPG -190 +- 113 (huggingface.co:
 sb3/ppo-Pendulum-v1, qgallouedec/ppo-Pendulum-v1-1422831320 and ddpg-Pendulum-v1-3347268901).
 
-    python tests/benchmarks/bench_pendulum.py [--seeds 1 2 3] [--out FILE]
+    python tests/benchmarks/bench_pendulum.py [--seeds 1 2 3] [--only NAME ...] [--out FILE]
+
+With --only, the other learners' rows of the results file stay as they are.
 """
 
 from __future__ import annotations
@@ -55,6 +57,12 @@ SHARED = (
     "reward_scale=1",
     "observation_scale=[1,1,1,1,1,1]",
 )
+NAF = (
+    *OFF_POLICY,
+    *(f"naf.{text}" for text in SHARED),
+    "naf.hidden=[64,64]",
+    "naf.initialisation=fan_in",
+)
 OURS: dict[str, tuple[str, ...]] = {
     "ddpg": (
         *OFF_POLICY,
@@ -64,12 +72,8 @@ OURS: dict[str, tuple[str, ...]] = {
         "ddpg.action_layer=1",
         "ddpg.initialisation=fan_in",
     ),
-    "naf": (
-        *OFF_POLICY,
-        *(f"naf.{text}" for text in SHARED),
-        "naf.hidden=[64,64]",
-        "naf.initialisation=fan_in",
-    ),
+    "naf": NAF,
+    "naf, reward x 0.1": (*NAF, "naf.reward_scale=0.1"),
     "ppo": (
         f"steps={PPO_STEPS}",
         "bicycles=4",
@@ -80,7 +84,7 @@ OURS: dict[str, tuple[str, ...]] = {
         "ppo.observation_scale=[1,1,1,1,1,1]",
     ),
 }
-PRESETS = {"ddpg": "paper", "naf": "naf", "ppo": "ppo"}
+PRESETS = {"ddpg": "paper", "naf": "naf", "naf, reward x 0.1": "naf", "ppo": "ppo"}
 
 
 def ours(name: str, seed: int) -> np.ndarray:
@@ -130,6 +134,20 @@ def theirs(name: str, seed: int) -> np.ndarray:
     return total
 
 
+Contestant = tuple[str, Callable[[str, int], np.ndarray], str]
+"""Title, training and name of the algorithm."""
+
+
+def contestants(only: list[str] | None) -> list[Contestant]:
+    """All who take part, or those of the given titles."""
+    found: list[Contestant] = [(f"ours, {name}", ours, name) for name in OURS]
+    if machine()["stable-baselines3"] is None:
+        print("without stable-baselines3: install ros2_ws/requirements/bench.lock")
+    else:
+        found += [(f"stable-baselines3, {name}", theirs, name) for name in ("ddpg", "ppo")]
+    return [one for one in found if only is None or one[0] in only]
+
+
 def trial(learner: Callable[[str, int], np.ndarray], name: str, seed: int) -> dict[str, float]:
     """One training, scored."""
     start = time.process_time()
@@ -153,21 +171,19 @@ def main() -> None:
     """Run, print and write the results."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="such as 'ours, naf'")
     parser.add_argument("--out", type=Path, default=RESULTS)
     args = parser.parse_args()
     torch.set_num_threads(1)
-    contestants: list[tuple[str, Callable[[str, int], np.ndarray], str]] = [
-        (f"ours, {name}", ours, name) for name in OURS
-    ]
-    if machine()["stable-baselines3"] is None:
-        print("without stable-baselines3: install ros2_ws/requirements/bench.lock")
-    else:
-        contestants += [(f"stable-baselines3, {name}", theirs, name) for name in ("ddpg", "ppo")]
-    rows: dict[str, list[dict[str, float]]] = {title: [] for title, _, _ in contestants}
-    about = {"command": shlex.join(["python", *sys.argv]), "commit": origin()["commit"]}
+    players = contestants(args.only)
+    old = json.loads(args.out.read_text()) if args.only and args.out.exists() else {}
+    rows: dict[str, list[dict[str, float]]] = old.get("returns", {})
+    rows |= {title: [] for title, _, _ in players}
+    command = shlex.join(["python", *sys.argv])
+    about = {"commands": [*old.get("commands", []), command], "commit": origin()["commit"]}
     about |= {"steps": {"ddpg, naf": OFF_POLICY_STEPS, "ppo": PPO_STEPS}, "episodes": EPISODES}
     args.out.parent.mkdir(parents=True, exist_ok=True)
-    trials = [(seed, one) for seed in args.seeds for one in contestants]
+    trials = [(seed, one) for seed in args.seeds for one in players]
     for seed, (title, learner, name) in tqdm(trials, unit="run", disable=None):
         rows[title].append(trial(learner, name, seed))
         tqdm.write(f"{title:24} {rows[title][-1]}")
