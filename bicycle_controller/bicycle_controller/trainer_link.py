@@ -6,6 +6,7 @@ interpreter can hold up a callback; torch is imported there only.
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 from dataclasses import dataclass
@@ -91,7 +92,9 @@ class Link:
         """End it; whether it saved and ended by itself."""
         self._inbox.cancel_join_thread()
         self._inbox.close()
-        if self._process.is_alive():
+        if self._process.is_alive() and self._process.pid is not None:
+            with contextlib.suppress(PermissionError):  # only a superuser may take niceness back
+                os.setpriority(os.PRIO_PROCESS, self._process.pid, 0)
             self._process.terminate()
             self._process.join(PATIENCE)
         clean = not self._process.is_alive()
@@ -108,3 +111,5 @@ def _work(order: Order, inbox: Any, outbox: Any) -> None:
     from bicycle_controller.trainer_process import work
 
     work(order, inbox, outbox)
+    outbox.close()
+    os._exit(0)  # all is on the disk; torch takes a second to leave by itself

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import queue
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from tqdm import tqdm
 
 from bicycle_controller import dataset, learn, settings
 from bicycle_controller.config import RunConfig
@@ -35,6 +37,7 @@ MEMORY = "memory.f32"
 
 def work(order: Order, inbox: Any, outbox: Any) -> None:
     """Learn until SIGTERM, or until the parent is gone."""
+    tqdm.set_lock(threading.RLock())  # its own is for many processes and must be cleaned up
     with contextlib.suppress(BrokenPipeError):
         try:
             Worker(order, inbox, outbox).run()

@@ -71,7 +71,10 @@ class TrainerNode(Node):
             raise UserError(str(error)) from None
         if order.live:
             listen(self, interfaces.EPISODE, self._on_episode)
-            listen(self, interfaces.TRANSITION, self._on_transition)
+            topic = interfaces.TRANSITION
+            self._subscription = self.create_subscription(
+                topic.type, topic.name, self._on_transition, topic.subscribe
+            )
             self._say("waits for a simulator")
         else:
             self._start(Link(order), f"learns from {self._settings.bags} in {order.folder}")
@@ -100,7 +103,13 @@ class TrainerNode(Node):
         self._start(Link(order), f"learns live in {order.folder}")
 
     def _on_transition(self, message: TransitionMessage) -> None:
-        self._batch += self._stream.take(convert.to_transition(message))
+        """Take in all that has come: in lock-step, a turn of the executor for each is too slow."""
+        taken: tuple[TransitionMessage, Any] | None = (message, None)
+        handle = self._subscription.handle
+        with handle:
+            while taken is not None:
+                self._batch += self._stream.take(convert.to_transition(taken[0]))
+                taken = handle.take_message(TransitionMessage, False)
 
     # What goes to and comes from the learning process.
 
