@@ -204,6 +204,7 @@ class Trainer:
         config = self.config
         about = {"algorithm": config.algorithm, "preset": config.preset, "seed": config.seed}
         about |= {"steps": self.collector.steps, "updates": self.updates}
+        about["backend"] = self.agent.backend
         name = f"{config.preset or config.algorithm}-{config.scenario.name}-{config.seed}"
         info = PolicyInfo(
             name=re.sub(r"[^A-Za-z0-9._-]", "-", name)[:64],
@@ -232,10 +233,17 @@ class Trainer:
             "log_bytes": self.log_bytes,
             "spent": list(self._time()),
             "origin": self._origin,
+            "backend": self.agent.backend,
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state`, to the bit."""
+        """Go on from `state`: to the bit, where the same backend goes on."""
+        if state["backend"] != self.agent.backend:
+            print(
+                f"{state['backend']} began this run and {self.agent.backend} goes on with it:"
+                " its numbers will differ by rounding",
+                file=sys.stderr,
+            )
         self.agent.load_state_dict(state["agent"])
         self.collector.load_state_dict(state["collector"])
         self.replay.load_state_dict(state["replay"])

@@ -257,6 +257,26 @@ def test_hand_written_gradients_equal_autograd_at_the_papers_sizes(kind: Kind) -
 
 
 @EVERY
+@pytest.mark.parametrize("other", [Ddpg, *BY_HAND])
+def test_any_backend_goes_on_where_another_stopped(
+    kind: Kind, other: Kind, tmp_path: Path
+) -> None:
+    """Layers with few inputs lie turned in the memory of one of them."""
+    config, replay = small_ddpg(critics=2, critic_layer_norm=True), random_replay(2)
+    first, second = kind(config, 2, 0), other(config, 2, 77)
+    first.update(replay, 20)
+    checkpoint.save(tmp_path / "state.pt", first.state_dict())
+    second.load_state_dict(checkpoint.load(tmp_path / "state.pt"))
+    for agent in (first, second):
+        agent.update(replay, 10)
+    for part in PARTS:
+        pairs = zip(
+            getattr(first, part).parameters(), getattr(second, part).parameters(), strict=True
+        )
+        assert all(torch.allclose(mine, theirs, rtol=0, atol=1e-5) for mine, theirs in pairs)
+
+
+@EVERY
 @pytest.mark.parametrize("switches", [{}, {"critics": 2, "smoothing": 0.1, "mirror": True}])
 def test_a_saved_agent_goes_on_to_the_bit(
     kind: Kind, switches: dict[str, Any], tmp_path: Path

@@ -192,6 +192,20 @@ def test_more_steps_go_on_with_a_finished_run(tmp_path: Path) -> None:
     assert_same_run(tmp_path / "whole", tmp_path / "parts")
 
 
+def test_another_backend_may_go_on_and_one_line_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    config = small_run("ddpg.backend=fused")
+    train.run(config, tmp_path / "run", stop=after(60))
+    path = tmp_path / "run" / "config.yaml"
+    path.write_text(path.read_text().replace("backend: fused", "backend: autograd"))
+    assert train.resume(tmp_path / "run").status == "finished"
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == [
+        "fused began this run and autograd goes on with it: its numbers will differ by rounding"
+    ]
+
+
 def test_a_run_killed_before_its_first_checkpoint_starts_again(tmp_path: Path) -> None:
     config = small_run("steps=800")
     train.run(config, tmp_path / "whole")

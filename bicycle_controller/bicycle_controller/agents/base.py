@@ -30,7 +30,13 @@ class Memory(Protocol):
 
 
 class Agent(Chooser, Protocol):
-    """A learner with a deterministic actor."""
+    """A learner with a deterministic actor.
+
+    Attributes:
+        backend: what makes its gradients; the same numbers come from the same one only.
+    """
+
+    backend: str
 
     @property
     def actor(self) -> Actor:

@@ -36,6 +36,8 @@ class Ddpg:
         updates: critic updates made.
     """
 
+    backend = "autograd"
+
     def __init__(
         self, config: DdpgConfig, actions: int, seed: int, device: torch.device | str = "cpu"
     ) -> None:

@@ -7,11 +7,14 @@ gradient, and every large result goes into memory that was there before. Every s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from bicycle_controller.agents.ddpg import Ddpg
-from bicycle_controller.agents.fused_net import Flat, FusedNet
+from bicycle_controller.agents.fused_net import Flat, FusedNet, flat_views
 from bicycle_controller.agents.native import NativeNet, load
 from bicycle_controller.config import DdpgConfig
 from bicycle_controller.networks import Critic
@@ -24,11 +27,30 @@ BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8
 class FlatAdam:
     """Adam on a slice of a flat vector, in one fused call."""
 
-    def __init__(self, values: Tensor, gradient: Tensor, learning_rate: float) -> None:
-        """Start with zero moments."""
-        self.values, self.gradient, self.rate = values, gradient, learning_rate
+    def __init__(
+        self,
+        networks: Sequence[nn.Module],
+        values: Tensor,
+        gradient: Tensor,
+        turned: bool,
+        like: torch.optim.Adam,
+    ) -> None:
+        """Start with zero moments.
+
+        Args:
+            networks: whose parameters the values are.
+            values: flat, changed by `step`.
+            gradient: flat, read by `step`.
+            turned: how they lie in memory, see `fused_net`.
+            like: torch's own, for the learning rate and the form of the saved state.
+        """
+        self.values, self.gradient = values, gradient
+        self._groups = like.state_dict()["param_groups"]
+        self.rate = float(self._groups[0]["lr"])
         self.mean, self.square = torch.zeros_like(values), torch.zeros_like(values)
         self.count = torch.zeros((), device=values.device)
+        both = (flat_views(networks, moment, turned) for moment in (self.mean, self.square))
+        self._moments = list(zip(*both, strict=True))
 
     def step(self) -> None:
         """Move the values against the gradient."""
@@ -49,14 +71,21 @@ class FlatAdam:
             maximize=False,
         )
 
-    def state_dict(self) -> dict[str, Tensor]:
-        """Both moments and the number of steps."""
-        return {"mean": self.mean, "square": self.square, "count": self.count}
+    def state_dict(self) -> dict[str, Any]:
+        """As torch's Adam gives it, so that any backend may go on."""
+        state = {
+            index: {"step": self.count.clone(), "exp_avg": mean, "exp_avg_sq": square}
+            for index, (mean, square) in enumerate(self._moments)
+        }
+        return {"state": state, "param_groups": self._groups}
 
-    def load_state_dict(self, state: dict[str, Tensor]) -> None:
+    def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from `state`."""
-        for name, own in self.state_dict().items():
-            own.copy_(state[name])
+        for index, found in state["state"].items():
+            mean, square = self._moments[index]
+            mean.copy_(found["exp_avg"])
+            square.copy_(found["exp_avg_sq"])
+            self.count.copy_(found["step"])
 
 
 def _use_native(config: DdpgConfig, device: torch.device) -> bool:
@@ -78,6 +107,7 @@ class FusedDdpg(Ddpg):
         batch = config.batch
         net = NativeNet if _use_native(config, self.device) else FusedNet
         turned = net is FusedNet
+        self.backend = "fused" if turned else "native"
         main = Flat([self.actor, *self.critics], turned)
         slow = Flat([self.actor_target, *self.critic_targets], turned)
         self._main, self._slow = main.values, slow.values
@@ -92,9 +122,11 @@ class FusedDdpg(Ddpg):
         targets = [critic for critic in self.critic_targets if isinstance(critic, Critic)]
         self._critic_targets = [net(critic, batch, None) for critic in targets]
         rest = main.sizes[0]
-        self.actor_optimiser = FlatAdam(main.values[:rest], own, config.actor_learning_rate)
+        self.actor_optimiser = FlatAdam(
+            [self.actor], main.values[:rest], own, turned, self.actor_optimiser
+        )
         self.critic_optimiser = FlatAdam(
-            main.values[rest:], gradient[rest:], config.critic_learning_rate
+            critics, main.values[rest:], gradient[rest:], turned, self.critic_optimiser
         )
         self._minus_mean = torch.full((batch, 1), -1.0 / batch, device=self.device)
 

@@ -32,11 +32,21 @@ class Flat:
         self.sizes = [sum(item.numel() for item in net.parameters()) for net in networks]
         device = next(networks[0].parameters()).device
         self.values = torch.zeros(sum(self.sizes), device=device)
-        parts = torch.split(self.values, self.sizes)
-        for net, part in zip(networks, parts, strict=True):
-            for item, view in zip(net.parameters(), _views(net, part, turned), strict=True):
-                view.copy_(item.data)
-                item.data = view
+        views = flat_views(networks, self.values, turned)
+        for item, view in zip(_parameters(networks), views, strict=True):
+            view.copy_(item.data)
+            item.data = view
+
+
+def flat_views(networks: Sequence[nn.Module], flat: Tensor, turned: bool) -> list[Tensor]:
+    """`flat` in the shapes of the networks' parameters, in their order; see `_views`."""
+    sizes = [sum(item.numel() for item in net.parameters()) for net in networks]
+    parts = zip(networks, torch.split(flat, sizes), strict=True)
+    return [view for net, part in parts for view in _views(net, part, turned)]
+
+
+def _parameters(networks: Sequence[nn.Module]) -> list[nn.Parameter]:
+    return [item for net in networks for item in net.parameters()]
 
 
 def gradient_views(network: nn.Module, flat: Tensor, turned: bool = False) -> dict[str, Tensor]:

@@ -84,6 +84,8 @@ class Naf:
         updates: updates made.
     """
 
+    backend = "autograd"
+
     def __init__(
         self, config: NafConfig, actions: int, seed: int, device: torch.device | str = "cpu"
     ) -> None:

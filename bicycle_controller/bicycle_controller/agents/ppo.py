@@ -96,6 +96,8 @@ class Ppo:
         updates: updates made.
     """
 
+    backend = "autograd"
+
     def __init__(
         self, config: PpoConfig, actions: int, seed: int, device: torch.device | str = "cpu"
     ) -> None:
