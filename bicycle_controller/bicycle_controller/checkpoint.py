@@ -12,7 +12,7 @@ import torch
 
 from bicycle_controller.policy import write_atomically
 
-VERSION = 1
+VERSION = 2
 """Of the file's layout; a file of another version is refused."""
 
 _ARRAY = "__array__"

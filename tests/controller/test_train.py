@@ -250,7 +250,7 @@ def test_a_checkpoint_runs_no_code(tmp_path: Path) -> None:
         def __reduce__(self) -> Any:
             return (Path.touch, (tmp_path / "owned",))
 
-    torch.save({"version": 1, "state": Evil()}, tmp_path / "state.pt")
+    torch.save({"version": checkpoint.VERSION, "state": Evil()}, tmp_path / "state.pt")
     with pytest.raises(ValueError, match="cannot resume"):
         checkpoint.load(tmp_path / "state.pt")
     assert not (tmp_path / "owned").exists()
