@@ -14,8 +14,6 @@ BINS = 10
 """Of each action's histogram, over its limits."""
 CELLS = (9, 24)
 """Of the coverage: lean by steer."""
-STEER_RANGE = math.radians(80.0)
-"""rad: the steering's stop (errata row 22)."""
 CLOCK_GAP = 1.0
 """s between two steps of one pursuit beyond which something stood still."""
 SHADES = " .:+*#"
@@ -76,9 +74,10 @@ def _actions(data: Dataset) -> dict[str, Any]:
 
 def _coverage(data: Dataset) -> list[list[int]]:
     columns = dict(zip(OBSERVATION_FIELDS, data.transitions.observation.T, strict=True))
-    fall = data.scenario.fall_angle
-    ranges = ((-fall, fall), (-STEER_RANGE, STEER_RANGE))
-    counts, _, _ = np.histogram2d(columns["lean_angle"], columns["steer_angle"], CELLS, ranges)
+    fall, stop = data.scenario.fall_angle, data.physics.constants.steer_stop
+    lean = np.clip(columns["lean_angle"], -fall, fall)
+    steer = np.clip(columns["steer_angle"], -stop, stop)
+    counts, _, _ = np.histogram2d(lean, steer, CELLS, ((-fall, fall), (-stop, stop)))
     table: list[list[int]] = counts[::-1].astype(int).tolist()
     return table
 

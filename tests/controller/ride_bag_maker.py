@@ -72,7 +72,7 @@ class Rider:
                 yield from self._begin()
                 continue
             message = convert.from_command(answer.command, convert.to_stamp(now))
-            yield "/" + COMMAND.name, message, now + 1000
+            yield "/" + COMMAND.name, message, now + 5000
             _, made = self.loop.receive(answer.command)
             assert made is not None
             self.steps += 1
