@@ -65,7 +65,7 @@ class Rider:
             snapshot, now = self.loop.snapshot, self._now()
             if self.driver.tracker.active is None and self.driver.tracker.waiting == 0:
                 x, y = snapshot.rear_x, snapshot.rear_y
-                goal = self.rng.uniform(-self.field, self.field, 2) + (x, y)
+                goal = self.rng.uniform(-self.field, self.field, 2) + np.array([x, y])
                 self.driver.tracker.replace([(float(goal[0]), float(goal[1]))])
             answer = self.driver.answer(snapshot, now * 1e-9)
             if answer.command is None:
