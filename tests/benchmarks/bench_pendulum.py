@@ -4,8 +4,8 @@ Whether our baselines learn what others' learn. Each pair has the same hyperpara
 off-policy learners two hidden layers of 64, batch 64, gamma 0.98, tau 0.005, Adam 1e-3 and
 Gaussian noise of 0.1; of PPO those of rl-baselines3-zoo without its state-dependent noise (4
 environments, rollouts of 4,096 steps, gamma 0.9, Adam 1e-3). What differs: our hidden units are
-rectified, stable-baselines3's PPO has tanh; our PPO squashes its mean. NAF runs twice: it needs
-rewards smaller than the pendulum's, which DDPG does not.
+rectified, stable-baselines3's PPO has tanh; our PPO squashes its mean. NAF runs twice: with
+rewards as large as the pendulum's it is slower than DDPG, with a tenth of them it is not.
 
 Scores are returns of episodes without exploration, from the same starts for all. Published for
 stable-baselines3: PPO -230 +- 143 and -212 +- 129, DDPG -190 +- 113 (huggingface.co:
