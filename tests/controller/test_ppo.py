@@ -1,5 +1,4 @@
 import math
-import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ from bicycle_controller.assembly import make_agent, make_collector
 from bicycle_controller.config import RunConfig
 from bicycle_controller.learner_config import PpoConfig
 from bicycle_controller.policy import load_policy
-from bicycle_controller.rollout import Rollout, advantages
+from bicycle_controller.rollout import Rollout
 
 SMALL = (
     "ppo.hidden=[16, 12]",
@@ -52,43 +51,6 @@ def rollout_of(rounds: int, count: int, actions: int = 1) -> Rollout:
         flags = np.tile([0.99, 0.0, 0.0, 0.0], (count, 1))
         rollout.add(np.concatenate([*parts, flags], axis=1).astype(np.float32))
     return rollout
-
-
-def test_advantages_by_hand() -> None:
-    # gamma 0.5, lambda 0.5, one bicycle: step 1 goes on, step 2 runs out of time, step 3 goes on,
-    # step 4 falls. Differences: -1 + 0.5 * -4 + 2 = -1; -1 + 0.5 * -8 + 4 = -1, where the value
-    # -8 of the state at the time-out counts; -2 + 0.5 * -6 + 3 = -2; -10 + 6 = -4 without a
-    # value, whatever it is.
-    reward = np.array([[-1.0], [-1.0], [-2.0], [-10.0]])
-    value = np.array([[-2.0], [-4.0], [-3.0], [-6.0]])
-    next_value = np.array([[-4.0], [-8.0], [-6.0], [99.0]])
-    discount = np.array([[0.5], [0.5], [0.5], [0.0]])
-    ended = np.array([[False], [True], [False], [True]])
-    found = advantages(reward, value, next_value, discount, ended, 0.5)
-    # The second episode never reaches back into the first: -1 + 0.25 * -1, -1, -2 + 0.25 * -4, -4.
-    assert found[:, 0].tolist() == [-1.25, -1.0, -3.0, -4.0]
-
-
-def test_the_rollouts_end_bootstraps_and_bicycles_do_not_mix() -> None:
-    reward = np.array([[-1.0, 0.0], [-1.0, 0.0]])
-    value = np.zeros((2, 2))
-    next_value = np.array([[0.0, 0.0], [-4.0, 0.0]])
-    discount, ended = np.full((2, 2), 0.5), np.zeros((2, 2), dtype=bool)
-    found = advantages(reward, value, next_value, discount, ended, 1.0)
-    # -1 + 0.5 (-1 + 0.5 * -4), and -1 + 0.5 * -4.
-    assert found.tolist() == [[-2.5, 0.0], [-3.0, 0.0]]
-
-
-def test_lambda_one_is_the_discounted_return_and_zero_one_step() -> None:
-    rng = np.random.default_rng(0)
-    reward, value = rng.normal(size=(50, 3)), rng.normal(size=(51, 3))
-    discount, ended = np.full((50, 3), 0.9), np.zeros((50, 3), dtype=bool)
-    arguments = (reward, value[:-1], value[1:], discount, ended)
-    powers = 0.9 ** np.arange(50)[:, None]
-    expected = (powers * reward).sum(0) + 0.9**50 * value[-1] - value[0]
-    assert advantages(*arguments, 1.0)[0] == pytest.approx(expected)
-    one_step = reward + 0.9 * value[1:] - value[:-1]
-    assert advantages(*arguments, 0.0) == pytest.approx(one_step)
 
 
 @pytest.mark.parametrize(
@@ -321,40 +283,3 @@ def test_the_deployed_policy_is_the_mean(tmp_path: Path) -> None:
     expected = np.column_stack([agent.act(raw) * limits[:2], np.zeros(50)])
     assert np.allclose(policy.act(raw), expected, atol=1e-6)
     assert policy.info.trained["algorithm"] == "ppo"
-
-
-@pytest.mark.parametrize(
-    ("preset", "override", "words"),
-    [
-        ("ppo", "warm_up=5", "warm_up must be 0 for ppo"),
-        ("ppo", "noise.kind=ou", "noise.kind must be none for ppo"),
-        ("ppo", "updates=2", "updates must be 1 for ppo"),
-        ("ppo", "ppo.batch=5000", "ppo.batch must be at most 2048"),
-        ("ppo", "ppo.clip=0", "clip must be above zero"),
-        ("ppo", "ppo.gae_lamda=0.9", "did you mean 'gae_lambda'"),
-        ("ppo", "ppo=null", "exactly one of ddpg, naf, ppo, not none"),
-        ("naf", "naf.tau=2", "tau must lie within"),
-        ("naf", "naf.hidden=[]", "hidden needs sizes"),
-        ("naf", "naf.gamma=1", "gamma must lie within 0 and below 1"),
-    ],
-)
-def test_a_mistake_is_one_line_that_names_the_field(
-    preset: str, override: str, words: str
-) -> None:
-    with pytest.raises(ValueError, match=re.escape(words)) as caught:
-        settings.preset(preset, [override])
-    assert "\n" not in str(caught.value)
-
-
-def test_a_run_has_one_algorithm(tmp_path: Path) -> None:
-    path = tmp_path / "two.yaml"
-    path.write_text(settings.dump(settings.preset("naf")).replace("ddpg: null\n", ""))
-    assert settings.load(path).algorithm == "naf"
-    path.write_text("extends: naf\nppo:\n" + _ppo_part())
-    with pytest.raises(ValueError, match="exactly one of ddpg, naf, ppo, not naf and ppo"):
-        settings.load(path)
-
-
-def _ppo_part() -> str:
-    text = settings.dump(settings.preset("ppo"))
-    return text.split("ppo:\n")[1].split("bicycles:")[0]
