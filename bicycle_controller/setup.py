@@ -31,6 +31,7 @@ setup(
     entry_points={
         "console_scripts": [
             "bicycle_controller = bicycle_controller.nodes.controller_node:main",
+            "bicycle_trainer = bicycle_controller.nodes.trainer_node:main",
             "bicycle = bicycle_controller.cli:main",
         ],
     },
