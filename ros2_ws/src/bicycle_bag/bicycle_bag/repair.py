@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 import os
 import shutil
@@ -14,6 +13,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from bicycle_bag import container, metadata
+from bicycle_bag.arguments import OneLineParser
 from bicycle_bag.container import Registry
 from bicycle_bag.errors import BagError
 from bicycle_bag.mcap_file import McapFile
@@ -164,7 +164,7 @@ def _disk_errors(path: Path) -> Iterator[None]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command ``bicycle_repair``; returns its exit status."""
-    parser = argparse.ArgumentParser(prog="bicycle_repair", description=__doc__)
+    parser = OneLineParser(prog="bicycle_repair", description=__doc__)
     parser.add_argument("bag", type=Path, help="bag directory or .mcap file, repaired in place")
     bag = parser.parse_args(arguments).bag
     try:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bicycle_bringup.arguments import OneLineParser
+from bicycle_bag.arguments import OneLineParser
 from bicycle_bringup.course import Point, random_goals
 from bicycle_sim.config import nearest
 

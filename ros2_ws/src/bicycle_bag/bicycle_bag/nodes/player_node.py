@@ -15,6 +15,7 @@ from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
+from bicycle_bag.arguments import OneLineParser
 from bicycle_bag.errors import BagError
 from bicycle_bag.nodes.session import Stop, message_class, publisher_profile, ros_node
 from bicycle_bag.playback import CLOCK, ClockTick, Playback, PlayOptions
@@ -84,7 +85,7 @@ class Player:
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """The command line, without ROS arguments."""
-    parser = argparse.ArgumentParser(
+    parser = OneLineParser(
         prog="bicycle_play", description="Publish the messages of a bag again, as recorded."
     )
     add = parser.add_argument

@@ -17,6 +17,7 @@ from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 
 from bicycle_bag import __version__
+from bicycle_bag.arguments import OneLineParser
 from bicycle_bag.errors import BagError
 from bicycle_bag.mcap_file import COMPRESSIONS
 from bicycle_bag.metadata import BagMetadata, Topic
@@ -170,7 +171,7 @@ class Recorder:
 
 def parse(arguments: Sequence[str]) -> argparse.Namespace:
     """The command line, without ROS arguments."""
-    parser = argparse.ArgumentParser(
+    parser = OneLineParser(
         prog="bicycle_record",
         description="Record topics into an MCAP bag that ros2 bag reads, until Ctrl-C.",
     )

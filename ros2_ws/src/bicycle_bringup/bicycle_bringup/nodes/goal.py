@@ -15,7 +15,7 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 from tqdm import tqdm
 
-from bicycle_bringup.arguments import OneLineParser
+from bicycle_bag.arguments import OneLineParser
 from bicycle_bringup.course import Point, read_waypoints
 from bicycle_bringup.nodes.rider import Rider, progress_text
 from bicycle_bringup.plan import Plan

@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 
-from bicycle_bringup.arguments import OneLineParser
+from bicycle_bag.arguments import OneLineParser
 from bicycle_bringup.nodes.flat import flat, shown
 from bicycle_bringup.rates import Rate
 from bicycle_sim.config import nearest

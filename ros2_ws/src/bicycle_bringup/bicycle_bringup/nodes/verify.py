@@ -19,10 +19,10 @@ from bicycle_msgs.msg import BicycleCommand, BicycleState, EpisodeInfo
 from rclpy.serialization import deserialize_message
 from tqdm import tqdm
 
+from bicycle_bag.arguments import OneLineParser
 from bicycle_bag.errors import BagError
 from bicycle_bag.reader import BagReader
 from bicycle_bag.schemas import Schemas
-from bicycle_bringup.arguments import OneLineParser
 from bicycle_bringup.nodes.flat import flat
 from bicycle_bringup.ride_log import COMMAND, EPISODE, STATE, prefix_of
 from bicycle_sim.nodes import convert
