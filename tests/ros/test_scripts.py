@@ -19,7 +19,19 @@ from bicycle_sim.settings import parameters_of
 pytestmark = pytest.mark.ros
 
 WORKSPACE = Path(__file__).resolve().parents[2] / "ros2_ws"
-SCRIPTS = ("sim", "controller", "goal", "record", "replay", "topic", "stop", "ride", "setup")
+SCRIPTS = (
+    "sim",
+    "controller",
+    "goal",
+    "record",
+    "replay",
+    "topic",
+    "stop",
+    "ride",
+    "setup",
+    "trainer",
+    "circle",
+)
 Start = Callable[..., NodeProcess]
 
 
