@@ -12,6 +12,7 @@ from bicycle_msgs.srv import Reset
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
@@ -30,6 +31,9 @@ from bicycle_sim.simulator import Simulator, Start
 from bicycle_sim.transitions import Transition
 
 NAME = "bicycle_sim"
+
+LAST_WORD = 0.5
+"""s that the end waits for subscribers to have the last transition."""
 
 
 class SimNode(Node):
@@ -95,8 +99,10 @@ class SimNode(Node):
         self.create_timer(self._settings.diagnostics_period, self._on_report, clock=steady)
 
     def close(self) -> None:
-        """Publish the transition that waited for the next step."""
+        """Publish the transition that waited for the next step, and see that it arrives."""
         self._publish_transitions(self._loop.close())
+        publisher = self._publishers_by_name[interfaces.TRANSITION.name]
+        publisher.wait_for_all_acked(Duration(seconds=LAST_WORD))
 
     @property
     def _now(self) -> int:
