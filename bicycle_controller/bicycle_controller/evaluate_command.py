@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 
 DEFAULT_SCENARIO = "random-start-random-goal"
 EPILOG = """\
-CONTROLLER is lqr (also lqr-displacement, lqr-pedal, lqr-displacement-pedal), the name of a
-shipped policy, a policy file or the folder of a training run (its best).
+CONTROLLER is lqr (also lqr-displacement, lqr-pedal, lqr-displacement-pedal, lqr-20cm), the name
+of a shipped policy, a policy file or the folder of a training run (its best).
 Starts, goals and start disturbances follow from the seed alone: every controller meets the same.
 
 example:

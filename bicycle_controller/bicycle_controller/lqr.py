@@ -31,6 +31,9 @@ from bicycle_sim.parameters import Physics
 SPEEDS = np.linspace(1.0, 5.0, 33)
 """m/s, for which gains are computed; between them they are interpolated, beyond them held."""
 
+SPEED_STEP = 0.001
+"""m/s, how finely they are interpolated."""
+
 TURN_ERRORS = np.radians([0.0, 60.0, 90.0, 120.0, 150.0, 180.0])
 """rad, the heading errors at which `LqrConfig.turn_shape` is given."""
 
@@ -53,19 +56,19 @@ class LqrConfig:
     """m, largest |d|."""
     pedal_limit: float = 100.0
     """N, largest |F|."""
-    state_weights: tuple[float, ...] = (6.0, 0.5, 0.05, 0.5, 13.0)
+    state_weights: tuple[float, ...] = (6.0, 0.4, 0.03, 0.4, 10.0)
     """Cost of squared lean, lean rate, steering, steering rate and heading error."""
     torque_weight: float = 1.0
     """Cost of squared torque."""
     displacement_weight: float = 1.0
     """Cost of squared displacement as a share of its limit."""
-    tilt_limit: float = 0.36
+    tilt_limit: float = 0.35
     """rad, the steepest tilt of the centre of mass wanted in a turn."""
     steer_limit: float = 0.7
     """rad, the largest steering wanted in a turn."""
-    lean_step: float = 0.18
-    """rad that the wanted lean may run ahead of the present one."""
-    turn_shape: tuple[float, ...] = (1.0, 1.0, 0.67, 0.38, 0.69, 0.12)
+    lean_lead: float = 1.4
+    """How far the wanted lean may run ahead of the present one; 1 is where full torque answers."""
+    turn_shape: tuple[float, ...] = (1.0, 1.0, 0.68, 0.34, 0.71, 0.12)
     """Share of the tightest turn that is wanted at the heading errors TURN_ERRORS."""
     straight_speed: float = 5.0
     """m/s held when the goal lies ahead."""
@@ -103,12 +106,12 @@ TUNED = {
     "lqr-20cm": LqrConfig(
         use_displacement=True,
         displacement_limit=0.2,
-        state_weights=(5.0, 0.25, 0.03, 0.08, 14.5),
-        displacement_weight=7.2,
-        tilt_limit=0.49,
-        steer_limit=0.77,
-        lean_step=0.28,
-        turn_shape=(1.0, 1.0, 0.72, 0.55, 0.74, 0.78),
+        state_weights=(5.0, 0.24, 0.022, 0.08, 14.0),
+        displacement_weight=7.3,
+        tilt_limit=0.5,
+        steer_limit=0.78,
+        lean_lead=1.45,
+        turn_shape=(1.0, 1.0, 0.72, 0.53, 0.85, 0.8),
     ),
 }
 """Tunings by name; `lqr-20cm` needs a scenario that allows its displacement of 20 cm."""
@@ -128,9 +131,9 @@ class LqrController:
         self.physics = physics or Physics()
         tuning = json.dumps([asdict(self.config), json.loads(self.physics.to_json())])
         self._policy_id = "lqr-" + hashlib.sha256(tuning.encode()).hexdigest()[:8]
-        self._schedule = np.array([self._design(float(speed)) for speed in SPEEDS])
-        self._slopes = np.diff(self._schedule, axis=0, append=self._schedule[-1:])
-        self._speed_scale = 1.0 / (SPEEDS[1] - SPEEDS[0])
+        designs = np.array([self._design(float(speed)) for speed in SPEEDS])
+        fine = np.arange(SPEEDS[0], SPEEDS[-1] + 0.5 * SPEED_STEP, SPEED_STEP)
+        self._schedule = np.array([np.interp(fine, SPEEDS, column) for column in designs.T])
 
     @property
     def policy_id(self) -> str:
@@ -163,7 +166,9 @@ class LqrController:
         wanted_steer = -_limited(gains[8] * error, gains[9] * share)
         wanted_tilt = steady_lean(wanted_steer, speed, self.physics.constants)
         wanted_displacement, wanted_lean = self._divide(wanted_tilt, gains[10])
-        ahead = _limited(wanted_lean - lean, config.lean_step)
+        # A turn too far ahead would saturate the torque, so ride a wider one first.
+        ahead = _limited(wanted_lean - lean, gains[11])
+        wanted_steer = wanted_steer - (wanted_lean - lean - ahead) * gains[12]
         state = (-ahead, lean_rate, steer - wanted_steer, steer_rate)
 
         action = np.zeros((len(speed), 3))
@@ -186,11 +191,9 @@ class LqrController:
         return displacement, tilt - np.arctan(displacement / height)
 
     def _gains(self, speed: np.ndarray) -> np.ndarray:
-        """The numbers of `_design` at each speed, (11, N)."""
-        place = (speed - SPEEDS[0]) * self._speed_scale
-        place = np.minimum(np.maximum(place, 0.0), len(SPEEDS) - 1.0)
-        index = place.astype(np.intp)
-        return (self._schedule[index] + (place - index)[:, None] * self._slopes[index]).T
+        """The numbers of `_design` at each speed, (13, N)."""
+        index = np.rint((speed - SPEEDS[0]) / SPEED_STEP).astype(np.intp)
+        return self._schedule.take(index, axis=1, mode="clip")
 
     def _pedal(self, error: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Pedal force, (N,) N: fast when the goal lies ahead, slow in turns."""
@@ -209,7 +212,8 @@ class LqrController:
         Returns:
             Four gains of torque and four of displacement on lean, lean rate, steering and
             steering rate; wanted steering per heading error; the largest wanted steering, rad;
-            the displacement's share of a steady tilt.
+            the displacement's share of a steady tilt; rad that the wanted lean may be ahead;
+            steering per tilt of a steady turn.
         """
         config, constants = self.config, self.physics.constants
         a, b = discrete(speed, self.physics)
@@ -231,7 +235,9 @@ class LqrController:
         _, turn, moved = np.linalg.solve(balance, [-gain[0, 4], -gain[1, 4], 0.0])
         share = moved * tilt_per_metre / (turn * tilt_per_steer)
         tightest = np.interp(config.tilt_limit, tilt, steer)
-        return [*gain[0, :4], *gain[1, :4], -float(turn), float(tightest), float(share)]
+        lead = config.lean_lead * config.torque_limit / abs(gain[0, 0])
+        turns = (-float(turn), float(tightest), float(share), float(lead), 1.0 / tilt_per_steer)
+        return [*gain[0, :4], *gain[1, :4], *turns]
 
 
 def _regulator(
