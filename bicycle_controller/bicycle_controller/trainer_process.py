@@ -7,9 +7,7 @@ import multiprocessing
 import queue
 import threading
 import time
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,6 +18,7 @@ from bicycle_controller.config import RunConfig
 from bicycle_controller.interrupt import Interrupt, InterruptError
 from bicycle_controller.learner import CHUNK, Learner, ddpg_of
 from bicycle_controller.live import unpacked
+from bicycle_controller.memory_file import MemoryFile
 from bicycle_controller.metrics import Log
 from bicycle_controller.policy import Policy, load_controller, load_policy, save_policy
 from bicycle_controller.replay import Replay, Returns
@@ -52,9 +51,7 @@ class Worker:
         self._order, self._inbox, self._outbox = order, inbox, outbox
         self._learner: Learner
         self._returns: Returns
-        self._kept = 0
-        self._unsaved: list[np.ndarray] = []
-        self._saved_rows = 0
+        self._file: MemoryFile
         self._to_beat = ""
         self._bar: Score | None = None
         self._best: Policy | None = None
@@ -128,7 +125,10 @@ class Worker:
         if not order.resume:
             files.create(config)
         actions = int((config.scenario.action_limits > 0).sum())
-        self._learner = Learner(config, files, Replay(ddpg.capacity, actions))
+        memory = Replay(ddpg.capacity, actions)
+        path = files.checkpoint.parent / MEMORY
+        self._file = MemoryFile(path, sum(memory.columns))
+        self._learner = Learner(config, files, memory)
         self._returns = Returns(
             1,
             actions,
@@ -140,7 +140,9 @@ class Worker:
             step_cost=ddpg.step_cost,
         )
         if order.resume and files.checkpoint.exists():
-            self._load_memory(self._learner.load(files.checkpoint))
+            extra = self._learner.load(files.checkpoint)
+            self._returns.load_state_dict(extra["returns"])
+            self._fill(self._file.load(int(extra["rows"])))
         elif order.bags:
             self._keep(dataset.memory_rows(self._data(), ddpg))
 
@@ -172,11 +174,15 @@ class Worker:
             self._keep(self._returns.push(*(column[one] for column in columns)))
 
     def _keep(self, rows: np.ndarray) -> None:
-        """Add rows to the memory, and to what the next save appends to its file."""
-        for part in _parts(rows, self._learner.replay.capacity):
-            self._learner.replay.add(part)
-        self._kept += len(rows)
-        self._unsaved.append(rows)
+        """Put rows that are new into the memory and its file."""
+        self._fill(rows)
+        self._file.add(rows)
+
+    def _fill(self, rows: np.ndarray) -> None:
+        """Put rows into the memory; of more than it holds, the last remain."""
+        memory = self._learner.replay
+        for first in range(0, len(rows), memory.capacity):
+            memory.add(rows[first : first + memory.capacity])
 
     # Learning.
 
@@ -207,7 +213,7 @@ class Worker:
             return learner.updates < learner.config.offline_updates
         if learner.replay.size < order.warm_up:
             return False
-        return learner.updates < order.updates_per_step * self._kept
+        return learner.updates < order.updates_per_step * self._file.rows
 
     def _progress(self) -> float:
         """Share of the run that is done; a live one has no end."""
@@ -280,36 +286,6 @@ class Worker:
         """Write the checkpoint; of the memory only what has come since the last time."""
         extra: dict[str, Any] = {}
         if self._order.live:
-            path = self._memory_file
-            path.parent.mkdir(parents=True, exist_ok=True)
-            with path.open("ab") as file:
-                file.truncate(self._saved_rows * self._row_bytes)
-                for rows in self._unsaved:
-                    file.write(np.ascontiguousarray(rows, dtype=np.float32).tobytes())
-                    self._saved_rows += len(rows)
-            self._unsaved = []
-            extra = {"rows": self._saved_rows, "returns": self._returns.state_dict()}
+            self._file.save()
+            extra = {"rows": self._file.saved, "returns": self._returns.state_dict()}
         self._learner.save(log, extra)
-
-    def _load_memory(self, extra: dict[str, Any]) -> None:
-        """Fill the memory as it was at the checkpoint."""
-        self._saved_rows = self._kept = int(extra["rows"])
-        self._returns.load_state_dict(extra["returns"])
-        data = self._memory_file.read_bytes()[: self._saved_rows * self._row_bytes]
-        rows = np.frombuffer(data, dtype=np.float32).reshape(self._saved_rows, -1)
-        for part in _parts(rows, self._learner.replay.capacity):
-            self._learner.replay.add(part)
-
-    @property
-    def _memory_file(self) -> Path:
-        return self._learner.files.checkpoint.parent / MEMORY
-
-    @property
-    def _row_bytes(self) -> int:
-        return 4 * int(self._learner.replay.table.shape[1])
-
-
-def _parts(rows: np.ndarray, most: int) -> Iterator[np.ndarray]:
-    """`rows` in pieces that a memory of `most` rows takes at once."""
-    for first in range(0, len(rows), most):
-        yield rows[first : first + most]
