@@ -112,6 +112,9 @@ class EvaluationConfig:
     """Further starts with a goal within `near_distance`, where orbits show; they count by half."""
     near_distance: float = 12.0
     """m, half width of the square that those goals are drawn from, about the bicycle."""
+    shake: float = 0.0
+    """Sigma of exploration noise under which a further 128 bicycles ride for half a minute; the
+    share that falls counts against the policy. 0 does without."""
     seed: int = 1_000_003
     """Of those starts, the same every time."""
     max_steps: int = 0
@@ -125,7 +128,7 @@ class EvaluationConfig:
         for name in ("every", "episodes"):
             value = getattr(self, name)
             require(value >= 1, f"evaluation.{name} must be at least 1, not {value!r}")
-        for name in ("max_steps", "near_episodes"):
+        for name in ("max_steps", "near_episodes", "shake"):
             require_between(f"evaluation.{name}", getattr(self, name), 0, math.inf)
         require_positive("evaluation.near_distance", self.near_distance)
         for name in ("stop_at", "stop_falls"):

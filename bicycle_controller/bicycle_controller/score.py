@@ -5,14 +5,22 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 
-from bicycle_controller.config import EvaluationConfig
+import numpy as np
+
+from bicycle_controller.config import EvaluationConfig, NoiseConfig
 from bicycle_controller.controllers import Controller
 from bicycle_controller.evaluate import evaluate
+from bicycle_controller.noise import Noise
 from bicycle_sim.parameters import Physics
 from bicycle_sim.scenario import Region, Scenario
+from bicycle_sim.task import BicycleTask
 
 NEAR_STEPS = 1_200
 """Step limit of a ride to a near goal: half a minute, several times what it takes."""
+SHAKEN = 128
+"""Bicycles that ride with exploration noise, for as many steps."""
+SHAKE_THETA = 0.15
+"""Pull of that noise towards zero per step (Table 3)."""
 
 
 @dataclass(frozen=True)
@@ -29,16 +37,22 @@ class Score:
     near_median_time_s: float | None = None
     mean_return: float | None = None
     """Mean sum of rewards of the rides that are not to near goals."""
+    shaken_fall_rate: float | None = None
+    """Share that falls within half a minute of exploration noise; None where it was not tried."""
 
     @property
     def rank(self) -> tuple[float, float]:
-        """What the best policy has most of: goals less falls, then the shorter time."""
+        """What the best policy has most of: goals less falls, then the shorter time.
+
+        Falls under noise count too, where they were tried: a policy that is a little sooner at
+        its goals but falls when it explores is no better.
+        """
         worth = self.reach_rate - self.fall_rate
         time = _or_infinite(self.median_time_s)
         if self.near_reach_rate is not None and self.near_fall_rate is not None:
             worth = 0.5 * (worth + self.near_reach_rate - self.near_fall_rate)
             time += _or_infinite(self.near_median_time_s)
-        return (worth, -time)
+        return (worth - (self.shaken_fall_rate or 0.0), -time)
 
 
 def score(
@@ -53,7 +67,38 @@ def score(
         near_goals = near(scenario, fixed.near_distance)
         found = evaluate(policy, near_goals, physics, fixed.near_episodes, fixed.seed).summary()
         values |= {f"near_{name}": found[name] for name in names if name != "orbit_rate"}
+    if fixed.shake > 0:
+        steps = min(NEAR_STEPS, fixed.max_steps or NEAR_STEPS)
+        values["shaken_fall_rate"] = shaken(
+            policy, scenario, physics, fixed.shake, fixed.seed, steps
+        )
     return Score(**values)
+
+
+def shaken(
+    policy: Controller,
+    scenario: Scenario,
+    physics: Physics,
+    sigma: float,
+    seed: int,
+    steps: int = NEAR_STEPS,
+) -> float:
+    """Share of SHAKEN bicycles that falls within `steps` of Ornstein-Uhlenbeck noise.
+
+    The noise is what the controller explores with: `sigma` is a share of each action's limit.
+    """
+    start, source = (np.random.default_rng((seed, use)) for use in (0, 1))
+    task = BicycleTask(scenario, physics, SHAKEN, start)
+    noise = Noise(NoiseConfig("ou", sigma, SHAKE_THETA), SHAKEN, 3, source)
+    limits = scenario.action_limits
+    observation = task.observation()
+    for _ in range(steps):
+        action = policy.act(observation, task.state.speed) + noise.sample() * limits
+        made = task.step(action)
+        observation = made.observation
+        if made.terminated.any():
+            observation = task.reset(made.terminated)
+    return float(task.fallen.mean())
 
 
 def near(scenario: Scenario, distance: float) -> Scenario:
