@@ -124,10 +124,13 @@ class Errand:
             ErrandError: when the answer is no.
         """
         for change in self._rider.changes:
+            # The controller's last answers to others may still arrive: they are kept for who
+            # comes later.
+            if (change.position.x, change.position.y) not in self._plan.goals:
+                continue
             if change.status == Status.REJECTED:
                 raise ErrandError(2, f"goal rejected: {change.message}")
-            if (change.position.x, change.position.y) == self._plan.goals[0]:
-                return True
+            return True
         return False
 
     def _ends(self) -> list[tuple[Status, str]]:
