@@ -344,6 +344,8 @@ def test_of_two_controllers_one_rides(start_sim: Any, start_controller: Any, pro
     probe.say(GOAL_POSE, goal(9.0, 1.0))
     sim.wait_for_line("is in charge: stop one of the two")
     probe.spin_until(lambda: (1, GoalStatus.REACHED) in statuses(probe))
+    # The state's last messages may be under way still when the status has come.
+    probe.spin_until(lambda: any(state.controller for state in probe[STATE]))
     assert len({state.controller for state in probe[STATE] if state.controller}) == 1
 
 
