@@ -9,16 +9,29 @@ import numpy as np
 
 from bicycle_controller.agents.base import Chooser, Memory
 from bicycle_controller.config import RunConfig
+from bicycle_controller.learner_config import DdpgConfig, LearnerConfig
 from bicycle_controller.noise import Noise
-from bicycle_controller.replay import Returns
+from bicycle_controller.replay import OBSERVATIONS, Returns
 from bicycle_controller.starts import restart, ride_on, training_scenario
 from bicycle_sim.dynamics import State
 from bicycle_sim.task import BicycleTask, Step
+
+FAR = 20.0
+"""m from which on a goal is as far as any for a critic that sees the distance."""
 
 
 def driven(limits: np.ndarray) -> np.ndarray:
     """Indices of the actions that a policy chooses: those whose limit is above zero."""
     return np.flatnonzero(limits > 0)
+
+
+def observations(learner: LearnerConfig) -> int:
+    """Numbers per observation in the memory: the actor's, and what only the critic sees."""
+    return OBSERVATIONS + len(_extras(learner))
+
+
+def _extras(learner: LearnerConfig) -> tuple[str, ...]:
+    return learner.critic_sees if isinstance(learner, DdpgConfig) else ()
 
 
 class Collector:
@@ -50,7 +63,9 @@ class Collector:
             self.absorbing,
             learner.cost_cap,
             learner.step_cost,
+            observations(learner),
         )
+        self.top_speed = (scenario.speed_limits or (0.0, scenario.start_speed))[1]
         self.steps = self.rounds = 0
         self.episode_return = np.zeros(config.bicycles)
         self.totals = {"episodes": 0.0, "return": 0.0, "goals": 0.0, "falls": 0.0}
@@ -62,21 +77,43 @@ class Collector:
         action = self._chosen(agent)
         physical = np.zeros((self.config.bicycles, 3))
         physical[:, self.driven] = action * self.limits[self.driven]
+        before = self._seen(self.observation)
         step = self.task.step(physical)
         self.replay.add(
             self.returns.push(
-                self.observation,
+                before,
                 action,
-                step.reward,
-                step.observation,
+                step.reward - self._spared(step),
+                self._seen(step.observation),
                 step.terminated,
                 step.truncated,
                 step.fallen,
+                self._progress(step),
             )
         )
         self.steps += self.config.bicycles
         self.rounds += 1
         self.observation = self._after(step)
+
+    def _seen(self, observation: np.ndarray) -> np.ndarray:
+        """The observation (N, 6) with what only the critic sees to its right."""
+        extras = _extras(self.config.learner)
+        if not extras:
+            return observation
+        values = {
+            "speed": self.task.state.speed,
+            "goal_distance": np.minimum(self.task.goal_distance(), FAR),
+        }
+        return np.column_stack([observation, *(values[name] for name in extras)])
+
+    def _spared(self, step: Step) -> np.ndarray:
+        """The part of equation 20 that training does without, (N,)."""
+        return (1.0 - self.config.shaping.heading_share) * step.terms["heading_error"]
+
+    def _progress(self, step: Step) -> np.ndarray:
+        """What is taken off for progress missed, (N,), see `ShapingConfig`."""
+        nearer = self.task.state.speed * np.cos(step.observation[:, 5])
+        return self.config.shaping.progress * (nearer / self.top_speed - 1.0)
 
     def _chosen(self, agent: Chooser) -> np.ndarray:
         """Normalised actions (N, actions): at random in the warm-up, else the noisy policy's."""

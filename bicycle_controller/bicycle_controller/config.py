@@ -23,6 +23,7 @@ __all__ = [
     "NoiseConfig",
     "PpoConfig",
     "RunConfig",
+    "ShapingConfig",
     "StartsConfig",
 ]
 
@@ -97,6 +98,26 @@ class StartsConfig:
 
 
 @dataclass(frozen=True)
+class ShapingConfig:
+    """What training is paid for instead of equation 20; evaluation always uses the equation.
+
+    Raises:
+        ValueError: on a value out of range.
+    """
+
+    heading_share: float = 1.0
+    """Share of equation 20's heading term that is left."""
+    progress: float = 0.0
+    """Cost of a step that brings the bicycle no nearer to its goal: progress times
+    (1 - v cos(heading_error) / v_top), with the scenario's top speed v_top. Along a ride it adds
+    up to the time that the ride takes more than a straight one at top speed."""
+
+    def __post_init__(self) -> None:
+        require_between("shaping.heading_share", self.heading_share, 0.0, 1.0)
+        require_between("shaping.progress", self.progress, 0.0, math.inf)
+
+
+@dataclass(frozen=True)
 class EvaluationConfig:
     """How a policy is scored while it trains: without noise, from fixed seeds, in one call.
 
@@ -164,6 +185,7 @@ class RunConfig:
     scenario: Scenario = SCENARIOS["random-start-random-goal"]
     physics: Physics = field(default_factory=Physics)
     starts: StartsConfig = field(default_factory=StartsConfig)
+    shaping: ShapingConfig = field(default_factory=ShapingConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
     device: str = "cpu"
     """`cpu` or `cuda`."""

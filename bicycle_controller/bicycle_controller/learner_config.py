@@ -19,6 +19,9 @@ from bicycle_controller.checks import (
 )
 from bicycle_sim.config import require
 
+CRITIC_EXTRAS = {"speed": 3.0, "goal_distance": 10.0}
+"""What a critic may see beside the six observations, and what it is divided by: m/s and m."""
+
 NATURAL_SCALE = (0.8, 3.0, 0.3, 1.0, 5.0, 2.0)
 """Natural ranges of the six observations, in the order of `task.OBSERVATION_FIELDS`."""
 
@@ -70,6 +73,9 @@ class DdpgConfig:
     """Taken from every reward, so that sooner is better also where the heading is right."""
     n_step: int = 1
     """Rewards summed before the critic's own estimate is used."""
+    critic_sees: tuple[str, ...] = ()
+    """Which of `CRITIC_EXTRAS` the critics see too while they learn; the actor never does, so it
+    rides from the six observations (asymmetric actor-critic, Pinto et al. 2018)."""
     critics: int = 1
     """2: twin critics whose minimum is the target (TD3)."""
     smoothing: float = 0.0
@@ -85,7 +91,7 @@ class DdpgConfig:
     bound_values: bool = False
     """Whether targets are clipped to [reward_min / (1 - gamma), 0], all that can be true."""
     reward_min: float = -25.0
-    """Least reward of a step, for `bound_values`; `fall_penalty` and
+    """Least reward of a step, shaping included, for `bound_values`; `fall_penalty` and
     `step_cost` are taken off it too."""
     huber: float = 0.0
     """Where the critic's loss turns from square to linear; 0 keeps it square."""
@@ -131,9 +137,16 @@ class DdpgConfig:
             f" not {self.action_layer!r}",
         )
         require_scale("observation_scale", self.observation_scale)
+        for name in self.critic_sees:
+            require_choice("critic_sees", name, tuple(CRITIC_EXTRAS))
         require_choice("initialisation", self.initialisation, ("literal", "output", "fan_in"))
         require_choice("fall", self.fall, ("frozen", "absorbing"))
         require_choice("backend", self.backend, ("auto", "native", "fused", "autograd"))
+
+    @property
+    def critic_scale(self) -> tuple[float, ...]:
+        """What each number that the critics see of a state is divided by."""
+        return (*self.observation_scale, *(CRITIC_EXTRAS[name] for name in self.critic_sees))
 
     @property
     def value_min(self) -> float:

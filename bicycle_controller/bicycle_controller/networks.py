@@ -33,6 +33,7 @@ class Actor(nn.Module):
             layer_norm: whether a layer normalisation follows each hidden product.
         """
         super().__init__()
+        self.inputs = inputs
         sizes = [inputs, *hidden, actions]
         self.layers = nn.ModuleList(map(nn.Linear, sizes[:-1], sizes[1:]))
         self.norms = nn.ModuleList(nn.LayerNorm(size) for size in hidden if layer_norm)
@@ -92,6 +93,7 @@ class Critic(nn.Module):
             layer_norm: whether a layer normalisation follows each hidden product.
         """
         super().__init__()
+        self.inputs = inputs
         self.action_layer = action_layer
         widths = [inputs, *hidden]
         widths[action_layer - 1] += actions

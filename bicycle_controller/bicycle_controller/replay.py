@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 OBSERVATIONS = 6
-"""Numbers per observation."""
+"""Numbers per observation of the actor."""
 
 
 @dataclass(frozen=True)
@@ -18,11 +18,11 @@ class Batch:
     """B transitions, all float32; observations raw, actions normalised."""
 
     observation: Tensor
-    """(B, 6)."""
+    """(B, 6), and to the right of that what only the critic sees."""
     action: Tensor
     """(B, actions), within [-1, 1]."""
     next_observation: Tensor
-    """(B, 6), n steps later; meaningless where `discount` is 0."""
+    """The same n steps later; meaningless where `discount` is 0."""
     reward: Tensor
     """(B,), discounted sum of up to n rewards, and of all that follow a fall that absorbs."""
     discount: Tensor
@@ -44,11 +44,17 @@ class Replay:
         position: row that the next transition goes to.
     """
 
-    def __init__(self, capacity: int, actions: int, device: torch.device | str = "cpu") -> None:
-        """Make an empty memory for `capacity` transitions with `actions` numbers per action."""
+    def __init__(
+        self,
+        capacity: int,
+        actions: int,
+        device: torch.device | str = "cpu",
+        observations: int = OBSERVATIONS,
+    ) -> None:
+        """Make an empty memory for `capacity` transitions of so many numbers."""
         self.capacity = capacity
         self.actions = actions
-        self.columns = [OBSERVATIONS, actions, OBSERVATIONS, 1, 1, 1, 1, 1]
+        self.columns = [observations, actions, observations, 1, 1, 1, 1, 1]
         self.table = torch.zeros((capacity, sum(self.columns)), device=device)
         self.size = 0
         self.position = 0
@@ -128,6 +134,7 @@ class Returns:
         absorbing: bool = False,
         cost_cap: float = 0.0,
         step_cost: float = 0.0,
+        observations: int = OBSERVATIONS,
     ) -> None:
         """Start with nothing pending.
 
@@ -140,11 +147,12 @@ class Returns:
             absorbing: whether a fall ends the episode with the value of lying for ever.
             cost_cap: most that one step may cost; 0 caps nothing.
             step_cost: taken from every reward after that.
+            observations: numbers per observation.
         """
         self.n_step, self.gamma = n_step, gamma
         self.fall_penalty, self.absorbing = fall_penalty, absorbing
         self.cost_cap, self.step_cost = cost_cap, step_cost
-        self.observation = np.zeros((n_step, count, OBSERVATIONS), dtype=np.float32)
+        self.observation = np.zeros((n_step, count, observations), dtype=np.float32)
         self.action = np.zeros((n_step, count, actions), dtype=np.float32)
         self.sum = np.zeros((n_step, count))
         self.age = np.zeros((n_step, count), dtype=np.int64)
@@ -160,24 +168,26 @@ class Returns:
         terminated: np.ndarray,
         truncated: np.ndarray,
         fallen: np.ndarray,
+        shaping: np.ndarray | float = 0.0,
     ) -> np.ndarray:
         """Take one step of every bicycle.
 
         Args:
-            observation: (N, 6) before the step.
+            observation: (N, observations) before the step.
             action: (N, actions), normalised.
             reward: (N,) of the step.
-            next_observation: (N, 6) after it, before any reset.
+            next_observation: the same after it, before any reset.
             terminated: bool (N,), the goal was reached.
             truncated: bool (N,), the step limit was.
             fallen: bool (N,), the bicycle lies afterwards.
+            shaping: (N,), added to the reward after `cost_cap`.
 
         Returns:
             The transitions that are complete now, (M, width) float32, for `Replay.add`.
         """
         if self.cost_cap > 0:
             reward = np.maximum(reward, -self.cost_cap)
-        reward = reward - self.step_cost - self.fall_penalty * fallen
+        reward = reward + shaping - self.step_cost - self.fall_penalty * fallen
         absorbed = fallen & self.absorbing
         reward = np.where(absorbed, reward / (1.0 - self.gamma), reward)
         ended = terminated | truncated | absorbed

@@ -54,7 +54,7 @@ class Ddpg:
         self.actor = Actor(OBSERVATIONS, config.actor_hidden, actions, config.actor_layer_norm)
         self.critics = nn.ModuleList(
             Critic(
-                OBSERVATIONS,
+                len(config.critic_scale),
                 config.critic_hidden,
                 actions,
                 config.action_layer,
@@ -75,7 +75,7 @@ class Ddpg:
             critics, config.critic_learning_rate, fused=True
         )
         self.generator = torch.Generator(self.device).manual_seed(seed + 1)
-        self.scale = torch.tensor(config.observation_scale, device=self.device)
+        self.scale = torch.tensor(config.critic_scale, device=self.device)
         self._sums: dict[str, Tensor] = {}
         self._counts: dict[str, int] = {}
 
@@ -83,7 +83,7 @@ class Ddpg:
     def act(self, observation: np.ndarray) -> np.ndarray:
         """Normalised actions (N, actions) for raw observations (N, 6), without noise."""
         raw = torch.as_tensor(observation, dtype=torch.float32, device=self.device)
-        action: np.ndarray = self.actor(raw / self.scale).cpu().numpy()
+        action: np.ndarray = self.actor(raw / self.scale[:OBSERVATIONS]).cpu().numpy()
         return action
 
     @property
@@ -135,7 +135,7 @@ class Ddpg:
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """The critics' targets y (B,), equation (15), for a scaled batch."""
-        action = self._smoothed(self.actor_target(batch.next_observation))
+        action = self._smoothed(self.actor_target(batch.next_observation[:, :OBSERVATIONS]))
         values = [critic(batch.next_observation, action) for critic in self.critic_targets]
         target = batch.reward + batch.discount * torch.stack(values).amin(dim=0)
         return target.clamp(self.config.value_min, 0.0) if self.config.bound_values else target
@@ -158,7 +158,8 @@ class Ddpg:
             size = (len(action), 1)
             sign = torch.randint(0, 2, size, generator=self.generator, device=self.device)
             sign = (2 * sign - 1).to(action.dtype)
-            observation, next_observation = observation * sign, next_observation * sign
+            observation[:, :OBSERVATIONS] *= sign
+            next_observation[:, :OBSERVATIONS] *= sign
             # Torque and displacement change sides, the pedal force does not.
             action = torch.cat([action[:, :2] * sign, action[:, 2:]], dim=1)
         rest = (batch.terminated, batch.truncated, batch.fallen)
@@ -188,7 +189,7 @@ class Ddpg:
         """Equation (17): up the first critic's slope; with bc_weight not far from the data."""
         config = self.config
         self.critics.requires_grad_(False)
-        raw = self.actor.raw(batch.observation)
+        raw = self.actor.raw(batch.observation[:, :OBSERVATIONS])
         action = torch.tanh(raw)
         value = self.critics[0](batch.observation, action)
         loss = -value.mean()

@@ -18,7 +18,7 @@ from bicycle_controller.agents.fused_net import Flat, FusedNet, flat_views
 from bicycle_controller.agents.native import NativeNet, load
 from bicycle_controller.config import DdpgConfig
 from bicycle_controller.networks import Critic
-from bicycle_controller.replay import Batch
+from bicycle_controller.replay import OBSERVATIONS, Batch
 
 BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8
 """Adam's own defaults."""
@@ -135,7 +135,8 @@ class FusedDdpg(Ddpg):
 
     def targets(self, batch: Batch) -> Tensor:
         """The critics' targets y (B,), equation (15), for a scaled batch."""
-        action = self._smoothed(self._actor_target.forward(batch.next_observation).tanh_())
+        seen = batch.next_observation[:, :OBSERVATIONS]
+        action = self._smoothed(self._actor_target.forward(seen).tanh_())
         values = [net.forward(batch.next_observation, action) for net in self._critic_targets]
         least = values[0] if len(values) == 1 else torch.minimum(*values)
         target = torch.addcmul(batch.reward, batch.discount, least.squeeze(1))
@@ -161,7 +162,7 @@ class FusedDdpg(Ddpg):
     def _update_actor(self, batch: Batch) -> None:
         """Equation (17): the critic's slope at the action, through tanh into the actor."""
         config = self.config
-        raw = self._actor.forward(batch.observation)
+        raw = self._actor.forward(batch.observation[:, :OBSERVATIONS])
         action = torch.tanh(raw)
         value = self._critics[0].forward(batch.observation, action)
         slope = self._critics[0].action_slope(self._minus_mean)

@@ -12,7 +12,6 @@ import torch
 from torch import Tensor, nn
 
 from bicycle_controller.networks import Actor, Critic, linear_layers
-from bicycle_controller.replay import OBSERVATIONS
 
 ATEN = torch.ops.aten
 NARROW = 16
@@ -116,7 +115,7 @@ class FusedNet:
         self.output = torch.empty(batch, self.layers[-1].out_features, device=device)
 
     def forward(self, observation: Tensor, action: Tensor | None = None) -> Tensor:
-        """(B, outputs) of scaled observations (B, 6), and for a critic of actions (B, A)."""
+        """(B, outputs) of scaled observations (B, inputs), and for a critic of actions (B, A)."""
         if self.join == 0:
             self._inputs[0][:, : observation.shape[1]] = observation
         else:
@@ -158,7 +157,7 @@ class FusedNet:
         """The loss's slope at the action (B, A), from that at the output; a critic's only."""
         for index in range(len(self.layers) - 1, self.join, -1):
             slope = self._through_hidden(slope, index, learn=False)
-        before = self._hidden[self.join - 1].shape[1] if self.join > 0 else OBSERVATIONS
+        before = self._hidden[self.join - 1].shape[1] if self.join > 0 else self.network.inputs
         columns = self._weights[self.join][:, before:]
         return torch.mm(columns.t().contiguous(), slope.t()).t()
 

@@ -24,7 +24,6 @@ from torch import Tensor, nn
 
 from bicycle_controller.agents.fused_net import gradient_views
 from bicycle_controller.networks import Actor, Critic, linear_layers
-from bicycle_controller.replay import OBSERVATIONS
 
 FLAGS = ("-O3", "-march=native", "-std=c++17", "-shared", "-fPIC")
 SOURCES = ("native.cpp", "product.h")
@@ -63,20 +62,20 @@ class NativeNet:
         self.gradient = gradient
         self.join = network.action_layer - 1 if isinstance(network, Critic) else -1
         layers = _layers(network, gradient)
-        actions = layers[self.join].inputs - OBSERVATIONS if self.join == 0 else 0
+        actions = layers[self.join].inputs - network.inputs if self.join == 0 else 0
         if self.join > 0:
             actions = layers[self.join].inputs - layers[self.join - 1].outputs
         self._keep = [item.data for item in network.parameters()]
         self.output = torch.empty(batch, layers[-1].outputs)
         self._action_slope = torch.empty(batch, actions)
-        net = library.net_new(layers, len(layers), self.join, OBSERVATIONS, batch)
+        net = library.net_new(layers, len(layers), self.join, network.inputs, batch)
         if not net:
             raise RuntimeError(f"no memory for a native network of batch {batch}")
         self._net, self._library = ctypes.c_void_p(net), library
         weakref.finalize(self, library.net_free, self._net)
 
     def forward(self, observation: Tensor, action: Tensor | None = None) -> Tensor:
-        """(B, outputs) of scaled observations (B, 6), and for a critic of actions (B, A)."""
+        """(B, outputs) of scaled observations (B, inputs), and for a critic of actions (B, A)."""
         seen = observation.contiguous()
         acted = None if action is None else action.contiguous()
         self._library.net_forward(
