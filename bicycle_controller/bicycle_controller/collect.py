@@ -11,6 +11,7 @@ from bicycle_controller.agents.base import Chooser, Memory
 from bicycle_controller.config import RunConfig
 from bicycle_controller.learner_config import DdpgConfig, LearnerConfig
 from bicycle_controller.noise import Noise
+from bicycle_controller.policy import load_controller
 from bicycle_controller.replay import OBSERVATIONS, Returns
 from bicycle_controller.starts import restart, ride_on, training_scenario
 from bicycle_sim.dynamics import State
@@ -53,6 +54,11 @@ class Collector:
         self.driven = driven(self.limits)
         learner, actions = config.learner, len(self.driven)
         self.noise = Noise(config.noise, config.bicycles, actions, noise_rng)
+        teacher, spread = config.teacher, np.arange(config.bicycles + 1) * config.teacher.share
+        self.taught = np.flatnonzero(np.diff(np.floor(spread)))
+        self.teacher = (
+            load_controller(teacher.controller, config.physics) if teacher.share else None
+        )
         self.absorbing = learner.fall == "absorbing"
         self.returns = Returns(
             config.bicycles,
@@ -117,10 +123,17 @@ class Collector:
 
     def _chosen(self, agent: Chooser) -> np.ndarray:
         """Normalised actions (N, actions): at random in the warm-up, else the noisy policy's."""
+        size = (self.config.bicycles, len(self.driven))
         if self.steps < self.config.warm_up:
-            return self.warm_rng.uniform(-1.0, 1.0, (self.config.bicycles, len(self.driven)))
-        noisy = agent.act(self.observation) + self.noise.sample()
-        return self._finite(np.clip(noisy, -1.0, 1.0))
+            noise, action = np.zeros(size), self.warm_rng.uniform(-1.0, 1.0, size)
+        else:
+            noise = self.noise.sample()
+            action = agent.act(self.observation) + noise
+        if self.teacher is not None:
+            who = self.taught
+            shown = self.teacher.act(self.observation[who], self.task.state.speed[who])
+            action[who] = shown[:, self.driven] / self.limits[self.driven] + noise[who]
+        return self._finite(np.clip(action, -1.0, 1.0))
 
     def _finite(self, action: np.ndarray) -> np.ndarray:
         """The actions as they are.

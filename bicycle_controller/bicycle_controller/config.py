@@ -25,6 +25,7 @@ __all__ = [
     "RunConfig",
     "ShapingConfig",
     "StartsConfig",
+    "TeacherConfig",
 ]
 
 ALGORITHMS = ("ddpg", "naf", "ppo")
@@ -118,6 +119,29 @@ class ShapingConfig:
 
 
 @dataclass(frozen=True)
+class TeacherConfig:
+    """A controller that rides some of the training bicycles, with the same exploration noise.
+
+    An off-policy learner may learn from anybody's rides; these show it early what a goal is worth.
+
+    Raises:
+        ValueError: on a value out of range, or on a share without a controller.
+    """
+
+    controller: str = ""
+    """`lqr`, another name or file that `bicycle evaluate` takes; empty for none."""
+    share: float = 0.0
+    """Share of the bicycles that it rides."""
+
+    def __post_init__(self) -> None:
+        require_between("teacher.share", self.share, 0.0, 1.0)
+        require(
+            bool(self.controller) == (self.share > 0),
+            "a teacher needs both teacher.controller and teacher.share, or neither",
+        )
+
+
+@dataclass(frozen=True)
 class EvaluationConfig:
     """How a policy is scored while it trains: without noise, from fixed seeds, in one call.
 
@@ -186,6 +210,7 @@ class RunConfig:
     physics: Physics = field(default_factory=Physics)
     starts: StartsConfig = field(default_factory=StartsConfig)
     shaping: ShapingConfig = field(default_factory=ShapingConfig)
+    teacher: TeacherConfig = field(default_factory=TeacherConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
     device: str = "cpu"
     """`cpu` or `cuda`."""
@@ -220,6 +245,7 @@ class RunConfig:
     def _check_on_policy(self, ppo: PpoConfig) -> None:
         """PPO explores by its own distribution and updates after each rollout."""
         foreign = {"warm_up": (self.warm_up, 0), "noise.kind": (self.noise.kind, "none")}
+        foreign |= {"teacher.share": (self.teacher.share, 0)}
         foreign |= {"updates": (self.updates, 1), "update_every": (self.update_every, 1)}
         for name, (value, only) in foreign.items():
             require(value == only, f"{name} must be {only} for ppo, not {value!r}")

@@ -84,6 +84,10 @@ class DdpgConfig:
     """Bound of that noise."""
     actor_every: int = 1
     """Critic updates per update of the actor and the targets (TD3: 2)."""
+    symmetric_actor: bool = False
+    """Whether the actor does to the left what it does to the right, mirrored: it then has no side
+    that it leans or weaves to, and rides straight at a goal ahead. Its policy file is twice as
+    wide."""
     actor_layer_norm: bool = False
     """Whether layer normalisation follows each hidden product of the actor."""
     critic_layer_norm: bool = False
@@ -130,6 +134,10 @@ class DdpgConfig:
         require(0.0 <= self.gamma < 1.0, f"gamma must lie within 0 and below 1, not {self.gamma}")
         require_between("reward_min", self.reward_min, -math.inf, 0.0)
         require(self.critics in (1, 2), f"critics must be 1 or 2, not {self.critics!r}")
+        require(
+            not (self.symmetric_actor and self.actor_layer_norm),
+            "symmetric_actor cannot have actor_layer_norm: no plain network does the same",
+        )
         layers = len(self.critic_hidden)
         require(
             1 <= self.action_layer <= layers,

@@ -22,7 +22,12 @@ class Actor(nn.Module):
     """
 
     def __init__(
-        self, inputs: int, hidden: Sequence[int], actions: int, layer_norm: bool = False
+        self,
+        inputs: int,
+        hidden: Sequence[int],
+        actions: int,
+        layer_norm: bool = False,
+        symmetric: bool = False,
     ) -> None:
         """Build it with torch's own start; see `initialise`.
 
@@ -31,9 +36,11 @@ class Actor(nn.Module):
             hidden: units of each hidden layer.
             actions: numbers per action.
             layer_norm: whether a layer normalisation follows each hidden product.
+            symmetric: whether what it does to the left mirrors what it does to the right: the
+                mean of its answer and of the mirror image of its answer to the mirror image.
         """
         super().__init__()
-        self.inputs = inputs
+        self.inputs, self.symmetric = inputs, symmetric
         sizes = [inputs, *hidden, actions]
         self.layers = nn.ModuleList(map(nn.Linear, sizes[:-1], sizes[1:]))
         self.norms = nn.ModuleList(nn.LayerNorm(size) for size in hidden if layer_norm)
@@ -48,11 +55,31 @@ class Actor(nn.Module):
 
     def raw(self, observation: Tensor) -> Tensor:
         """What enters the tanh, (..., actions), for scaled observations (..., inputs)."""
-        return self.layers[-1](self.features(observation))
+        if not self.symmetric:
+            return self.layers[-1](self.features(observation))
+        return folded(self.layers[-1](self.features(torch.cat([observation, -observation]))))
 
     def forward(self, observation: Tensor) -> Tensor:
         """Actions within [-1, 1], (..., actions), for scaled observations (..., inputs)."""
         return torch.tanh(self.raw(observation))
+
+
+def folded(both: Tensor) -> Tensor:
+    """A symmetric actor's answer (B, actions) from its network's for (2B,) [seen, mirrored]."""
+    seen, mirrored = both.chunk(2)
+    return 0.5 * (seen + _sides(both) * mirrored)
+
+
+def unfolded(slope: Tensor) -> Tensor:
+    """The slope at `folded`'s argument (2B, actions), from that at its result (B, actions)."""
+    return 0.5 * torch.cat([slope, _sides(slope) * slope])
+
+
+def _sides(like: Tensor) -> Tensor:
+    """-1 for what changes sides in a mirror, torque and displacement; 1 for the pedal force."""
+    sides = torch.ones_like(like[0])
+    sides[:2] = -1.0
+    return sides
 
 
 class Value(Actor):
@@ -142,8 +169,29 @@ def initialise(network: Actor | Critic, scheme: str, generator: torch.Generator)
 
 
 def policy_tensors(actor: Actor) -> dict[str, np.ndarray]:
-    """The actor's weights under the names of a policy file, copied."""
-    return {
+    """The actor's weights under the names of a policy file, copied.
+
+    A symmetric actor becomes a plain one of twice the width: its network beside its mirror image.
+    """
+    plain = {
         name.replace("layers.", "layer.").replace("norms.", "norm."): value.cpu().numpy().copy()
         for name, value in actor.state_dict().items()
     }
+    return _doubled(plain, len(actor.layers) - 1) if actor.symmetric else plain
+
+
+def _doubled(tensors: dict[str, np.ndarray], last: int) -> dict[str, np.ndarray]:
+    """The tensors of the plain network that does what a symmetric one does."""
+    result = {}
+    for index in range(last + 1):
+        weight, bias = tensors[f"layer.{index}.weight"], tensors[f"layer.{index}.bias"]
+        if index == last:
+            sides = _sides(torch.zeros(1, len(bias))).numpy()
+            weight = 0.5 * np.concatenate([weight, sides[:, None] * weight], axis=1)
+            bias = 0.5 * (1.0 + sides) * bias
+        else:
+            blank = np.zeros_like(weight)
+            halves = [[weight], [-weight]] if index == 0 else [[weight, blank], [blank, weight]]
+            weight, bias = np.block(halves), np.tile(bias, 2)
+        result[f"layer.{index}.weight"], result[f"layer.{index}.bias"] = weight, bias
+    return result

@@ -7,7 +7,8 @@ import torch
 from training_maker import ddpg_of, small_run
 
 from bicycle_controller.collect import Collector
-from bicycle_controller.config import StartsConfig
+from bicycle_controller.config import ShapingConfig, StartsConfig
+from bicycle_controller.policy import load_controller
 from bicycle_controller.replay import Batch, Replay
 from bicycle_controller.starts import restart, ride_on, training_scenario
 from bicycle_sim.scenario import SCENARIOS
@@ -181,3 +182,60 @@ def test_a_saved_collection_goes_on_to_the_bit() -> None:
     assert len(rows[0]) > 400
     assert np.array_equal(rows[0], rows[1])
     assert first.metrics() == second.metrics()
+
+
+def test_progress_costs_what_brings_the_bicycle_no_nearer() -> None:
+    plain, shaped = collected(3)[1], collected(3, "shaping.progress=4")[1]
+    error = plain.next_observation[:, 5]
+    # At a fixed speed v cos(error) / v_top is cos(error).
+    assert shaped.reward == pytest.approx(plain.reward - 4.0 * (1.0 - np.cos(error)), abs=1e-5)
+
+
+def test_progress_counts_the_speed_where_there_are_gears_to_go() -> None:
+    options = ("scenario=learned-speed", "shaping.progress=5", "ddpg.critic_sees=[speed]")
+    config = small_run("bicycles=2", "warm_up=0", "noise.kind=none", *options)
+    collector = Collector(config, Replay(10, 3, observations=7))
+    collector.step(Coasting())
+    row = collector.replay.table[:2].numpy()  # type: ignore[attr-defined]
+    plain = Collector(replace(config, shaping=ShapingConfig()), Replay(10, 3, observations=7))
+    plain.step(Coasting())
+    before = plain.replay.table[:2].numpy()  # type: ignore[attr-defined]
+    error = row[:, 7 + 3 + 5]
+    assert row[:, 6] == pytest.approx([2.0, 2.0])
+    assert before[:, 17] - row[:, 17] == pytest.approx(5.0 * (1.0 - 2.0 / 5.0 * np.cos(error)))
+
+
+class Coasting:
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        return np.zeros((len(observation), 3))
+
+
+def test_training_may_do_without_the_heading_term() -> None:
+    plain, spared = collected(3)[1], collected(3, "shaping.heading_share=0.25")[1]
+    heading = 2.0 * plain.next_observation[:, 5] ** 2
+    assert spared.reward == pytest.approx(plain.reward + 0.75 * heading, abs=1e-5)
+    assert heading.max() > 0.1
+
+
+def test_the_critic_is_shown_speed_and_a_bounded_distance() -> None:
+    config = small_run("ddpg.critic_sees=[goal_distance, speed]", "bicycles=8", "warm_up=0")
+    replay = Replay(100, 2, observations=8)
+    collector = Collector(config, replay)
+    distance = collector.task.goal_distance()
+    collector.step(Still())
+    assert replay.table[:8, 6].numpy() == pytest.approx(np.minimum(distance, 20.0), abs=1e-4)
+    assert replay.table[:8, 7].numpy() == pytest.approx(np.full(8, 10 / 3.6))
+
+
+def test_a_teacher_rides_its_share() -> None:
+    options = ("bicycles=8", "warm_up=0", "noise.kind=none", "starts.steer=0.3")
+    teacher = ("teacher.controller=lqr-20cm", "teacher.share=0.375")
+    replay = Replay(100, 2)
+    collector = Collector(small_run(*options, *teacher), replay)
+    seen, speed = collector.observation, collector.task.state.speed
+    expected = load_controller("lqr-20cm").act(seen, speed)[:, :2] / (2.0, 0.2)
+    collector.step(Still())
+    action = replay.table[:8, 6:8].numpy()
+    taught = np.abs(action).max(axis=1) > 0
+    assert taught.sum() == 3
+    assert action[taught] == pytest.approx(expected[taught], abs=1e-6)

@@ -89,9 +89,9 @@ def test_the_critic_by_hand() -> None:
     assert values.tolist() == [-4.0, -2.0]
 
 
-@pytest.mark.parametrize("norm", [False, True])
-def test_the_policy_file_holds_the_same_actor(norm: bool) -> None:
-    actor = Actor(6, [20, 10], 2, layer_norm=norm)
+@pytest.mark.parametrize("switch", [{}, {"layer_norm": True}, {"symmetric": True}])
+def test_the_policy_file_holds_the_same_actor(switch: dict[str, bool]) -> None:
+    actor = Actor(6, [20, 10], 2, **switch)
     scale = (0.8, 3.0, 0.3, 1.0, 5.0, 2.0)
     limits = (2.0, 0.2, 0.0)
     info = PolicyInfo("x", SCENARIOS["random-start-random-goal"], Physics(), scale, limits)
@@ -102,3 +102,18 @@ def test_the_policy_file_holds_the_same_actor(norm: bool) -> None:
         expected = actor(scaled).numpy() * (2.0, 0.2)
     assert np.allclose(policy.act(observation)[:, :2], expected, atol=1e-6)
     assert np.ptp(expected, axis=0).min() > 0.01
+
+
+def test_a_symmetric_actor_by_hand() -> None:
+    actor = Actor(1, [1], 3, symmetric=True)
+    values = {
+        "layers.0.weight": [[2.0]],
+        "layers.0.bias": [1.0],
+        "layers.1.weight": [[1.0], [3.0], [5.0]],
+        "layers.1.bias": [0.5, 0.5, 0.5],
+    }
+    actor.load_state_dict({name: torch.tensor(value) for name, value in values.items()})
+    # Seen 1 gives hidden relu(3) = 3, mirrored -1 gives relu(-1) = 0. Torque and displacement
+    # take half the difference of 3 + 0.5 and 0.5, the pedal half the sum of 15.5 and 0.5.
+    assert actor.raw(torch.tensor([[1.0]])).tolist() == [[1.5, 4.5, 8.0]]
+    assert actor.raw(torch.tensor([[-1.0]])).tolist() == [[-1.5, -4.5, 8.0]]

@@ -56,16 +56,16 @@ def batch_of(
     return Batch(*(torch.tensor(column, dtype=torch.float32) for column in columns))
 
 
-def random_replay(actions: int, rows: int = 2000, seed: int = 0) -> Replay:
+def random_replay(actions: int, rows: int = 2000, seed: int = 0, observations: int = 6) -> Replay:
     """A memory full of random transitions, one in ten final."""
     rng = np.random.default_rng(seed)
-    replay = Replay(rows, actions)
+    replay = Replay(rows, actions, observations=observations)
     replay.add(
         np.concatenate(
             [
-                rng.normal(size=(rows, 6)),
+                rng.normal(size=(rows, observations)),
                 rng.uniform(-1.0, 1.0, (rows, actions)),
-                rng.normal(size=(rows, 6)),
+                rng.normal(size=(rows, observations)),
                 -rng.random((rows, 1)),
                 np.where(rng.random((rows, 1)) < 0.1, 0.0, 0.99),
                 np.zeros((rows, 3)),

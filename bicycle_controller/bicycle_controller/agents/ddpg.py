@@ -51,7 +51,13 @@ class Ddpg:
         """
         self.config, self.device, self.updates = config, torch.device(device), 0
         start = torch.Generator().manual_seed(seed)
-        self.actor = Actor(OBSERVATIONS, config.actor_hidden, actions, config.actor_layer_norm)
+        self.actor = Actor(
+            OBSERVATIONS,
+            config.actor_hidden,
+            actions,
+            config.actor_layer_norm,
+            config.symmetric_actor,
+        )
         self.critics = nn.ModuleList(
             Critic(
                 len(config.critic_scale),

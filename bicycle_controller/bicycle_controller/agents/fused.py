@@ -17,7 +17,7 @@ from bicycle_controller.agents.ddpg import Ddpg
 from bicycle_controller.agents.fused_net import Flat, FusedNet, flat_views
 from bicycle_controller.agents.native import NativeNet, load
 from bicycle_controller.config import DdpgConfig
-from bicycle_controller.networks import Critic
+from bicycle_controller.networks import Critic, folded, unfolded
 from bicycle_controller.replay import OBSERVATIONS, Batch
 
 BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8
@@ -113,8 +113,9 @@ class FusedDdpg(Ddpg):
         self._main, self._slow = main.values, slow.values
         gradient = torch.zeros_like(main.values)
         own, *parts = torch.split(gradient, main.sizes)
-        self._actor = net(self.actor, batch, own)
-        self._actor_target = net(self.actor_target, batch, None)
+        rows = 2 * batch if config.symmetric_actor else batch
+        self._actor = net(self.actor, rows, own)
+        self._actor_target = net(self.actor_target, rows, None)
         critics = [critic for critic in self.critics if isinstance(critic, Critic)]
         self._critics = [
             net(critic, batch, part) for critic, part in zip(critics, parts, strict=True)
@@ -136,11 +137,17 @@ class FusedDdpg(Ddpg):
     def targets(self, batch: Batch) -> Tensor:
         """The critics' targets y (B,), equation (15), for a scaled batch."""
         seen = batch.next_observation[:, :OBSERVATIONS]
-        action = self._smoothed(self._actor_target.forward(seen).tanh_())
+        action = self._smoothed(self._raw(self._actor_target, seen).tanh())
         values = [net.forward(batch.next_observation, action) for net in self._critic_targets]
         least = values[0] if len(values) == 1 else torch.minimum(*values)
         target = torch.addcmul(batch.reward, batch.discount, least.squeeze(1))
         return target.clamp_(self.config.value_min, 0.0) if self.config.bound_values else target
+
+    def _raw(self, actor: FusedNet | NativeNet, seen: Tensor) -> Tensor:
+        """What enters the actor's tanh, (B, actions), for scaled observations (B, 6)."""
+        if not self.config.symmetric_actor:
+            return actor.forward(seen)
+        return folded(actor.forward(torch.cat([seen, -seen])))
 
     def _update_critics(self, batch: Batch, target: Tensor) -> None:
         """Equation (14); the slope of the loss at Q is 2 (Q - y) / B, bounded by Huber's."""
@@ -162,7 +169,7 @@ class FusedDdpg(Ddpg):
     def _update_actor(self, batch: Batch) -> None:
         """Equation (17): the critic's slope at the action, through tanh into the actor."""
         config = self.config
-        raw = self._actor.forward(batch.observation[:, :OBSERVATIONS])
+        raw = self._raw(self._actor, batch.observation[:, :OBSERVATIONS])
         action = torch.tanh(raw)
         value = self._critics[0].forward(batch.observation, action)
         slope = self._critics[0].action_slope(self._minus_mean)
@@ -174,7 +181,7 @@ class FusedDdpg(Ddpg):
             slope.add_(raw, alpha=2.0 * config.saturation_penalty / raw.numel())
         if self.logs:
             self._note("q_policy", value.mean())
-        self._actor.backward(slope)
+        self._actor.backward(unfolded(slope) if config.symmetric_actor else slope)
         self._clip_gradient(self._actor)
         self.actor_optimiser.step()
 
