@@ -94,6 +94,19 @@ def test_every_state_comes_out_again(ridden: tuple[NodeProcess, Path]) -> None:
     assert verdict.checked + verdict.begun == len(read_ride(ridden[1] / "bag").states["step"])
 
 
+def test_its_folder_becomes_a_page(
+    ridden: tuple[NodeProcess, Path], start_node: Start, tmp_path: Path
+) -> None:
+    target = tmp_path / "page.html"
+    process = start_node(RIDE.parent / "report.sh", [ridden[1], "--output", target])
+    assert process.wait(60) == 0, process.output
+    assert process.lines[-1] == str(target)
+    page = target.read_text()
+    assert "3 of 3 goals reached" in page
+    assert page.count(">reached</span>") == 3
+    assert "not whole" not in page
+
+
 def changed(bag: Path, target: Path, step: int, torque: float | None) -> None:
     """Copy a bag with one command's torque changed, or without that command."""
     reader = BagReader(bag)

@@ -31,6 +31,7 @@ SCRIPTS = (
     "setup",
     "trainer",
     "circle",
+    "report",
 )
 Start = Callable[..., NodeProcess]
 
@@ -100,6 +101,8 @@ def test_the_controllers_file_holds_its_defaults() -> None:
         (("replay", "/none"), 1, "no bag /none"),
         (("replay", "--verify", "/none"), 1, "no bag /none"),
         (("record", "--repair", "/none"), 1, "no bag /none"),
+        (("report", "/none"), 1, "no bag /none"),
+        (("report", "--output", "x.html"), 2, "required: bags"),
         (("topic",), 2, "required: list|info|echo|rate"),
         (("topic", "watch"), 2, "invalid choice: 'watch'"),
         (("stop", "--now"), 2, "unknown option '--now'"),

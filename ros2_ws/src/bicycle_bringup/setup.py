@@ -17,7 +17,7 @@ setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed"]},
+    package_data={NAME: ["py.typed", "ride_page/*.css"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -35,6 +35,7 @@ setup(
     entry_points={
         "console_scripts": [
             "bicycle_ride = bicycle_bringup.nodes.ride:main",
+            "bicycle_report = bicycle_bringup.ride_page.command:main",
             "bicycle_goal = bicycle_bringup.nodes.goal:main",
             "bicycle_topic = bicycle_bringup.nodes.topic:main",
             "bicycle_verify = bicycle_bringup.nodes.verify:main",

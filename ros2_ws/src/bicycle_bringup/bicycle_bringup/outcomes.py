@@ -25,6 +25,10 @@ class Outcome:
     """m ridden to it."""
     elapsed: float
     """s of simulated time on the way to it."""
+    known_at: float = float("nan")
+    """s, log time of the last word on it; NaN where the columns have none."""
+    message: str = ""
+    """That word, for a person."""
 
 
 def outcomes(statuses: Columns) -> list[Outcome]:
@@ -66,6 +70,8 @@ def _update(
         straight=straight,
         path_length=float(statuses["path_length"][row]),
         elapsed=float(statuses["elapsed"][row]),
+        known_at=float(statuses["log_time"][row]) if "log_time" in statuses else float("nan"),
+        message=str(statuses["message"][row]) if "message" in statuses else "",
     )
 
 

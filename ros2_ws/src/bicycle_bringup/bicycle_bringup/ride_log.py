@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +23,8 @@ COMMAND = "/bicycle/command"
 TIMING = "/bicycle/timing"
 GOAL_STATUS = "/bicycle/goal_status"
 EPISODE = "/bicycle/episode"
-_READ = (STATE, COMMAND, TIMING, GOAL_STATUS, EPISODE)
+READ = (STATE, COMMAND, TIMING, GOAL_STATUS, EPISODE)
+"""Topics that a ride is read from, in the bicycle's namespace."""
 
 
 @dataclass(frozen=True)
@@ -52,13 +54,25 @@ def read_ride(path: Path | str) -> RideLog:
         BagError: when it cannot be read, or holds no bicycle or more than one.
     """
     reader = BagReader(path)
-    prefix = prefix_of(reader)
-    there = [name for name in _READ if prefix + name in reader.topics]
+    return load_ride(reader, prefix_of(reader))
+
+
+def load_ride(reader: BagReader, prefix: str) -> RideLog:
+    """Load one bicycle's ride from an open bag, whichever of its topics are there.
+
+    Args:
+        reader: the bag.
+        prefix: namespace of the bicycle, such as "" or "/red".
+
+    Raises:
+        BagError: when what the bag has of them cannot be read.
+    """
+    there = [name for name in READ if prefix + name in reader.topics]
     loaded = load_topics(reader, [prefix + name for name in there])
-    columns = {name: loaded[prefix + name] if name in there else {} for name in _READ}
-    states, segment = distinct(columns[STATE])
+    columns = {name: loaded[prefix + name] if name in there else {} for name in READ}
+    states, segment = distinct(columns[STATE]) if columns[STATE] else _no_states()
     return RideLog(
-        path=Path(path),
+        path=reader.path,
         states=states,
         commands=columns[COMMAND],
         timing=columns[TIMING],
@@ -67,6 +81,11 @@ def read_ride(path: Path | str) -> RideLog:
         segment=segment,
         message_count=reader.message_count,
     )
+
+
+def _no_states() -> tuple[Columns, NDArray[np.intp]]:
+    """Columns of any name without a row, and their segments."""
+    return defaultdict(lambda: np.empty(0)), np.empty(0, dtype=np.intp)
 
 
 def prefix_of(reader: BagReader) -> str:

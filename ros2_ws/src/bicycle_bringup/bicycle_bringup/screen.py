@@ -10,10 +10,14 @@ from bicycle_bringup.summary import Quantiles, RideSummary
 
 def render(summary: RideSummary, events: Sequence[str] = ()) -> str:
     """The summary as a person reads it, with what happened to the processes."""
-    rows = [*_ride_rows(summary), *_loop_rows(summary)]
-    rows += [("event", event) for event in events]
-    width = max(len(name) for name, _ in rows)
-    return "\n".join(f"  {name:<{width}}  {value}" for name, value in rows)
+    lines = [*rows(summary), *(("event", event) for event in events)]
+    width = max(len(name) for name, _ in lines)
+    return "\n".join(f"  {name:<{width}}  {value}" for name, value in lines)
+
+
+def rows(summary: RideSummary) -> list[tuple[str, str]]:
+    """The summary as pairs of a name and a text."""
+    return [*_ride_rows(summary), *_loop_rows(summary)]
 
 
 def _ride_rows(summary: RideSummary) -> list[tuple[str, str]]:
@@ -33,10 +37,10 @@ def _ride_rows(summary: RideSummary) -> list[tuple[str, str]]:
 def _loop_rows(summary: RideSummary) -> list[tuple[str, str]]:
     loop = summary.loop
     pace = "lock-step" if loop.lockstep else "real time"
-    rows = [("loop rate", f"{_number(loop.rate)} Hz, {pace}")]
+    found = [("loop rate", f"{_number(loop.rate)} Hz, {pace}")]
     if not loop.lockstep:
-        rows.append(("jitter", _spread(loop.jitter)))
-    rows += [
+        found.append(("jitter", _spread(loop.jitter)))
+    found += [
         ("state to command", _spread(loop.latency)),
         (
             "steps",
@@ -46,7 +50,7 @@ def _loop_rows(summary: RideSummary) -> list[tuple[str, str]]:
         ("watchdog", _times(loop.watchdog_events)),
         ("bag", f"{summary.messages} messages, {loop.lost_steps} steps missing"),
     ]
-    return rows
+    return found
 
 
 def _spread(quantiles: Quantiles) -> str:

@@ -1,0 +1,1 @@
+"""A bag as a page: what `report.sh` draws and writes."""

@@ -1,0 +1,109 @@
+"""A short made-up ride as a real bag, with all that a report can show: a fall, a reset, a stop."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Collection, Iterator
+from pathlib import Path
+from typing import Any
+
+from bicycle_bag.metadata import Topic
+from bicycle_bag.writer import BagWriter
+
+sys.path.append(str(Path(__file__).parents[1] / "bag"))
+
+from ride_bag import PERIOD_NS, START_NS, schemas, serialise
+
+TYPES = {
+    "/bicycle/state": "BicycleState",
+    "/bicycle/command": "BicycleCommand",
+    "/bicycle/timing": "LoopTiming",
+    "/bicycle/goal_status": "GoalStatus",
+    "/bicycle/episode": "EpisodeInfo",
+}
+STEPS = 200
+"""Of each of the two episodes; the first ends with a fall 10 steps before."""
+FELL_AT = STEPS - 10
+WATCHDOG = range(50, 60)
+EVIL = '<script>alert("x")</script>'
+"""The second policy's id: what comes from a bag must never become a part of the page."""
+Message = tuple[str, dict[str, Any], int]
+
+
+def messages() -> Iterator[Message]:
+    """Topic, fields, ns since the start."""
+    count = 0
+    for episode in (1, 2):
+        info = {"episode": episode, "seed": 7, "pace": "realtime", "version": "0.1.0"}
+        yield "/bicycle/episode", {**info, "scenario": '{"name": "made-up"}'}, count * PERIOD_NS
+        yield "/bicycle/goal_status", _status(episode, 1, 0.0), count * PERIOD_NS + 1
+        for step in range(STEPS):
+            now = count * PERIOD_NS
+            yield "/bicycle/state", _state(episode, step, count), now + 2
+            yield "/bicycle/command", _command(episode, step), now + 3
+            if step:
+                yield "/bicycle/timing", _timing(episode, step), now + 4
+            count += 1
+        end = 6 if episode == 1 else 2
+        yield "/bicycle/goal_status", _status(episode, end, 9.9), count * PERIOD_NS + 5
+    rejected = {"status": 7, "message": "its frame is 'moon'"}
+    yield "/bicycle/goal_status", rejected, count * PERIOD_NS + 6
+
+
+def _state(episode: int, step: int, count: int) -> dict[str, Any]:
+    now = count * PERIOD_NS
+    return {
+        "header": {"stamp": {"sec": now // 10**9, "nanosec": now % 10**9}},
+        "episode": episode,
+        "step": step,
+        "lean_angle": 0.1,
+        "speed": 2.0,
+        "rear_contact": {"x": 0.05 * step, "y": float(episode)},
+        "goal": {"x": 10.0, "y": float(episode)},
+        "goal_distance": 10.0 - 0.05 * step,
+        "fallen": episode == 1 and step >= FELL_AT,
+        "command_source": 3 if episode == 2 and step in WATCHDOG else 1,
+        "command_step": step - 1,
+    }
+
+
+def _command(episode: int, step: int) -> dict[str, Any]:
+    policy = "lqr-1" if episode == 1 else EVIL
+    return {"episode": episode, "step": step, "torque": 0.5, "controller": "c", "policy": policy}
+
+
+def _timing(episode: int, step: int) -> dict[str, Any]:
+    timing = {"episode": episode, "step": step, "latency": 0.004, "lateness": 0.001}
+    return {**timing, "period": 0.025 if step % 2 else 0.026}
+
+
+def _status(goal: int, status: int, path: float) -> dict[str, Any]:
+    return {
+        "goal_id": goal,
+        "status": status,
+        "position": {"x": 10.0, "y": float(goal)},
+        "distance": 10.0 if status == 1 else 1.0,
+        "path_length": path,
+        "elapsed": 0.5 * path,
+    }
+
+
+def write(
+    path: Path,
+    leave_out: Collection[str] = (),
+    namespaces: Collection[str] = ("",),
+    **options: Any,
+) -> Path:
+    """Record the ride at `path`, but for some topics, once in each namespace."""
+    with BagWriter(path, **options) as writer:
+        for prefix in namespaces:
+            for name, short in TYPES.items():
+                if name not in leave_out:
+                    kind = f"bicycle_msgs/msg/{short}"
+                    writer.add_topic(Topic(prefix + name, kind), schemas().definition(kind))
+        for name, fields, time in messages():
+            for prefix in namespaces:
+                if name not in leave_out:
+                    data = serialise(TYPES[name], fields)
+                    writer.write(prefix + name, data, START_NS + time, START_NS + time)
+    return path
