@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from bicycle_sim.command_gate import CommandGate
 from bicycle_sim.config import require
 from bicycle_sim.pacing import Pacer, Tick
+from bicycle_sim.push import Push, PushGate
 from bicycle_sim.simulator import Command, Simulator, Snapshot, Start
 from bicycle_sim.transitions import Transition, TransitionLog
 
@@ -73,6 +74,8 @@ class Made:
     """In lock-step the lateness is NaN."""
     latency: float
     """s from publishing the state before to the command that answered it; NaN without one."""
+    push: Push | None = None
+    """That acted in it."""
 
 
 class Loop:
@@ -119,6 +122,7 @@ class Loop:
         self.total_steps = 0
         self._clock = clock
         self._log = TransitionLog(simulator.scenario)
+        self._pushes = PushGate()
         self._published = clock()
         self._latency = math.nan
         self._last_step: int | None = None
@@ -149,6 +153,7 @@ class Loop:
         self.held, self.starved = True, False
         self._last_step = None
         self._latency = math.nan
+        self._pushes.take()
         return self._log.cut()
 
     def close(self) -> list[Transition]:
@@ -186,6 +191,16 @@ class Loop:
         self.pacer.start()
         return self._answer() if self.lockstep else None
 
+    def push(self, lean_rate: float) -> None:
+        """Push in the next step, whenever that is; rad/s, positive to the left.
+
+        Raises:
+            ValueError: when `PushGate` does not let it in, or the bicycle lies.
+        """
+        if self.snapshot.fallen:
+            raise ValueError("the bicycle lies: call bicycle/reset first")
+        self._pushes.add(lean_rate)
+
     def tick(self) -> Made | None:
         """In real time: make the step that is due, unless the bicycle is held, paused or down."""
         if not self.riding:
@@ -222,9 +237,10 @@ class Loop:
 
     def _make(self, command: Command | None, timing: Tick) -> Made:
         """Make one step."""
-        before = self.snapshot
-        after = self.simulator.step(command)
+        before, lean_rate = self.snapshot, self._pushes.take()
+        push = Push(before.episode, before.step, lean_rate) if lean_rate else None
+        after = self.simulator.step(command, lean_rate)
         self.total_steps += 1
         transitions = self._log.add(before, after, command)
         latency, self._latency = self._latency, math.nan
-        return Made(after, transitions, timing, latency)
+        return Made(after, transitions, timing, latency, push)

@@ -7,7 +7,7 @@ The paper's signs and symbols throughout. A bicycle is a batch of one, stepped b
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from enum import IntEnum
 
 import numpy as np
@@ -212,11 +212,12 @@ class Simulator:
         made._noise.random(snapshot.step)
         return made
 
-    def step(self, command: Command | None) -> Snapshot:
+    def step(self, command: Command | None, push: float = 0.0) -> Snapshot:
         """One time step under a command, or under zero input.
 
         Args:
             command: newest valid one; applied as it is, so check it with `CommandGate` first.
+            push: rad/s added to the lean rate before the step (`push.PushGate` checks it).
 
         Returns:
             The state dt later.
@@ -227,8 +228,11 @@ class Simulator:
             spread = self.physics.displacement_noise
             if spread > 0:
                 displacement += spread * (2.0 * float(self._noise.random()) - 1.0)
+            begun = self._state
+            if push:
+                begun = replace(begun, lean_rate=begun.lean_rate + push)
             self._state = dynamics.step(
-                self._state,
+                begun,
                 np.array([torque]),
                 np.array([displacement]),
                 np.array([pedal]),

@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 from bicycle_msgs.msg import BicycleCommand, BicycleState, EpisodeInfo
+from bicycle_msgs.msg import Push as PushMessage
 from bicycle_msgs.msg import Transition as TransitionMessage
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point as PointMessage
@@ -21,6 +22,7 @@ from std_msgs.msg import Header
 from bicycle_sim.geometry import heading_between, heading_to_yaw, yaw_to_heading
 from bicycle_sim.nodes.interfaces import GOAL_FRAMES, ODOM_FRAME
 from bicycle_sim.parameters import Physics
+from bicycle_sim.push import Push
 from bicycle_sim.scenario import Scenario
 from bicycle_sim.signs import mirror
 from bicycle_sim.simulator import Command, Point, Snapshot, Source, Start
@@ -208,6 +210,22 @@ def to_transition(message: TransitionMessage) -> Transition:
         speed=message.speed,
         policy=message.policy,
     )
+
+
+def from_push(push: Push, nanoseconds: int) -> PushMessage:
+    """The message about a push that acted, at the simulated time after its step in ns."""
+    return PushMessage(
+        header=to_header(nanoseconds),
+        episode=int(push.episode),
+        step=int(push.step),
+        lean_rate=mirror("lean_rate", float(push.lean_rate)),
+    )
+
+
+def to_push(message: PushMessage) -> Push:
+    """The push that a message tells of."""
+    rate = mirror("lean_rate", message.lean_rate)
+    return Push(int(message.episode), int(message.step), rate)
 
 
 def to_setting(message: EpisodeInfo) -> tuple[Scenario, Physics]:

@@ -17,10 +17,12 @@ from bicycle_msgs.msg import (
     EpisodeInfo,
     GoalStatus,
     LoopTiming,
+    Push,
     TrainerStatus,
     Transition,
 )
 from bicycle_msgs.srv import LoadPolicy, Reset
+from bicycle_msgs.srv import Push as PushService
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
@@ -89,6 +91,7 @@ MARKERS = _topic("bicycle/markers", MarkerArray, depth=1)
 DIAGNOSTICS = _topic("/diagnostics", DiagnosticArray, depth=10)
 TRANSITION = _topic("bicycle/transition", Transition, depth=1000)
 TIMING = _topic("bicycle/timing", LoopTiming, depth=RESEND)
+PUSHED = _topic("bicycle/pushed", Push, depth=RESEND)
 EPISODE = _topic("bicycle/episode", EpisodeInfo, depth=1, latched=True)
 INITIAL_POSE = _topic("initialpose", PoseWithCovarianceStamped)
 GOAL_POSE = _topic("goal_pose", PoseStamped)
@@ -107,6 +110,7 @@ TOPICS: tuple[Topic, ...] = (
     DIAGNOSTICS,
     TRANSITION,
     TIMING,
+    PUSHED,
     EPISODE,
     INITIAL_POSE,
     GOAL_POSE,
@@ -129,6 +133,7 @@ class Service:
 RESET = Service("bicycle/reset", Reset)
 PAUSE = Service("bicycle/pause", SetBool)
 STEP = Service("bicycle/step", Trigger)
+PUSH = Service("bicycle/push", PushService)
 LOAD_POLICY = Service("bicycle/load_policy", LoadPolicy)
 
 

@@ -8,7 +8,7 @@ import time
 from typing import Any
 
 from bicycle_msgs.msg import BicycleCommand, EpisodeInfo, LoopTiming
-from bicycle_msgs.srv import Reset
+from bicycle_msgs.srv import Push, Reset
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.clock import Clock, ClockType
@@ -27,6 +27,7 @@ from bicycle_sim.nodes.runner import UserError, run
 from bicycle_sim.nodes.sim_report import SimReport
 from bicycle_sim.nodes.sim_settings import SimSettings
 from bicycle_sim.settings import describe
+from bicycle_sim.signs import mirror
 from bicycle_sim.simulator import Simulator, Start
 from bicycle_sim.transitions import Transition
 
@@ -64,6 +65,7 @@ class SimNode(Node):
             interfaces.DIAGNOSTICS,
             interfaces.TRANSITION,
             interfaces.TIMING,
+            interfaces.PUSHED,
             interfaces.EPISODE,
         )
         self._listen()
@@ -86,6 +88,7 @@ class SimNode(Node):
         serve(self, interfaces.RESET, self._on_reset)
         serve(self, interfaces.PAUSE, self._on_pause)
         serve(self, interfaces.STEP, self._on_step)
+        serve(self, interfaces.PUSH, self._on_push)
 
     def _start_timers(self) -> None:
         """All on a steady clock, which no adjustment of the system's time moves."""
@@ -174,6 +177,17 @@ class SimNode(Node):
             response.message = "not paused: call bicycle/pause with true first"
         return response
 
+    def _on_push(self, request: Push.Request, response: Push.Response) -> Push.Response:
+        response.step = int(self._loop.snapshot.step)
+        try:
+            self._loop.push(mirror("lean_rate", request.lean_rate))
+            response.success = True
+            side = "right" if request.lean_rate > 0 else "left"
+            response.message = f"pushed to the {side} at step {response.step}"
+        except ValueError as error:
+            response.success, response.message = False, f"not pushed: {error}"
+        return response
+
     # What time brings.
 
     def _on_due(self) -> None:
@@ -241,6 +255,8 @@ class SimNode(Node):
         """Publish a step, the state first: the controller waits for it."""
         if made is None:
             return
+        if made.push is not None:
+            self._publish(interfaces.PUSHED, convert.from_push(made.push, self._now))
         self._joints.advance(made.snapshot)
         self._publish_state()
         self._publish_transitions(made.transitions)

@@ -9,6 +9,13 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from bicycle_sim.loop import Loop, Made
 from bicycle_sim.nodes.report import ERROR, OK, WARN, percentiles, status
 
+_MODES = {
+    "riding": "riding",
+    "paused": "paused",
+    "held": "held until the next command",
+    "fallen": "fallen: call bicycle/reset",
+}
+
 
 class SimReport:
     """Collects steps and says once a period how loop, commands and bicycle are."""
@@ -70,25 +77,32 @@ class SimReport:
 
     def _bicycle(self, simulators: int) -> DiagnosticStatus:
         loop, snapshot = self._loop, self._loop.snapshot
-        level, text = OK, "riding"
+        level, mode = OK, self._mode()
+        text = _MODES[mode]
         if snapshot.fallen:
-            level, text = WARN, "fallen: call bicycle/reset"
-        elif loop.paused:
-            text = "paused"
-        elif loop.held:
-            text = "held until the next command"
+            level = WARN
         if simulators > 1:
             level, text = (
                 ERROR,
                 f"{simulators} nodes publish this bicycle's state: stop all but one",
             )
         values: dict[str, object] = {
+            "mode": mode,
             "episode": snapshot.episode,
             "step": snapshot.step,
             "total steps": loop.total_steps,
             "seed": loop.simulator.seed,
         }
         return status(f"{self._name}: bicycle", level, text, values)
+
+    def _mode(self) -> str:
+        """A key of `_MODES`."""
+        loop = self._loop
+        if loop.snapshot.fallen:
+            return "fallen"
+        if loop.paused:
+            return "paused"
+        return "held" if loop.held else "riding"
 
 
 def _sources(made: list[Made]) -> list[str]:

@@ -23,6 +23,7 @@ COMMAND = "/bicycle/command"
 TIMING = "/bicycle/timing"
 GOAL_STATUS = "/bicycle/goal_status"
 EPISODE = "/bicycle/episode"
+PUSHED = "/bicycle/pushed"
 READ = (STATE, COMMAND, TIMING, GOAL_STATUS, EPISODE)
 """Topics that a ride is read from, in the bicycle's namespace."""
 

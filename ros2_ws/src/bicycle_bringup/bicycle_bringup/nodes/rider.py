@@ -23,6 +23,7 @@ RECORDED = (
     interfaces.COMMAND,
     interfaces.TIMING,
     interfaces.TRANSITION,
+    interfaces.PUSHED,
     interfaces.EPISODE,
     interfaces.GOAL_STATUS,
 )

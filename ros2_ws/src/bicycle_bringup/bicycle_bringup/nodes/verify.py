@@ -12,10 +12,11 @@ import sys
 from collections import defaultdict, deque
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any
 
-from bicycle_msgs.msg import BicycleCommand, BicycleState, EpisodeInfo
+from bicycle_msgs.msg import BicycleCommand, BicycleState, EpisodeInfo, Push
 from rclpy.serialization import deserialize_message
 from tqdm import tqdm
 
@@ -24,7 +25,7 @@ from bicycle_bag.errors import BagError
 from bicycle_bag.reader import BagReader
 from bicycle_bag.schemas import Schemas
 from bicycle_bringup.nodes.flat import flat
-from bicycle_bringup.ride_log import COMMAND, EPISODE, STATE, prefix_of
+from bicycle_bringup.ride_log import COMMAND, EPISODE, PUSHED, STATE, prefix_of
 from bicycle_sim.nodes import convert
 from bicycle_sim.simulator import Command, Simulator, Source
 
@@ -41,6 +42,8 @@ class Recording:
     commands: dict[Key, list[Command]] = field(default_factory=lambda: defaultdict(list))
     episodes: list[tuple[int, EpisodeInfo]] = field(default_factory=list)
     """Log time in ns, and message."""
+    pushes: dict[tuple[int, int], list[float]] = field(default_factory=lambda: defaultdict(list))
+    """rad/s by episode and step of the state that was pushed, in the paper's signs."""
 
 
 @dataclass
@@ -87,6 +90,8 @@ def read(path: Path) -> Recording:
     kinds = {prefix + STATE: BicycleState, prefix + COMMAND: BicycleCommand}
     kinds[prefix + EPISODE] = EpisodeInfo
     reader.require(list(kinds))
+    if prefix + PUSHED in reader.topics:  # older bags lack it
+        kinds[prefix + PUSHED] = Push
     schemas = Schemas()
     for name in kinds:
         topic = reader.topics[name]
@@ -104,6 +109,9 @@ def read(path: Path) -> Recording:
             command = convert.to_command(deserialize_message(item.data, kind))
             key = command.episode, command.step, command.controller
             recording.commands[key].append(command)
+        elif kind is Push:
+            push = convert.to_push(deserialize_message(item.data, kind))
+            recording.pushes[push.episode, push.step].append(push.lean_rate)
         else:
             recording.episodes.append((item.log_time_ns, deserialize_message(item.data, kind)))
     return recording
@@ -155,9 +163,10 @@ def _compute(
     stamp = state.header.stamp.sec * 10**9 + state.header.stamp.nanosec
     here, wanted = simulator.snapshot, _bits(state)
     computed: BicycleState | None = None
-    for command in _candidates(recording, state):
+    pushes = recording.pushes.get((here.episode, here.step), [0.0])
+    for command, push in product(_candidates(recording, state), pushes):
         trial = Simulator.restore(here, simulator.scenario, simulator.physics, simulator.seed)
-        computed = convert.from_snapshot(trial.step(command), stamp)
+        computed = convert.from_snapshot(trial.step(command, push), stamp)
         if _bits(computed) == wanted:
             verdict.checked += 1
             return trial
