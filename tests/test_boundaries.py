@@ -16,6 +16,7 @@ PACKAGES = {
     "bicycle_controller": ROOT / "bicycle_controller" / "bicycle_controller",
     "bicycle_bag": ROOT / "ros2_ws" / "src" / "bicycle_bag" / "bicycle_bag",
     "bicycle_bringup": ROOT / "ros2_ws" / "src" / "bicycle_bringup" / "bicycle_bringup",
+    "bicycle_cockpit": ROOT / "ros2_ws" / "src" / "bicycle_cockpit" / "bicycle_cockpit",
 }
 ROS = ("rclpy", "rcl_interfaces", "rosgraph_msgs", "builtin_interfaces", "std_srvs")
 
@@ -79,6 +80,7 @@ def test_the_simulator_knows_no_controller() -> None:
         "bicycle_controller.driver",
         "bicycle_controller.evaluate",
         "bicycle_bag.reader",
+        "bicycle_cockpit.server",
     ],
 )
 def test_what_rides_needs_neither_torch_nor_ros(module: str) -> None:

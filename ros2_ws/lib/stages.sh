@@ -33,7 +33,7 @@ check_native() { # The Python packages that apt's ROS 2 does not bring
   missing=$(python3 - <<'PYTHON'
 from importlib.util import find_spec
 names = {"colcon": "colcon-common-extensions", "mcap": "mcap", "mcap_ros2": "mcap-ros2-support",
-         "safetensors": "safetensors", "scipy": "scipy", "matplotlib": "matplotlib", "tqdm": "tqdm", "yaml": "pyyaml"}
+         "safetensors": "safetensors", "aiohttp": "aiohttp", "scipy": "scipy", "matplotlib": "matplotlib", "tqdm": "tqdm", "yaml": "pyyaml"}
 print(*(package for module, package in names.items() if find_spec(module.split(".")[0]) is None))
 PYTHON
 )

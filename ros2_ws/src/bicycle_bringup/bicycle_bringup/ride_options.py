@@ -61,17 +61,35 @@ class RideOptions:
         Args:
             name: a key of `MODULES`.
         """
-        words = [sys.executable, "-m", MODULES[name]]
         if name not in CONFIGURED:
-            return [*words, "--output", str(self.folder / "bag")]
-        ros = ["--ros-args"]
-        for file in (self.config / f"{name}.yaml", *self.parameter_files):
-            ros += ["--params-file", str(file)]
-        for entry in self.parameters:
-            node, _, assignment = entry.partition(".")
-            if node == name:
-                ros += ["-p", assignment]
-        return [*words, *ros]
+            return [*program(name), "--output", str(self.folder / "bag")]
+        return node_command(name, self.config, self.parameters, self.parameter_files)
+
+
+def program(name: str) -> list[str]:
+    """The program of one node, a key of `MODULES`, without arguments."""
+    return [sys.executable, "-m", MODULES[name]]
+
+
+def node_command(
+    name: str, config: Path, parameters: Sequence[str], parameter_files: Sequence[Path] = ()
+) -> list[str]:
+    """The command that starts a node which has parameters.
+
+    Args:
+        name: one of `CONFIGURED`.
+        config: folder with one parameter file per node.
+        parameters: ``NODE.name:=value``, of any node; those of others are left out.
+        parameter_files: read after the node's own.
+    """
+    ros = ["--ros-args"]
+    for file in (config / f"{name}.yaml", *parameter_files):
+        ros += ["--params-file", str(file)]
+    for entry in parameters:
+        node, _, assignment = entry.partition(".")
+        if node == name:
+            ros += ["-p", assignment]
+    return [*program(name), *ros]
 
 
 def parse(arguments: Sequence[str], workspace: Path) -> RideOptions:
@@ -106,7 +124,7 @@ def _checked(given: argparse.Namespace, workspace: Path) -> RideOptions:
         raise ValueError(f"--seed is {given.seed}: choose zero or more")
     if not (math.isfinite(given.field) and 20.0 <= given.field <= 2000.0):
         raise ValueError(f"--field is {given.field}: choose 20 to 2000 m")
-    parameters = [_parameter(word) for word in given.rest if ":=" in word]
+    parameters = [checked_parameter(word) for word in given.rest if ":=" in word]
     files = [_file(word) for word in given.rest if ":=" not in word]
     return RideOptions(
         goals=given.goals,
@@ -121,7 +139,12 @@ def _checked(given: argparse.Namespace, workspace: Path) -> RideOptions:
     )
 
 
-def _parameter(word: str) -> str:
+def checked_parameter(word: str) -> str:
+    """``NODE.name:=value`` as it is.
+
+    Raises:
+        ValueError: when it names no node with parameters.
+    """
     node, dot, _ = word.partition(":=")[0].partition(".")
     if not dot or node not in CONFIGURED:
         raise ValueError(

@@ -1,0 +1,1 @@
+"""The bicycle in the browser."""

@@ -1,0 +1,178 @@
+"""Carries out what pages ask for: publishes goals, calls services, and answers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import singledispatchmethod
+from typing import Any
+
+from bicycle_msgs.srv import LoadPolicy
+from bicycle_msgs.srv import Push as PushService
+from bicycle_msgs.srv import Reset as ResetService
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from bicycle_cockpit import requests
+from bicycle_cockpit.approach import approach
+from bicycle_cockpit.bucket import Bucket
+from bicycle_cockpit.choices import Choices
+from bicycle_cockpit.live import Live
+from bicycle_cockpit.nodes.reading import Point, to_path, to_pose
+from bicycle_cockpit.nodes.recording import Recording
+from bicycle_sim.nodes import interfaces
+from bicycle_sim.nodes.interfaces import Service, advertise
+
+PATIENCE = 10.0
+"""s that a service gets to answer."""
+GOAL_RATE, GOAL_BURST = 4.0, 12.0
+"""Goals that all pages together may send."""
+
+Reply = Callable[[bool, str], None]
+
+
+@dataclass
+class _Call:
+    """A service call under way."""
+
+    future: Any
+    since: float
+    reply: Reply
+    name: str
+
+
+class Asking:
+    """Turns requests into topics and service calls; belongs to the executor's thread.
+
+    Args:
+        node: to publish and call through.
+        live: the ride as it is known.
+        choices: controllers that may be chosen.
+        recording: the recorder that pages may start.
+    """
+
+    def __init__(self, node: Node, live: Live, choices: Choices, recording: Recording) -> None:
+        self._node, self._live = node, live
+        self._choices, self._recording = choices, recording
+        self._goal_bucket = Bucket(GOAL_RATE, GOAL_BURST)
+        self._calls: list[_Call] = []
+        self._topics = advertise(node, interfaces.GOAL_POSE, interfaces.GOAL_PATH)
+        services = (
+            interfaces.PUSH,
+            interfaces.PAUSE,
+            interfaces.STEP,
+            interfaces.RESET,
+            interfaces.LOAD_POLICY,
+        )
+        self._clients = {s.name: node.create_client(s.type, s.name) for s in services}
+
+    def carry_out(self, request: requests.Request, reply: Reply) -> None:
+        """Begin what is asked for; `reply` is called once, now or later, with how it went."""
+        self._do(request, reply)
+
+    def look(self) -> None:
+        """Answer for the calls that have ended or take too long."""
+        now = time.monotonic()
+        for call in list(self._calls):
+            if call.future.done():
+                self._calls.remove(call)
+                error = call.future.exception()
+                result = None if error else call.future.result()
+                if result is None:
+                    call.reply(False, f"{call.name} failed: {error}")
+                else:
+                    call.reply(bool(result.success), str(result.message))
+            elif now - call.since > PATIENCE:
+                self._calls.remove(call)
+                call.future.cancel()
+                call.reply(False, f"{call.name} has not answered for {PATIENCE:g} s")
+
+    @singledispatchmethod
+    def _do(self, request: Any, reply: Reply) -> None:
+        reply(False, f"cannot do {type(request).__name__}")
+
+    @_do.register
+    def _(self, request: requests.SendGoal, reply: Reply) -> None:
+        bicycle = self._live.position
+        if request.heading is None or bicycle is None:
+            self._send([request.point], None, reply)
+            return
+        points = approach(request.point, request.heading, bicycle)
+        self._send(points, request.heading, reply)
+
+    @_do.register
+    def _(self, request: requests.AddWaypoints, reply: Reply) -> None:
+        points = self._live.goals.with_more(request.points)
+        if len(points) > requests.MOST_WAYPOINTS:
+            reply(False, f"more than {requests.MOST_WAYPOINTS} waypoints: ride to some first")
+            return
+        self._send(points, None, reply)
+
+    @_do.register
+    def _(self, request: requests.ClearGoals, reply: Reply) -> None:
+        self._send([], None, reply)
+
+    def _send(self, points: list[Point], heading: float | None, reply: Reply) -> None:
+        """Publish points in place of all goals so far."""
+        if not self._goal_bucket.take():
+            reply(False, "too many goals at once: wait a second")
+            return
+        if self._node.count_publishers(interfaces.COMMAND.name) == 0:
+            reply(False, "no controller runs: start ros2_ws/controller.sh")
+            return
+        if len(points) == 1:
+            self._topics[interfaces.GOAL_POSE.name].publish(to_pose(points[0], heading))
+        else:
+            self._topics[interfaces.GOAL_PATH.name].publish(to_path(points, heading))
+        x, y = points[-1] if points else (0.0, 0.0)
+        many = f" by way of {len(points) - 1} points" if len(points) > 1 else ""
+        reply(True, f"goal ({x:.1f}, {y:.1f}) sent{many}" if points else "goals cleared")
+
+    @_do.register
+    def _(self, request: requests.Push, reply: Reply) -> None:
+        question = PushService.Request(lean_rate=request.lean_rate)
+        self._call(interfaces.PUSH, question, reply)
+
+    @_do.register
+    def _(self, request: requests.Pause, reply: Reply) -> None:
+        def paused(ok: bool, text: str) -> None:
+            if ok:
+                self._live.mode = "paused" if request.paused else "riding"
+            reply(ok, text)
+
+        self._call(interfaces.PAUSE, SetBool.Request(data=request.paused), paused)
+
+    @_do.register
+    def _(self, request: requests.Step, reply: Reply) -> None:
+        self._call(interfaces.STEP, Trigger.Request(), reply)
+
+    @_do.register
+    def _(self, request: requests.Reset, reply: Reply) -> None:
+        question = ResetService.Request(random_start=request.random, speed=-1.0, seed=-1)
+        self._call(interfaces.RESET, question, reply)
+
+    @_do.register
+    def _(self, request: requests.SwitchController, reply: Reply) -> None:
+        try:
+            path = self._choices.path(request.name)
+        except KeyError:
+            reply(False, f"no controller {request.name!r} is offered: reload the page")
+            return
+        self._call(interfaces.LOAD_POLICY, LoadPolicy.Request(path=path), reply)
+
+    @_do.register
+    def _(self, request: requests.Record, reply: Reply) -> None:
+        reply(*(self._recording.start() if request.on else self._recording.stop()))
+
+    def _call(self, service: Service, question: Any, reply: Reply) -> None:
+        """Call a service that must be there."""
+        client = self._clients[service.name]
+        if not client.service_is_ready():
+            is_policy = service is interfaces.LOAD_POLICY
+            who = "controller" if is_policy else "simulator"
+            script = "controller.sh" if is_policy else "sim.sh"
+            reply(False, f"no {who} runs: start ros2_ws/{script}")
+            return
+        future = client.call_async(question)
+        self._calls.append(_Call(future, time.monotonic(), reply, service.name))

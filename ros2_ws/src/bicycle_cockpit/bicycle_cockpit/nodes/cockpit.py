@@ -1,0 +1,123 @@
+"""`cockpit.sh`: simulator and controller as processes, the cockpit's node in this one."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from pathlib import Path
+
+from bicycle_bringup.processes import Crew, registry_of
+from bicycle_bringup.ride_options import config_folder, node_command, workspace
+from bicycle_cockpit.nodes.cockpit_node import NAME, CockpitNode
+from bicycle_cockpit.nodes.recording import Recording
+from bicycle_cockpit.options import RIDE, Options, parse
+from bicycle_sim.nodes import interfaces
+from bicycle_sim.nodes.runner import UserError, run
+
+BACK_OFF = 1.0
+"""s between a controller's death and its next start."""
+MOST_DEATHS = 5
+"""Deaths of the controller after which it is given up."""
+READY = 20.0
+"""s after which the address is told although the bicycle is not ready."""
+NICENESS = 5
+"""How far the web server stands back behind simulator and controller."""
+
+
+class Ride:
+    """The processes that the cockpit started, and what becomes of them."""
+
+    def __init__(self, options: Options, logs: Path) -> None:
+        """Start them, if they are asked for."""
+        self._options = options
+        self._crew: Crew | None = None
+        self._deaths = 0
+        self._again = 0.0
+        self._down = False
+        if not options.ride:
+            return
+        commands = {name: node_command(name, config_folder(), options.parameters) for name in RIDE}
+        self._crew = Crew(commands, logs, registry_of(workspace()))
+        self._crew.start()
+
+    def look(self) -> str:
+        """Start a dead controller again; a line when something happened.
+
+        Raises:
+            UserError: when the simulator has ended, or the controller too often.
+        """
+        crew = self._crew
+        if crew is None:
+            return ""
+        if self._down and time.monotonic() > self._again:
+            self._down = False
+            crew.start("controller")
+            return "controller started again"
+        for ended in crew.ended():
+            if ended.name == "controller" and self._down:
+                continue
+            words = f"{ended}: {crew.last_words(ended.name)}"
+            misused = ended.status == 2
+            if ended.name != "controller" or misused or self._deaths >= MOST_DEATHS:
+                raise UserError(words)
+            self._deaths += 1
+            self._down, self._again = True, time.monotonic() + BACK_OFF
+            return words
+        return ""
+
+    def close(self) -> None:
+        """End them, the simulator first: it would miss the controller."""
+        if self._crew is not None:
+            self._crew.stop(*RIDE)
+
+
+class Announced:
+    """Tells the address once, when the bicycle can be ridden."""
+
+    def __init__(self, ride: Ride, options: Options) -> None:
+        self._ride, self._options = ride, options
+        self._begun = time.monotonic()
+        self._told = False
+        self.node: CockpitNode | None = None
+
+    def tick(self) -> str:
+        """Look after the processes; see `Ride.look`."""
+        node = self.node
+        if node is not None and not self._told:
+            commands = node.count_publishers(interfaces.COMMAND.name)
+            ready = node.live.hears_simulator and commands > 0
+            if ready or not self._options.ride or time.monotonic() - self._begun > READY:
+                self._told = True
+                address = self._options.url(node.server.port)
+                print(f"cockpit: {address}    (Ctrl-C ends it)", flush=True)
+        return self._ride.look()
+
+
+def main() -> int:
+    """Run the cockpit until SIGINT or SIGTERM; returns the exit status."""
+    options = parse(sys.argv[1:], workspace())
+    logs = workspace() / "log" / "cockpit" / os.environ.get("ROS_DOMAIN_ID", "0")
+    try:
+        logs.mkdir(parents=True, exist_ok=True)
+        for old in logs.glob("*.log"):
+            old.unlink()
+        ride = Ride(options, logs)
+    except (OSError, ValueError) as error:
+        print(f"cockpit.sh: {error}", file=sys.stderr)
+        return 2
+    os.nice(NICENESS)
+    announced = Announced(ride, options)
+
+    def make() -> CockpitNode:
+        announced.node = CockpitNode(options, Recording(options.bags, logs), announced.tick)
+        return announced.node
+
+    try:
+        return run("cockpit.sh", make, args=[NAME, *options.ros])
+    finally:
+        ride.close()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,87 @@
+"""Messages as the page wants them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from bicycle_msgs.msg import BicycleCommand, BicycleState, TrainerStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+
+from bicycle_cockpit.samples import REWARDED, Sample, plain, reward_columns
+from bicycle_sim.nodes import convert, interfaces
+from bicycle_sim.reward import RewardWeights
+
+Point = tuple[float, float]
+
+
+def to_sample(
+    state: BicycleState, command: BicycleCommand | None, weights: RewardWeights
+) -> Sample:
+    """The row of one state under the newest command."""
+    stamp = state.header.stamp
+    rewarded = {name: getattr(state, name) for name in REWARDED}
+    acts = ("torque", "displacement", "pedal_force")
+    action = [getattr(command, name) if command else math.nan for name in acts]
+    return Sample(
+        stamp.sec + 1e-9 * stamp.nanosec,
+        state.episode,
+        state.step,
+        state.rear_contact.x,
+        state.rear_contact.y,
+        state.heading,
+        state.lean_angle,
+        state.lean_rate,
+        state.steer_angle,
+        state.speed,
+        state.goal_distance,
+        state.heading_error,
+        state.command_source,
+        *action,
+        *reward_columns(rewarded, weights),
+    )
+
+
+def to_pose(point: Point, heading: float | None = None) -> PoseStamped:
+    """A goal as RViz sends it."""
+    pose = PoseStamped()
+    pose.header.frame_id = interfaces.ODOM_FRAME
+    pose.pose.position = convert.to_point(point)
+    pose.pose.orientation = convert.to_quaternion(heading or 0.0)
+    return pose
+
+
+def to_path(points: list[Point], heading: float | None = None) -> Path:
+    """Points to ride to in order, the last one in a direction."""
+    poses = [to_pose(point) for point in points[:-1]]
+    poses += [to_pose(point, heading) for point in points[-1:]]
+    path = Path(poses=poses)
+    path.header.frame_id = interfaces.ODOM_FRAME
+    return path
+
+
+def points_of(message: PoseStamped | Path) -> list[Point]:
+    """The points of a goal or a path."""
+    poses = message.poses if isinstance(message, Path) else [message]
+    return [(pose.pose.position.x, pose.pose.position.y) for pose in poses]
+
+
+def trainer_facts(status: TrainerStatus) -> dict[str, Any]:
+    """All that the trainer tells, for the page."""
+    names = [name for name in status.get_fields_and_field_types() if name != "header"]
+    values = {name: getattr(status, name) for name in names}
+    shown = {k: plain(v) if isinstance(v, float) else v for k, v in values.items()}
+    return {"type": "trainer", **shown}
+
+
+def simulator_word(array: DiagnosticArray) -> tuple[str, str] | None:
+    """The simulator's mode and its line about commands; None in others' diagnostics."""
+    by_subject: dict[str, DiagnosticStatus] = {
+        status.name.rpartition(": ")[2]: status for status in array.status
+    }
+    if "bicycle" not in by_subject or "commands" not in by_subject:
+        return None
+    modes = [pair.value for pair in by_subject["bicycle"].values if pair.key == "mode"]
+    return (modes[0] if modes else "riding"), str(by_subject["commands"].message)

@@ -1,0 +1,90 @@
+"""The command line of the cockpit."""
+
+from __future__ import annotations
+
+import argparse
+import secrets
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from bicycle_bag.arguments import OneLineParser
+from bicycle_bringup.ride_options import checked_parameter
+from bicycle_cockpit.door import Door
+
+DEFAULT_PORT = 8765
+RIDE = ("simulator", "controller")
+"""The nodes that the cockpit starts, in this order."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """A cockpit as it was asked for."""
+
+    door: Door
+    port: int
+    bags: Path
+    """Folder of the bags that may be looked at, and that new ones are recorded into."""
+    models: Path
+    """Folder of policy files that may be chosen."""
+    ride: bool
+    """Start simulator and controller, too."""
+    parameters: tuple[str, ...]
+    """``NODE.name:=value``."""
+    ros: tuple[str, ...]
+    """Arguments for the cockpit's own node, such as ``-r __ns:=/red``."""
+
+    def url(self, port: int) -> str:
+        """What to open in the browser; the token is behind #, which is sent nowhere."""
+        address = self.door.address
+        host = "localhost" if address in ("0.0.0.0", "::") else address
+        host = f"[{host}]" if ":" in host else host
+        return f"http://{host}:{port}/" + (f"#token={self.door.token}" if self.door.token else "")
+
+
+def parse(arguments: Sequence[str], workspace: Path) -> Options:
+    """Read the command line; ends the program with status 2 and one line when it is wrong."""
+    words = list(arguments)
+    at = words.index("--ros-args") if "--ros-args" in words else len(words)
+    own, ros = words[:at], words[at:]
+    parser = OneLineParser(prog="cockpit.sh", add_help=False, allow_abbrev=False)
+    add = parser.add_argument
+    add("--port", type=int, default=DEFAULT_PORT)
+    add("--bind", default="127.0.0.1")
+    add("--token", default="")
+    add("--host-name", action="append", default=[])
+    add("--bags", type=Path, default=workspace / "runs")
+    add("--models", type=Path, default=workspace.parent / "runs")
+    add("--no-ride", action="store_true")
+    add("parameters", nargs="*")
+    given = parser.parse_intermixed_args(own)
+    try:
+        return _checked(given, ros)
+    except ValueError as error:
+        parser.error(str(error))
+
+
+def _checked(given: argparse.Namespace, ros: list[str]) -> Options:
+    """The options.
+
+    Raises:
+        ValueError: on a value out of range, an unsafe door or an unknown word.
+    """
+    if not 0 <= given.port <= 65535:
+        raise ValueError(f"--port is {given.port}: choose 1 to 65535, or 0 for a free one")
+    for word in given.parameters:
+        if ":=" not in word:
+            raise ValueError(f"unknown argument {word!r}")
+    if given.no_ride and given.parameters:
+        raise ValueError(f"{given.parameters[0]!r} sets nothing with --no-ride: leave one out")
+    token = secrets.token_hex(16) if given.token == "auto" else given.token
+    names = frozenset(name.lower() for name in given.host_name)
+    return Options(
+        door=Door(given.bind, token, names),
+        port=given.port,
+        bags=given.bags,
+        models=given.models,
+        ride=not given.no_ride,
+        parameters=tuple(checked_parameter(word) for word in given.parameters),
+        ros=tuple(ros),
+    )

@@ -1,0 +1,96 @@
+"""What the page draws of one step, the same for a live ride and for a bag.
+
+SI units and REP-103 signs, as in the messages: lean to the right and angles counter-clockwise
+are positive.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bicycle_sim.reward import RewardWeights, reward_terms
+from bicycle_sim.signs import mirror
+
+DIGITS = 5
+"""Decimal places that leave for the page: 10 µm, 10 µrad."""
+
+
+class Sample(NamedTuple):
+    """One step; what is not known is NaN."""
+
+    t: float
+    """s of simulated time."""
+    episode: float
+    step: float
+    x: float
+    """m, rear contact."""
+    y: float
+    """m, rear contact."""
+    heading: float
+    """rad, yaw from +x."""
+    lean: float
+    """rad, positive to the right."""
+    lean_rate: float
+    """rad/s."""
+    steer: float
+    """rad, positive to the left."""
+    speed: float
+    """m/s."""
+    goal_distance: float
+    """m."""
+    heading_error: float
+    """rad, positive for a goal to the left."""
+    source: float
+    """Where the step's input came from: a number of BicycleState.SOURCE_*."""
+    torque: float
+    """N m, positive steers left."""
+    displacement: float
+    """m of the rider, positive to the left."""
+    pedal_force: float
+    """N."""
+    reward_lean: float
+    """Terms of equation 20."""
+    reward_rate: float
+    reward_acceleration: float
+    reward_heading: float
+
+
+REWARDED = ("lean_angle", "lean_rate", "lean_acceleration", "heading_error")
+"""What equation 20 is about, in its order."""
+
+COLUMNS = Sample._fields
+"""Their order in every row that goes to the page."""
+
+
+def reward_columns(state: Mapping[str, Any], weights: RewardWeights) -> list[Any]:
+    """The four terms of equation 20 of a state or of columns of states, in REP-103 signs.
+
+    Args:
+        state: `lean_angle`, `lean_rate`, `lean_acceleration` and `heading_error`, numbers or
+            arrays of one shape.
+        weights: of the episode's scenario.
+    """
+    lean, rate, acceleration, error = (mirror(name, state[name]) for name in REWARDED)
+    terms = reward_terms(lean, rate, acceleration, error, weights)
+    return [terms[name] for name in REWARDED]
+
+
+def plain(value: float) -> float | None:
+    """A number as JSON can hold it: rounded, None where it is not finite."""
+    return round(value, DIGITS) if math.isfinite(value) else None
+
+
+def plain_row(sample: Iterable[float]) -> list[float | None]:
+    """A row as JSON can hold it."""
+    return [plain(value) for value in sample]
+
+
+def plain_column(column: NDArray[Any]) -> list[float | None]:
+    """A column as JSON can hold it."""
+    numbers = np.round(column.astype(np.float64), DIGITS)
+    return [value if math.isfinite(value) else None for value in numbers.tolist()]

@@ -1,0 +1,145 @@
+// A bag instead of the live ride: choose one, play it, scrub through it.
+
+import { Policies, Series } from "./series.js";
+import { token } from "./socket.js";
+
+const byId = (id) => document.getElementById(id);
+
+async function get(path) {
+  const headers = token() ? { Authorization: `Bearer ${token()}` } : {};
+  const response = await fetch(path, { headers });
+  const data = (response.headers.get("Content-Type") ?? "").includes("json") ? await response.json() : {};
+  if (!response.ok) throw new Error(data.error ?? `the cockpit answers ${response.status}`);
+  return data;
+}
+
+const minutes = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
+
+/** A bag as the page draws it; `time` is where the cursor is, s from its start. */
+export class Bag {
+  constructor(data) {
+    this.name = data.name;
+    this.duration = data.duration;
+    this.loop = data.loop;
+    this.radius = data.goal_radius;
+    this.series = new Series(data.columns);
+    this.series.fill(data.data);
+    this.policies = new Policies(data.policies);
+    this.events = data.marks;
+    this.time = 0;
+    for (const mark of this.events) {
+      const index = this.series.indexAt(mark.t);
+      mark.x ??= this.series.x[index];
+      mark.y ??= this.series.y[index];
+    }
+  }
+
+  get cursor() {
+    return this.series.indexAt(this.time);
+  }
+
+  /** The goal that was ridden to at the cursor. */
+  get goal() {
+    const last = this.events.findLast(({ t, kind }) => t <= this.time && !["push", "queued", "fell", "reset", "rejected", "replaced"].includes(kind));
+    return last?.kind === "active" ? [last.x, last.y] : null;
+  }
+
+  /** What happened up to the cursor. */
+  get marks() {
+    return this.events.filter(({ t }) => t <= this.time);
+  }
+}
+
+export class BagPlayer {
+  /** @param handlers `opened(bag)`, `closed()`, `moved()`, `failed(text)` */
+  constructor(handlers) {
+    this.handlers = handlers;
+    this.bag = null;
+    this.playing = false;
+    byId("seek").addEventListener("input", () => this.seek(Number(byId("seek").value)));
+    byId("play").addEventListener("click", () => this.toggle());
+  }
+
+  /** Shows the list to choose from. */
+  async choose() {
+    const list = byId("bag-list");
+    list.textContent = "reading the folder…";
+    byId("bags").showModal();
+    try {
+      const { bags } = await get("bags");
+      list.textContent = bags.length ? "" : "There is no finished bag yet: press Record here, or use ride.sh or record.sh.";
+      for (const bag of bags) list.append(this.entry(bag));
+      list.querySelector("button")?.focus();
+    } catch (error) {
+      list.textContent = error.message;
+    }
+  }
+
+  entry({ name, start, duration, messages }) {
+    const button = Object.assign(document.createElement("button"), { type: "button" });
+    const when = new Date(1000 * start).toLocaleString();
+    const texts = [name, when, `${minutes(duration)} min`, `${messages} messages`];
+    button.append(...texts.map((text, index) => Object.assign(document.createElement(index ? "small" : "span"), { textContent: text })));
+    button.addEventListener("click", () => this.open(name));
+    return button;
+  }
+
+  async open(name) {
+    byId("bag-list").textContent = `reading ${name}…`;
+    try {
+      const path = name.split("/").map(encodeURIComponent).join("/");
+      this.bag = new Bag(await get(`bags/${path}`));
+    } catch (error) {
+      byId("bag-list").textContent = error.message;
+      return;
+    }
+    byId("bags").close();
+    byId("seek").max = String(this.bag.duration);
+    byId("bag-name").textContent = byId("bag-name").title = name;
+    byId("timeline").hidden = false;
+    this.handlers.opened(this.bag);
+    this.seek(0);
+    byId("play").focus();
+  }
+
+  close() {
+    if (!this.bag) return;
+    this.bag = null;
+    this.stop();
+    byId("timeline").hidden = true;
+    this.handlers.closed();
+  }
+
+  seek(time) {
+    const { bag } = this;
+    if (!bag) return;
+    bag.time = Math.min(bag.duration, Math.max(0, time));
+    byId("seek").value = String(bag.time);
+    byId("seek").setAttribute("aria-valuetext", `${bag.time.toFixed(1)} seconds`);
+    byId("seek-shown").textContent = `${bag.time.toFixed(1)} of ${bag.duration.toFixed(1)} s`;
+    this.handlers.moved();
+  }
+
+  toggle() {
+    if (this.playing) return this.stop();
+    if (this.bag.time >= this.bag.duration) this.seek(0);
+    this.playing = true;
+    this.last = performance.now();
+    byId("play").setAttribute("aria-pressed", "true");
+    this.handlers.moved();
+  }
+
+  stop() {
+    this.playing = false;
+    byId("play").setAttribute("aria-pressed", "false");
+  }
+
+  /** Moves on by the time since the last call; called for every picture. */
+  advance(now) {
+    if (!this.playing || !this.bag) return;
+    const elapsed = ((now - this.last) / 1000) * Number(byId("rate").value);
+    this.last = now;
+    this.seek(this.bag.time + elapsed);
+    if (this.bag.time >= this.bag.duration) this.stop();
+  }
+}

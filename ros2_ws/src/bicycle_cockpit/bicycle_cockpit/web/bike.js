@@ -1,0 +1,155 @@
+// The bicycle from behind and from above, to scale. Lean is positive to the right, steering and
+// the rider's displacement to the left, as in the messages.
+
+import { begin, colours } from "./theme.js";
+
+const WHEEL = 0.34;
+const WHEELBASE = 1.11;
+const degrees = (angle) => (angle * 180) / Math.PI;
+
+/** A number with its side: "3.2° right". */
+function sided(value, unit, digits, positive, negative) {
+  const shown = Math.abs(value).toFixed(digits);
+  if (!Number.isFinite(value)) return "–";
+  return `${shown}${unit}${Number(shown) === 0 ? "" : ` ${value > 0 ? positive : negative}`}`;
+}
+
+function label(context, x, y, name, value) {
+  context.fillStyle = colours.soft;
+  context.fillText(name, x, y);
+  context.fillStyle = colours.ink;
+  context.fillText(value, x + context.measureText(name).width + 6, y);
+}
+
+function line(context, colour, width, ...points) {
+  context.strokeStyle = colour;
+  context.lineWidth = width;
+  context.beginPath();
+  points.forEach(([x, y], index) => (index ? context.lineTo(x, y) : context.moveTo(x, y)));
+  context.stroke();
+}
+
+function ellipse(context, colour, x, y, rx, ry) {
+  context.fillStyle = colour;
+  context.beginPath();
+  context.ellipse(x, y, rx, ry, 0, 0, 2 * Math.PI);
+  context.fill();
+}
+
+/** @param row the step to draw, or undefined @param fallAngle rad */
+export function drawBehind(canvas, row, fallAngle) {
+  const { context, width, height } = begin(canvas);
+  const ground = height - 30;
+  const scale = (ground - 22) / 1.85;
+  const lean = Number.isFinite(row?.lean) ? row.lean : 0;
+  const shift = Number.isFinite(row?.displacement) ? -row.displacement : 0;
+  const steer = Number.isFinite(row?.steer) ? row.steer : 0;
+
+  context.save();
+  context.translate(width / 2, ground);
+  line(context, colours.line, 1, [-width / 2 + 12, 0], [width / 2 - 12, 0]);
+  context.setLineDash([3, 4]);
+  for (const side of [-1, 1]) {
+    const [x, y] = [side * Math.sin(fallAngle), -Math.cos(fallAngle)];
+    line(context, colours.line, 1, [0.5 * scale * x, 0.5 * scale * y], [1.8 * scale * x, 1.8 * scale * y]);
+  }
+  line(context, colours.line, 1, [0, 0], [0, -1.8 * scale]);
+  context.setLineDash([]);
+  context.strokeStyle = row && Math.abs(lean) > fallAngle ? colours.bad : colours.accent;
+  context.lineWidth = 3;
+  context.beginPath();
+  context.arc(0, 0, 1.8 * scale, -Math.PI / 2, -Math.PI / 2 + lean, lean < 0);
+  context.stroke();
+
+  context.rotate(lean);
+  context.scale(scale, scale);
+  // The front wheel shows its side when it is steered; the left grip comes back in a left turn.
+  context.globalAlpha = 0.55;
+  ellipse(context, colours.tyre, -0.08 * Math.sin(steer), -WHEEL, 0.028 + WHEEL * Math.abs(Math.sin(steer)), WHEEL);
+  context.globalAlpha = 1;
+  ellipse(context, colours.tyre, 0, -WHEEL, 0.032, WHEEL);
+  line(context, colours.frame, 0.045, [0, -WHEEL], [0, -0.92]);
+  const reach = 0.29 * Math.cos(steer);
+  line(context, colours.tyre, 0.035, [-reach, -1.04 + 0.1 * Math.sin(steer)], [reach, -1.04 - 0.1 * Math.sin(steer)]);
+  const hips = [shift * 0.75, -0.93];
+  const neck = [shift * 1.12, -1.44];
+  line(context, colours.rider, 0.1, [hips[0] - 0.07, hips[1]], [-0.11, -0.42]);
+  line(context, colours.rider, 0.1, [hips[0] + 0.07, hips[1]], [0.11, -0.52]);
+  line(context, colours.rider, 0.07, [neck[0] - 0.15, neck[1] + 0.03], [-reach, -1.06]);
+  line(context, colours.rider, 0.07, [neck[0] + 0.15, neck[1] + 0.03], [reach, -1.06]);
+  line(context, colours.rider, 0.24, hips, [neck[0], neck[1] + 0.06]);
+  ellipse(context, colours.rider, shift * 1.2, -1.63, 0.1, 0.125);
+  context.restore();
+
+  context.textAlign = "left";
+  label(context, 10, height - 10, "lean", sided(degrees(row?.lean), "°", 1, "right", "left"));
+  context.textAlign = "right";
+  const text = sided(100 * row?.displacement, " cm", 1, "left", "right");
+  context.fillStyle = colours.ink;
+  context.fillText(text, width - 10, height - 10);
+  context.fillStyle = colours.soft;
+  context.fillText("rider", width - 16 - context.measureText(text).width, height - 10);
+  context.textAlign = "left";
+  canvas.setAttribute("aria-label", `The bicycle from behind: lean ${sided(degrees(row?.lean), " degrees", 0, "right", "left")}, rider ${text}`);
+}
+
+export function drawAbove(canvas, row) {
+  const { context, width, height } = begin(canvas);
+  const scale = (height - 62) / 2.0;
+  const steer = Number.isFinite(row?.steer) ? row.steer : 0;
+  const lean = Number.isFinite(row?.lean) ? row.lean : 0;
+  const shift = Number.isFinite(row?.displacement) ? -row.displacement : 0;
+
+  context.save();
+  context.translate(width / 2, height / 2 - 2);
+  if (Number.isFinite(row?.heading_error)) goalArrow(context, row.heading_error, 1.13 * scale);
+  context.scale(scale, scale);
+  context.translate(0, 0.06);
+  const [rear, front] = [WHEELBASE / 2, -WHEELBASE / 2];
+  line(context, colours.tyre, 0.07, [0, rear - WHEEL], [0, rear + WHEEL]);
+  line(context, colours.frame, 0.05, [0, rear], [0, front + 0.12]);
+  context.save();
+  context.translate(0, front);
+  context.rotate(-steer);
+  line(context, colours.tyre, 0.07, [0, -WHEEL], [0, WHEEL]);
+  line(context, colours.tyre, 0.045, [-0.29, 0.2], [0.29, 0.2]);
+  context.restore();
+  // The rider's middle goes with the displacement, the head also with the lean.
+  const tilt = Math.sin(lean);
+  context.globalAlpha = 0.85;
+  ellipse(context, colours.rider, shift + 0.9 * tilt * 0.5, 0.2, 0.21, 0.15);
+  ellipse(context, colours.rider, shift * 1.15 + 1.4 * tilt * 0.5, 0.05, 0.11, 0.12);
+  context.globalAlpha = 1;
+  context.restore();
+
+  label(context, 10, height - 10, "steer", sided(degrees(row?.steer), "°", 1, "left", "right"));
+  if (Number.isFinite(row?.heading_error)) {
+    const text = sided(degrees(row.heading_error), "°", 0, "left", "right");
+    context.textAlign = "right";
+    context.fillStyle = colours.ink;
+    context.fillText(text, width - 10, height - 10);
+    context.fillStyle = colours.soft;
+    context.fillText("goal", width - 16 - context.measureText(text).width, height - 10);
+    context.textAlign = "left";
+  }
+  canvas.setAttribute("aria-label", `The bicycle from above: steering ${sided(degrees(row?.steer), " degrees", 0, "left", "right")}`);
+}
+
+/** Where the goal lies, on a circle round the bicycle. */
+function goalArrow(context, error, radius) {
+  context.strokeStyle = colours.line;
+  context.lineWidth = 1;
+  context.beginPath();
+  context.arc(0, 0, radius, 0, 2 * Math.PI);
+  context.stroke();
+  context.save();
+  context.rotate(-error);
+  context.translate(0, -radius);
+  context.fillStyle = colours.good;
+  context.beginPath();
+  context.moveTo(0, -8);
+  context.lineTo(6, 5);
+  context.lineTo(-6, 5);
+  context.fill();
+  context.restore();
+}

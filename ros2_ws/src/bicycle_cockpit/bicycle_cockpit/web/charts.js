@@ -1,0 +1,133 @@
+// Strip charts of state and command over the last seconds before the cursor.
+
+import { begin, colours } from "./theme.js";
+
+const WINDOW = 20;
+const DEGREES = 180 / Math.PI;
+const GUTTER = 92;
+
+const STRIPS = [
+  { name: "lean", unit: "°", column: "lean", factor: DEGREES, least: 5, digits: 1 },
+  { name: "steer", unit: "°", column: "steer", factor: DEGREES, least: 5, digits: 1 },
+  { name: "heading error", unit: "°", column: "heading_error", factor: DEGREES, least: 10, digits: 0 },
+  { name: "torque", unit: "N m", column: "torque", factor: 1, least: 0.2, digits: 2, step: true },
+  { name: "displacement", unit: "cm", column: "displacement", factor: 100, least: 2, digits: 1, step: true },
+  { name: "speed", unit: "m/s", column: "speed", factor: 1, least: 0.5, digits: 2, positive: true },
+];
+
+/** A bound that does not jump about: 1, 2 or 5 times a power of ten. */
+function nice(value) {
+  const power = 10 ** Math.floor(Math.log10(value));
+  return power * [1, 2, 5, 10].find((factor) => factor * power >= value * 0.999);
+}
+
+/**
+ * @param {HTMLCanvasElement} canvas
+ * @param {Series} series
+ * @param {number} end s, at the right edge
+ * @param {Policies} policies
+ */
+export function drawCharts(canvas, series, end, policies) {
+  const { context, width, height } = begin(canvas);
+  const foot = 18;
+  const each = (height - foot) / STRIPS.length;
+  const last = series.length ? series.indexAt(end) : -1;
+  const first = series.length ? series.indexAt(end - WINDOW) : 0;
+  const area = { left: GUTTER, right: width - 10, start: end - WINDOW, end };
+  const x = (t) => area.left + ((t - area.start) / WINDOW) * (area.right - area.left);
+  axis(context, area, x, height, foot);
+  STRIPS.forEach((strip, index) => {
+    const box = { top: index * each, bottom: (index + 1) * each };
+    if (index) rule(context, 0, width, box.top, colours.line);
+    drawStrip(context, strip, box, series, first, last, x, area, policies);
+  });
+}
+
+function rule(context, from, to, y, colour) {
+  context.strokeStyle = colour;
+  context.lineWidth = 1;
+  context.beginPath();
+  context.moveTo(from, Math.round(y) + 0.5);
+  context.lineTo(to, Math.round(y) + 0.5);
+  context.stroke();
+}
+
+function axis(context, area, x, height, foot) {
+  context.strokeStyle = colours.grid;
+  context.lineWidth = 1;
+  context.fillStyle = colours.soft;
+  context.textAlign = "center";
+  for (let t = Math.ceil(area.start / 5) * 5; t <= area.end; t += 5) {
+    const at = Math.round(x(t)) + 0.5;
+    context.beginPath();
+    context.moveTo(at, 0);
+    context.lineTo(at, height - foot);
+    context.stroke();
+    if (t >= 0 && at > area.left + 8 && at < area.right - 14) context.fillText(`${t} s`, at, height - 5);
+  }
+  context.textAlign = "left";
+}
+
+function drawStrip(context, strip, box, series, first, last, x, area, policies) {
+  const values = series[strip.column];
+  let most = strip.least;
+  for (let index = first; index <= last; index++) {
+    const value = Math.abs(values[index] * strip.factor);
+    if (value > most) most = value;
+  }
+  most = nice(most);
+  const least = strip.positive ? 0 : -most;
+  const pad = 7;
+  const y = (value) => box.bottom - pad - ((value - least) / (most - least)) * (box.bottom - box.top - 2 * pad);
+  if (!strip.positive) rule(context, area.left, area.right, y(0), colours.grid);
+
+  context.fillStyle = colours.soft;
+  context.fillText(strip.name, 10, box.top + 17);
+  const now = last >= 0 ? values[last] * strip.factor : NaN;
+  context.fillStyle = colours.ink;
+  context.font = context.font.replace(/^/, "600 ");
+  context.fillText(Number.isFinite(now) ? `${now.toFixed(strip.digits)} ${strip.unit}` : `– ${strip.unit}`, 10, box.top + 33);
+  context.font = context.font.replace(/^600 /, "");
+  context.textAlign = "right";
+  context.fillStyle = colours.soft;
+  if (box.bottom - box.top > 44) context.fillText(`±${most}`.replace("±", strip.positive ? "" : "±"), area.right, box.top + 13);
+  context.textAlign = "left";
+  if (last < 0) return;
+
+  context.save();
+  context.beginPath();
+  context.rect(area.left, box.top, area.right - area.left, box.bottom - box.top);
+  context.clip();
+  context.lineWidth = 1.5;
+  trace(context, strip, series.t, values, first, last, x, y, policies);
+  context.restore();
+}
+
+/** The line, in the colour of the policy that rode; gaps where nothing is known. */
+function trace(context, strip, times, values, first, last, x, y, policies) {
+  let colour = null;
+  let pen = false;
+  let before = 0;
+  for (let index = first; index <= last; index++) {
+    const wanted = colours[policies.colour(policies.at(times[index]))];
+    const value = values[index] * strip.factor;
+    const jump = index > first && times[index] - times[index - 1] > 1;
+    if (wanted !== colour) {
+      if (colour) context.stroke();
+      context.strokeStyle = colour = wanted;
+      context.beginPath();
+      if (pen) context.moveTo(x(times[index - 1]), y(before));
+    }
+    if (!Number.isFinite(value)) pen = false;
+    else {
+      if (!pen || jump) context.moveTo(x(times[index]), y(value));
+      else {
+        if (strip.step) context.lineTo(x(times[index]), y(before));
+        context.lineTo(x(times[index]), y(value));
+      }
+      pen = true;
+      before = value;
+    }
+  }
+  context.stroke();
+}

@@ -1,0 +1,198 @@
+// The head line and the panels below the charts: loop, training, events.
+
+import { begin, colours } from "./theme.js";
+
+const byId = (id) => document.getElementById(id);
+export const shown = (value, digits = 1) => (Number.isFinite(value) ? value.toFixed(digits) : "–");
+const percent = (value) => (Number.isFinite(value) ? `${(100 * value).toFixed(value === 1 ? 0 : 1)} %` : "–");
+
+const MODES = {
+  riding: "riding", paused: "paused", held: "waits for a goal", fallen: "fallen", silent: "no simulator",
+  lost: "connection lost", zero: "no command", bag: "bag",
+};
+const SOURCES = ["at its start", "fresh", "held", "zero input"];
+
+/** Fills a description list without making its elements anew each time. */
+function fill(list, facts) {
+  if (list.children.length !== facts.length) {
+    list.replaceChildren(...facts.map(([name]) => {
+      const item = document.createElement("div");
+      item.append(Object.assign(document.createElement("dt"), { textContent: name }), document.createElement("dd"));
+      return item;
+    }));
+  }
+  facts.forEach(([, text, level, title], index) => {
+    const item = list.children[index];
+    const cell = item.lastChild;
+    if (cell.textContent !== text) cell.textContent = text;
+    item.dataset.level = level ?? "";
+    item.title = title ?? "";
+  });
+}
+
+export function showHead(mode, row, policy) {
+  const badge = byId("mode");
+  if (badge.dataset.mode !== mode) {
+    badge.dataset.mode = mode;
+    badge.textContent = MODES[mode] ?? mode;
+  }
+  byId("speed").textContent = shown(row?.speed, 2);
+  byId("distance").textContent = shown(row?.goal_distance, 1);
+  byId("position").textContent = row ? `${shown(row.x)}, ${shown(row.y)}` : "–";
+  byId("time").textContent = shown(row?.t, 1);
+  if (byId("policy").textContent !== (policy || "–")) byId("policy").textContent = policy || "–";
+}
+
+const spread = (loop, name) => `${shown(loop[`${name}_p50`], 2)} / ${shown(loop[`${name}_p99`], 2)} / ${shown(loop[`${name}_max`], 1)} ms`;
+
+/** @param loop figures @param row present step @param more status of a live ride, or undefined */
+export function showLoop(loop, row, more, period) {
+  const panel = byId("loop");
+  if (!panel.firstChild) panel.append(Object.assign(document.createElement("dl"), { className: "grid" }));
+  const source = row?.source;
+  const late = loop.dropped > 0 ? "warn" : "";
+  const wanted = period ? 1 / period : NaN;
+  const slow = period && loop.rate < 0.98 * wanted && !Number.isNaN(loop.lateness_p50);
+  const facts = [
+    ["rate", `${shown(loop.rate, 2)} Hz`, slow ? "warn" : ""],
+    ["jitter p50 / p99 / max", spread(loop, "jitter"), "", "how far periods are from their median"],
+    ["state to command", spread(loop, "latency"), "", "p50 / p99 / max"],
+    ["late, dropped", `${loop.late ?? 0}, ${loop.dropped ?? 0} steps`, late, "since the simulator started"],
+    ["watchdog", SOURCES[source] ?? "–", source === 3 ? "bad" : source === 2 ? "warn" : source === 1 ? "good" : "",
+      more?.commands ?? "where the input of this step came from"],
+  ];
+  if (more) {
+    facts.push(["controllers", String(more.controllers), more.controllers === 1 ? "" : "bad", more.commands]);
+    facts.push(["pages, frames lost", `${more.pages}, ${more.dropped_frames}`, "", "by pages that did not keep up"]);
+  }
+  fill(panel.firstChild, facts);
+}
+
+export function showTrainer(trainer, history) {
+  byId("no-trainer").hidden = Boolean(trainer);
+  byId("trainer").hidden = !trainer;
+  if (!trainer) return;
+  fill(byId("trainer-facts"), [
+    ["phase", `${trainer.phase}, ${trainer.mode}`],
+    ["updates", `${trainer.updates} (${shown(trainer.update_rate, 0)}/s)`],
+    ["transitions", `${trainer.transitions} (${shown(trainer.transition_rate, 0)}/s)`, trainer.lost_transitions ? "warn" : "", `${trainer.lost_transitions} lost`],
+    ["goals reached", percent(trainer.reach_rate), "", "of the last candidate's rides"],
+    ["falls", percent(trainer.fall_rate), trainer.fall_rate > 0 ? "warn" : ""],
+    ["return", shown(trainer.mean_return, 2)],
+    ["best: reached, falls", `${percent(trainer.best_reach_rate)}, ${percent(trainer.best_fall_rate)}`],
+    ["in charge", trainer.in_charge || "–", "", trainer.in_charge],
+    ["last", trainer.message || "–", "", trainer.message],
+  ]);
+  drawProgress(byId("progress"), history);
+}
+
+/** Goal rate, fall rate (0 to 1) and the mean return (its own scale) over updates. */
+function drawProgress(canvas, history) {
+  if (!canvas.clientWidth) return;
+  const { context, width, height } = begin(canvas);
+  const [left, right, top, bottom] = [34, width - 60, 8, height - 18];
+  const most = Math.max(1, ...history.map((point) => point.updates));
+  const returns = history.map((point) => point.mean_return).filter(Number.isFinite);
+  const [low, high] = [Math.min(0, ...returns), Math.max(0, ...returns)];
+  const x = (updates) => left + (updates / most) * (right - left);
+  context.strokeStyle = colours.line;
+  context.strokeRect(left, top, right - left, bottom - top);
+  context.fillStyle = colours.soft;
+  context.fillText("100 %", 0, top + 9);
+  context.fillText("0", 20, bottom);
+  context.fillText(`${most} updates`, left, height - 4);
+  const curves = [
+    ["reach_rate", colours.good, "reached", (v) => bottom - v * (bottom - top)],
+    ["fall_rate", colours.bad, "falls", (v) => bottom - v * (bottom - top)],
+    ["mean_return", colours.accent, "return", (v) => bottom - ((v - low) / (high - low || 1)) * (bottom - top)],
+  ];
+  curves.forEach(([name, colour, label, y], index) => {
+    context.strokeStyle = context.fillStyle = colour;
+    context.lineWidth = 1.5;
+    context.fillText(label, right + 6, top + 10 + 15 * index);
+    context.beginPath();
+    for (const point of history) if (Number.isFinite(point[name])) context.lineTo(x(point.updates), y(point[name]));
+    context.stroke();
+  });
+}
+
+const TERMS = [["reward_lean", "lean"], ["reward_rate", "lean rate"], ["reward_acceleration", "lean acceleration"], ["reward_heading", "heading error"]];
+
+/** Equation 20 term by term, its mean over the last ten seconds. */
+export function showReward(series, cursor) {
+  const box = byId("reward");
+  if (byId("training").hidden) return;
+  if (!box.firstChild) {
+    for (const [, name] of TERMS) {
+      box.append(Object.assign(document.createElement("span"), { textContent: `reward: ${name}` }), document.createElement("i"), document.createElement("b"));
+    }
+  }
+  const first = cursor >= 0 ? series.indexAt(series.t[cursor] - 10) : 0;
+  const means = TERMS.map(([column]) => {
+    const values = series[column].slice(first, cursor + 1).filter(Number.isFinite);
+    return values.length ? values.reduce((sum, value) => sum + value, 0) / values.length : NaN;
+  });
+  const most = Math.max(1e-9, ...means.filter(Number.isFinite).map(Math.abs));
+  means.forEach((mean, index) => {
+    const [, bar, number] = [...box.children].slice(3 * index, 3 * index + 3);
+    bar.style.width = `${Number.isFinite(mean) ? (100 * Math.abs(mean)) / most : 0}%`;
+    number.textContent = Number.isFinite(mean) ? mean.toFixed(4) : "–";
+  });
+}
+
+const MOST_EVENTS = 80;
+
+export function addEvent({ t, level, text }) {
+  const item = document.createElement("li");
+  item.dataset.level = level;
+  item.append(
+    Object.assign(document.createElement("time"), { textContent: `${shown(t, 1)} s` }),
+    Object.assign(document.createElement("span"), { textContent: text }),
+  );
+  const list = byId("event-list");
+  list.prepend(item);
+  while (list.children.length > MOST_EVENTS) list.lastChild.remove();
+}
+
+export function clearEvents() {
+  byId("event-list").replaceChildren();
+}
+
+/** Policies in their colours, once there is more than one to tell apart. */
+export function showLegend(policies) {
+  const legend = byId("legend");
+  const names = policies.names.join("\n");
+  if (legend.dataset.names === names) return;
+  legend.dataset.names = names;
+  legend.replaceChildren(...policies.names.map((name) => {
+    const item = document.createElement("li");
+    const bar = document.createElement("i");
+    bar.style.color = `var(--${policies.colour(name)})`;
+    item.append(bar, name);
+    return item;
+  }));
+}
+
+/** Tabs as the ARIA practices want them: one stop, arrow keys inside. */
+export function listenToTabs(changed) {
+  const tabs = [...document.querySelectorAll("[role=tab]")];
+  const choose = (tab) => {
+    for (const other of tabs) {
+      const chosen = other === tab;
+      other.setAttribute("aria-selected", String(chosen));
+      other.tabIndex = chosen ? 0 : -1;
+      byId(other.getAttribute("aria-controls")).hidden = !chosen;
+    }
+    changed();
+  };
+  tabs.forEach((tab, index) => {
+    tab.addEventListener("click", () => choose(tab));
+    tab.addEventListener("keydown", (event) => {
+      const by = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+      if (!by) return;
+      const next = tabs[(index + by + tabs.length) % tabs.length];
+      next.focus();
+      choose(next);
+    });
+  });
+}

@@ -1,0 +1,27 @@
+"""Packaging of bicycle_cockpit, for colcon and for plain pip."""
+
+from setuptools import find_packages, setup
+
+NAME = "bicycle_cockpit"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["py.typed", "web/*"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
+    ],
+    install_requires=["aiohttp", "numpy"],
+    extras_require={"test": ["pytest"]},
+    python_requires=">=3.10",
+    zip_safe=False,
+    maintainer="Self-driving bicycle maintainers",
+    maintainer_email="maintainers@self-driving-bicycle.org",
+    description="Shows the bicycle in the browser, takes goals there, and scrubs through bags.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": ["bicycle_cockpit = bicycle_cockpit.nodes.cockpit:main"],
+    },
+)

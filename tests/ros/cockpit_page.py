@@ -1,0 +1,98 @@
+"""The cockpit as a process, and a page of it without a browser."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+from node_process import NodeProcess
+
+COCKPIT = Path(__file__).resolve().parents[2] / "ros2_ws" / "cockpit.sh"
+PATIENCE = 30.0
+
+
+def address_of(cockpit: NodeProcess, timeout: float = 60.0) -> str:
+    """What it prints for the browser."""
+    return cockpit.wait_for_line(r"cockpit: (http://\S+)", timeout)[1]
+
+
+class Page:
+    """Keeps everything that a page hears; asks and waits for the answer."""
+
+    def __init__(self, address: str) -> None:
+        self.address = address.rstrip("/")
+        self.heard: list[dict[str, Any]] = []
+        self.rows: list[dict[str, Any]] = []
+        self._columns: list[str] = []
+        self._loop = asyncio.new_event_loop()
+        self._socket: aiohttp.ClientWebSocketResponse | None = None
+        self._number = 0
+        self._thread = threading.Thread(target=self._loop.run_until_complete, args=(self._run(),))
+        self._thread.start()
+        self.until(lambda: self._columns)
+
+    async def _run(self) -> None:
+        async with aiohttp.ClientSession() as session:
+            url = f"{self.address}/ws"
+            self._socket = await session.ws_connect(url, origin=self.address, max_msg_size=0)
+            async for message in self._socket:
+                self._take(json.loads(message.data))
+
+    def _take(self, message: dict[str, Any]) -> None:
+        if message["type"] == "hello":
+            self._columns = message["columns"]
+        for row in message.get("rows", ()):
+            self.rows.append(dict(zip(self._columns, row, strict=True)))
+        self.heard.append(message)
+
+    def until(self, condition: Callable[[], Any], patience: float = PATIENCE) -> Any:
+        """Wait until a condition holds; returns what it gave."""
+        deadline = time.monotonic() + patience
+        while not (value := condition()):
+            assert time.monotonic() < deadline, f"in vain; last heard {self.heard[-3:]}"
+            time.sleep(0.02)
+        return value
+
+    def newest(self, kind: str) -> dict[str, Any]:
+        """The last message of a type."""
+        found = (message for message in reversed(self.heard) if message["type"] == kind)
+        return self.until(lambda: next(found, None))
+
+    def event(self, kind: str) -> dict[str, Any]:
+        """The first event of a kind."""
+        return self.until(lambda: next((m for m in self.heard if m.get("kind") == kind), None))
+
+    def ask(self, kind: str, **fields: object) -> dict[str, Any]:
+        """The answer to a request."""
+        self._number += 1
+        number = self._number
+        text = json.dumps({"type": kind, "id": number, **fields})
+        assert self._socket is not None
+        asyncio.run_coroutine_threadsafe(self._socket.send_str(text), self._loop).result(5)
+        return self.until(
+            lambda: next(
+                (m for m in self.heard if m["type"] == "answer" and m["id"] == number), None
+            )
+        )
+
+    def get(self, path: str) -> dict[str, Any]:
+        """What the server has under a path, decoded."""
+
+        async def fetch() -> Any:
+            async with aiohttp.ClientSession() as session:
+                async with session.get(f"{self.address}/{path}") as response:
+                    return await response.json()
+
+        return asyncio.run_coroutine_threadsafe(fetch(), self._loop).result(30)
+
+    def close(self) -> None:
+        """Leave."""
+        if self._socket is not None and not self._loop.is_closed():
+            asyncio.run_coroutine_threadsafe(self._socket.close(), self._loop)
+        self._thread.join(5.0)

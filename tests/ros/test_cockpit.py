@@ -1,0 +1,190 @@
+"""The cockpit with a real simulator and controller: rides, pushes, records and tells."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from bicycle_msgs.msg import TrainerStatus
+from cockpit_page import COCKPIT, Page, address_of
+from domains import claimed_domain
+from node_process import NodeProcess
+from probe import Probe
+
+from bicycle_bringup.nodes import verify
+from bicycle_sim.nodes import interfaces
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+Start = Callable[..., NodeProcess]
+Made = tuple[NodeProcess, Page, Path, int]
+
+
+@pytest.fixture(scope="module")
+def cockpit(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Made]:
+    """A cockpit with its own ride under LQR, a page of it, its folder and its domain."""
+    folder = tmp_path_factory.mktemp("bags")
+    words = [str(COCKPIT), "--port", "0", "--bags", str(folder), "controller.policy:=lqr"]
+    with claimed_domain() as domain, NodeProcess(words, {"ROS_DOMAIN_ID": str(domain)}) as process:
+        page = Page(address_of(process))
+        yield process, page, folder, domain
+        page.close()
+
+
+def last(page: Page, name: str) -> float:
+    return float(page.rows[-1][name])
+
+
+def test_a_ride_is_recorded_pushed_and_proved(cockpit: Made) -> None:
+    _, page, folder, domain = cockpit
+    assert page.newest("hello")["largest_push"] == 2.0
+    assert page.ask("record", on=True)["ok"]
+    page.until(lambda: page.newest("status")["recording"])
+    page.until(lambda: "recording /bicycle/timing" in _log(domain, "recorder"))
+    assert page.ask("goal", x=14.0, y=4.0)["ok"]
+    page.until(lambda: last(page, "x") > 3.0)
+    pushed = page.ask("push", lean_rate=0.25)
+    assert pushed["ok"], pushed
+    assert "0.25 rad/s" in page.event("push")["text"]
+    reached = page.event("reached")
+    assert (reached["x"], reached["y"]) == (14.0, 4.0)
+    assert math.hypot(last(page, "x") - 14.0, last(page, "y") - 4.0) < 3.0
+    status = page.newest("status")
+    assert status["mode"] == "riding"
+    assert status["policy"].startswith("lqr")
+    assert status["loop"]["rate"] > 0
+    assert status["controllers"] == 1
+    assert page.ask("record", on=False)["ok"]
+    page.until(lambda: not page.newest("status")["recording"])
+
+    (bag,) = page.get("bags")["bags"]
+    shown = page.get(f"bags/{bag['name']}")
+    kinds = {mark["kind"] for mark in shown["marks"]}
+    assert {"active", "reached", "push"} <= kinds
+    x = shown["data"][shown["columns"].index("x")]
+    assert max(x) > 12.0
+    recording = verify.read(folder / bag["name"])
+    assert sum(map(len, recording.pushes.values())) == 1
+    (*_, verdict) = verify.verify(recording)
+    assert verdict.proved, verdict
+    recording.pushes.clear()
+    (*_, verdict) = verify.verify(recording)
+    assert "lean_rate" in verdict.difference
+
+
+def _log(domain: int, name: str) -> str:
+    """What a process that the cockpit started has printed."""
+    path = COCKPIT.parent / "log" / "cockpit" / str(domain) / f"{name}.log"
+    return path.read_text() if path.exists() else ""
+
+
+def test_pause_step_and_reset_do_what_they_say(cockpit: Made) -> None:
+    _, page, _, _ = cockpit
+    assert page.ask("goal", x=60.0, y=0.0)["ok"]
+    page.until(lambda: page.newest("status")["mode"] == "riding")
+    assert page.ask("pause", paused=True)["ok"]
+    page.until(lambda: page.newest("status")["mode"] == "paused")
+    before = last(page, "step")
+    assert page.ask("step")["ok"]
+    page.until(lambda: last(page, "step") == before + 1)
+    assert page.ask("pause", paused=False)["ok"]
+    page.until(lambda: last(page, "step") > before + 10)
+    assert not page.ask("step")["ok"]
+    answer = page.ask("reset", random=False)
+    assert answer["ok"]
+    page.until(lambda: (last(page, "step"), last(page, "x"), last(page, "y")) == (0.0, 0.0, 0.0))
+    page.until(lambda: page.newest("status")["mode"] == "held")
+
+
+def test_waypoints_are_added_to_what_lies_ahead(cockpit: Made) -> None:
+    _, page, _, _ = cockpit
+    assert page.ask("goal", x=40.0, y=0.0)["ok"]
+    page.until(lambda: page.newest("status")["goal"] == [40.0, 0.0])
+    assert page.ask("waypoints", points=[[60.0, 10.0], [80.0, 0.0]])["ok"]
+    page.until(lambda: page.newest("status")["ahead"] == [[60.0, 10.0], [80.0, 0.0]])
+    assert page.newest("status")["goal"] == [40.0, 0.0]
+    assert page.ask("clear")["ok"]
+    page.until(lambda: page.newest("status")["goal"] is None)
+
+
+def test_the_controller_is_switched_by_name_only(cockpit: Made) -> None:
+    _, page, _, _ = cockpit
+    offered = {one["name"] for one in page.newest("hello")["controllers"]}
+    assert {"fixed-speed", "lqr"} <= offered
+    assert page.ask("goal", x=0.0, y=60.0)["ok"]
+    assert page.ask("controller", name="fixed-speed")["ok"]
+    page.until(lambda: page.newest("status")["policy"].startswith("fixed-speed@"))
+    refused = page.ask("controller", name="/etc/passwd")
+    assert not refused["ok"]
+    assert "is offered" in refused["message"]
+
+
+def test_the_trainer_is_told(cockpit: Made) -> None:
+    _, page, _, domain = cockpit
+    probe = Probe(domain)
+    status = TrainerStatus(phase="learning", updates=1200, reach_rate=0.75, mean_return=math.nan)
+    probe.say(interfaces.TRAINER, status)
+    trainer = page.until(lambda: next((m for m in page.heard if m["type"] == "trainer"), None))
+    assert (trainer["phase"], trainer["updates"], trainer["reach_rate"]) == (
+        "learning",
+        1200,
+        0.75,
+    )
+    assert trainer["mean_return"] is None
+    probe.close()
+
+
+def test_a_dead_controller_is_started_again(cockpit: Made) -> None:
+    _, page, _, domain = cockpit
+    folder = COCKPIT.parent / "runs" / "pids" / str(domain)
+    (note,) = folder.glob("controller.*")
+    os.kill(int(note.suffix[1:]), signal.SIGKILL)
+    page.until(lambda: any("started again" in m.get("text", "") for m in page.heard))
+    page.until(lambda: page.ask("goal", x=5.0, y=5.0)["ok"])
+
+
+def test_ctrl_c_ends_all_of_it(cockpit: Made) -> None:
+    process, _, _, domain = cockpit
+    assert process.stop(signal.SIGINT, timeout=15) == 0, process.output
+    assert "Traceback" not in process.output
+    left = list((COCKPIT.parent / "runs" / "pids" / str(domain)).glob("[cs]*"))
+    assert [path.name for path in left if not path.name.startswith("cockpit")] == []
+
+
+def test_without_a_ride_it_says_what_is_missing(start_node: Start, tmp_path: Path) -> None:
+    words = ["--no-ride", "--port", "0", "--bags", tmp_path]
+    page = Page(address_of(start_node(COCKPIT, words)))
+    assert page.newest("status")["mode"] == "silent"
+    assert "controller.sh" in page.ask("goal", x=1.0, y=1.0)["message"]
+    assert "sim.sh" in page.ask("pause", paused=True)["message"]
+    assert "controller.sh" in page.ask("controller", name="lqr")["message"]
+    page.close()
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--bind", "0.0.0.0"], "give a secret with --token"),
+        (["--token", "short"], "at least 16 letters"),
+        (["--port", "99999"], "choose 1 to 65535"),
+        (["--speed", "3"], "unrecognized arguments: --speed"),
+        (["pilot.policy:=lqr"], "names no node"),
+        (["--no-ride", "controller.policy:=lqr"], "sets nothing with --no-ride"),
+    ],
+)
+def test_mistakes_are_one_line(start_node: Start, words: list[str], said: str) -> None:
+    process = start_node(COCKPIT, words)
+    assert process.wait(60) == 2
+    (line,) = process.lines
+    assert said in line
+
+
+def test_a_wrong_parameter_of_the_controller_ends_it(start_node: Start) -> None:
+    process = start_node(COCKPIT, ["--port", "0", "controller.policy:=/none.safetensors"])
+    assert process.wait(60) == 2
+    assert "controller exited with status 2" in process.lines[-1]
+    assert "/none.safetensors" in process.lines[-1]
