@@ -85,9 +85,9 @@ class Page:
         """What the server has under a path, decoded."""
 
         async def fetch() -> Any:
-            async with aiohttp.ClientSession() as session:
-                async with session.get(f"{self.address}/{path}") as response:
-                    return await response.json()
+            url = f"{self.address}/{path}"
+            async with aiohttp.ClientSession() as session, session.get(url) as response:
+                return await response.json()
 
         return asyncio.run_coroutine_threadsafe(fetch(), self._loop).result(30)
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bicycle_msgs.msg import BicycleCommand, BicycleState
-from bicycle_msgs.srv import Reset
+from bicycle_msgs.srv import Push, Reset
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from node_process import NodeProcess
 from probe import Probe, command
@@ -123,6 +123,23 @@ def test_the_schedule_accounts_for_every_period(start_sim: Any, probe: Probe) ->
     # What is dropped at a step lengthens the period after it: the last one's is still to come.
     periods = len(timings) - 1 + timings[-2].dropped_steps
     assert elapsed == pytest.approx(periods * 0.00625 + last.lateness - first.lateness, abs=1e-6)
+
+
+def test_a_push_acts_once_and_is_told(start_sim: Any, ros_domain: int) -> None:
+    start_sim(pace="lockstep")
+    probe = Probe(ros_domain, STATE, interfaces.PUSHED)
+    first = newest(probe)
+    for wrong in (math.nan, 5.0):
+        answer = probe.call(interfaces.PUSH, Push.Request(lean_rate=wrong))
+        assert not answer.success
+        assert answer.message.startswith("not pushed: ")
+    assert probe.call(interfaces.PUSH, Push.Request(lean_rate=0.25)).success
+    probe.say(COMMAND, command(first))
+    (pushed,) = probe.spin_until(lambda: probe[interfaces.PUSHED])
+    assert (pushed.episode, pushed.step, pushed.lean_rate) == (1, 0, 0.25)
+    state = at_step(probe, 1)
+    assert state.lean_rate == 0.25
+    probe.close()
 
 
 def random_ride(start_node: StartNode, domain: int, steps: int) -> list[str]:
