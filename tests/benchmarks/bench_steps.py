@@ -1,0 +1,188 @@
+"""Bicycle steps per second: batched, on all cores, and one bicycle through Gymnasium.
+
+Each turn steps N bicycles under random actions, starting again those that ended, as training
+does. Beside it, in turns: the same N as separate Gymnasium environments in one process, as
+stable-baselines3's DummyVecEnv and Gymnasium's SyncVectorEnv step them (up to 256, they are slow),
+and one Pendulum-v1, Gymnasium's own six-line pendulum, beside one bicycle. Rates are per second of
+processor time of one core; `all cores` runs one process a core and is per second of wall time.
+
+    python tests/benchmarks/bench_steps.py [--turns 5] [--out FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import shlex
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from machine import machine
+from stable_baselines3.common.vec_env import DummyVecEnv
+from tqdm import tqdm
+
+from bicycle_controller.run_folder import origin
+from bicycle_sim.gym_env import BicycleEnv, BicycleVectorEnv
+from bicycle_sim.scenario import named
+from bicycle_sim.task import BicycleTask
+
+RESULTS = Path(__file__).parent / "results" / "steps.json"
+SIZES = (1, 16, 64, 256, 1024, 4096, 16384)
+SEPARATE = (1, 16, 64, 256)
+TURN = 0.4
+"""s of processor time that a turn lasts."""
+ALL_CORES = 3.0
+"""s of wall time for all cores together."""
+
+Step = Callable[[], None]
+
+
+def batched(count: int, seed: int = 0) -> Step:
+    """The task itself."""
+    rng = np.random.default_rng(seed)
+    task = BicycleTask(named("random-start-random-goal"), None, count, rng)
+    action = rng.normal(size=(count, 3)) * (0.1, 0.01, 0.0)
+
+    def step() -> None:
+        found = task.step(action)
+        ended = found.fallen | found.terminated | found.truncated
+        if ended.any():
+            task.reset(ended)
+
+    return step
+
+
+def vector_env(count: int) -> Step:
+    """`BicycleVectorEnv`, which is what `gymnasium.make_vec` gives."""
+    env = BicycleVectorEnv(count, fall="terminate")
+    return _gym_step(env, count)
+
+
+def sync_vector_env(count: int) -> Step:
+    """Gymnasium's own vector of separate environments."""
+    env = gymnasium.vector.SyncVectorEnv([lambda: BicycleEnv(fall="terminate")] * count)
+    return _gym_step(env, count)
+
+
+def _gym_step(env: Any, count: int) -> Step:
+    env.reset(seed=0)
+    action = (np.random.default_rng(0).normal(size=(count, 2)) * 0.05).astype(np.float32)
+
+    def step() -> None:
+        env.step(action)
+
+    return step
+
+
+def dummy_vec_env(count: int) -> Step:
+    """stable-baselines3's."""
+    env = DummyVecEnv([lambda: BicycleEnv(fall="terminate")] * count)
+    env.reset()
+    action = (np.random.default_rng(0).normal(size=(count, 2)) * 0.05).astype(np.float32)
+
+    def step() -> None:
+        env.step(action)
+
+    return step
+
+
+def single(env: gymnasium.Env[Any, Any], actions: int) -> Step:
+    """One environment, begun again when it ends."""
+    env.reset(seed=0)
+    action = np.full(actions, 0.01, dtype=np.float32)
+
+    def step() -> None:
+        _, _, terminated, truncated, _ = env.step(action)
+        if terminated or truncated:
+            env.reset()
+
+    return step
+
+
+def rate(step: Step, count: int) -> float:
+    """Bicycle steps per second of processor time, over one turn."""
+    rounds, begun = 0, time.process_time()
+    while (spent := time.process_time() - begun) < TURN:
+        step()
+        rounds += 1
+    return count * rounds / spent
+
+
+def _work(count: int, seed: int, ready: Any, made: Any) -> None:
+    step = batched(count, seed)
+    step()
+    ready.wait()
+    rounds, begun = 0, time.monotonic()
+    while time.monotonic() - begun < ALL_CORES:
+        step()
+        rounds += 1
+    made.put(count * rounds / (time.monotonic() - begun))
+
+
+def all_cores(count: int) -> float:
+    """Bicycle steps per second of wall time, one process a core."""
+    cores = os.cpu_count() or 1
+    context = multiprocessing.get_context("spawn")
+    ready, made = context.Barrier(cores), context.Queue()
+    workers = [
+        context.Process(target=_work, args=(count, seed, ready, made)) for seed in range(cores)
+    ]
+    for worker in workers:
+        worker.start()
+    total = sum(float(made.get()) for _ in workers)
+    for worker in workers:
+        worker.join()
+    return total
+
+
+def main() -> None:
+    """Run, print and write the results."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--turns", type=int, default=5)
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    args = parser.parse_args()
+    contestants: dict[str, tuple[Step, int]] = {}
+    for count in SIZES:
+        contestants[f"task, {count}"] = batched(count), count
+        contestants[f"BicycleVectorEnv, {count}"] = vector_env(count), count
+    for count in SEPARATE:
+        contestants[f"SyncVectorEnv, {count}"] = sync_vector_env(count), count
+        contestants[f"DummyVecEnv, {count}"] = dummy_vec_env(count), count
+    contestants["BicycleEnv"] = single(BicycleEnv(fall="terminate"), 2), 1
+    contestants["Pendulum-v1"] = single(gymnasium.make("Pendulum-v1"), 1), 1
+    rates: dict[str, list[float]] = {name: [] for name in contestants}
+    for _ in tqdm(range(args.turns), unit="turn", disable=None):
+        for name, (step, count) in contestants.items():
+            rates[name].append(rate(step, count))
+    medians = {name: statistics.median(found) for name, found in rates.items()}
+    together = [all_cores(4096) for _ in range(args.turns)]
+    result = {
+        "command": shlex.join(["python", *sys.argv]),
+        "commit": origin()["commit"],
+        "machine": machine("numpy", "gymnasium", "stable-baselines3"),
+        "steps_per_cpu_s": medians,
+        "all cores, 4096 each, steps_per_s": {
+            "median": statistics.median(together),
+            "best": max(together),
+        },
+        "ratios": {
+            f"{count} bicycles, task over DummyVecEnv": medians[f"task, {count}"]
+            / medians[f"DummyVecEnv, {count}"]
+            for count in SEPARATE
+        },
+        "turns": args.turns,
+    }
+    args.out.write_text(json.dumps(result, indent=2) + "\n")
+    print(json.dumps(result, indent=2))
+
+
+if __name__ == "__main__":
+    main()
