@@ -7,7 +7,7 @@ from bicycle_controller.agents.ddpg import Ddpg
 from bicycle_controller.agents.fused import FusedDdpg
 from bicycle_controller.agents.naf import Naf
 from bicycle_controller.agents.ppo import Ppo
-from bicycle_controller.collect import Collector, observations
+from bicycle_controller.collect import Collector, observations, teaches
 from bicycle_controller.collect_rollout import RolloutCollector
 from bicycle_controller.config import RunConfig
 from bicycle_controller.learner_config import DdpgConfig, NafConfig, PpoConfig
@@ -30,7 +30,7 @@ def make_memory(config: RunConfig, device: str) -> Memory:
     """A replay memory, or for PPO the rollout between two rounds of updates."""
     learner, actions = config.learner, _actions(config)
     if isinstance(learner, (DdpgConfig, NafConfig)):
-        return Replay(learner.capacity, actions, device, observations(learner))
+        return Replay(learner.capacity, actions, device, observations(learner), teaches(learner))
     return Rollout(learner.rollout, config.bicycles, actions)
 
 

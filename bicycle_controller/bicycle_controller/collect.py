@@ -35,6 +35,11 @@ def _extras(learner: LearnerConfig) -> tuple[str, ...]:
     return learner.critic_sees if isinstance(learner, DdpgConfig) else ()
 
 
+def teaches(learner: LearnerConfig) -> bool:
+    """Whether the memory holds what a teacher would have done."""
+    return isinstance(learner, DdpgConfig) and learner.bc_to == "teacher"
+
+
 class Collector:
     """The bicycles, their noise and the transitions still pending.
 
@@ -70,6 +75,7 @@ class Collector:
             learner.cost_cap,
             learner.step_cost,
             observations(learner),
+            teaches(learner),
         )
         self.top_speed = (scenario.speed_limits or (0.0, scenario.start_speed))[1]
         self.steps = self.rounds = 0
@@ -80,7 +86,8 @@ class Collector:
 
     def step(self, agent: Chooser) -> None:
         """Step every bicycle once and store the transitions that are complete."""
-        action = self._chosen(agent)
+        shown = self._shown()
+        action = self._chosen(agent, shown)
         physical = np.zeros((self.config.bicycles, 3))
         physical[:, self.driven] = action * self.limits[self.driven]
         before = self._seen(self.observation)
@@ -95,6 +102,7 @@ class Collector:
                 step.truncated,
                 step.fallen,
                 self._progress(step),
+                shown if teaches(self.config.learner) else None,
             )
         )
         self.steps += self.config.bicycles
@@ -121,18 +129,26 @@ class Collector:
         nearer = self.task.state.speed * np.cos(step.observation[:, 5])
         return self.config.shaping.progress * (nearer / self.top_speed - 1.0)
 
-    def _chosen(self, agent: Chooser) -> np.ndarray:
-        """Normalised actions (N, actions): at random in the warm-up, else the noisy policy's."""
+    def _shown(self) -> np.ndarray | None:
+        """What the teacher would do with every bicycle, normalised, (N, actions)."""
+        if self.teacher is None:
+            return None
+        action = self.teacher.act(self.observation, self.task.state.speed)
+        return np.clip(action[:, self.driven] / self.limits[self.driven], -1.0, 1.0)
+
+    def _chosen(self, agent: Chooser, shown: np.ndarray | None) -> np.ndarray:
+        """Normalised actions (N, actions): at random in the warm-up, else the noisy policy's.
+
+        Where the teacher rides it is its action, with the same noise.
+        """
         size = (self.config.bicycles, len(self.driven))
         if self.steps < self.config.warm_up:
             noise, action = np.zeros(size), self.warm_rng.uniform(-1.0, 1.0, size)
         else:
             noise = self.noise.sample()
             action = agent.act(self.observation) + noise
-        if self.teacher is not None:
-            who = self.taught
-            shown = self.teacher.act(self.observation[who], self.task.state.speed[who])
-            action[who] = shown[:, self.driven] / self.limits[self.driven] + noise[who]
+        if shown is not None:
+            action[self.taught] = shown[self.taught] + noise[self.taught]
         return self._finite(np.clip(action, -1.0, 1.0))
 
     def _finite(self, action: np.ndarray) -> np.ndarray:

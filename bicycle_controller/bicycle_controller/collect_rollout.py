@@ -16,7 +16,7 @@ class RolloutCollector(Collector):
     clips it to the limits as it is applied.
     """
 
-    def _chosen(self, agent: Chooser) -> np.ndarray:
+    def _chosen(self, agent: Chooser, shown: np.ndarray | None) -> np.ndarray:
         """Normalised actions (N, actions), drawn and not clipped."""
         assert isinstance(agent, Ppo)
         return self._finite(agent.sample(self.observation))

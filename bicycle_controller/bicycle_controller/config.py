@@ -241,6 +241,11 @@ class RunConfig:
         )
         if self.ppo is not None:
             self._check_on_policy(self.ppo)
+        taught = self.ddpg is not None and self.ddpg.bc_to == "teacher"
+        require(
+            not taught or self.teacher.share > 0,
+            "ddpg.bc_to=teacher needs a teacher: set teacher.controller and teacher.share",
+        )
 
     def _check_on_policy(self, ppo: PpoConfig) -> None:
         """PPO explores by its own distribution and updates after each rollout."""

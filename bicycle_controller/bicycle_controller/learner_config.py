@@ -112,6 +112,9 @@ class DdpgConfig:
     """Weight of the squared pre-tanh outputs in the actor's loss."""
     bc_weight: float = 0.0
     """TD3+BC: weight of the squared distance to the stored action against normalised Q."""
+    bc_to: str = "recorded"
+    """Which action that is: the `recorded` one, exploration and all, or what the run's `teacher`
+    would have done in that state, whoever rode (Ross et al. 2011, DAgger)."""
     bc_alpha: float = 2.5
     """TD3+BC: what lambda = bc_alpha / mean|Q| is made of."""
     backend: str = "auto"
@@ -149,6 +152,7 @@ class DdpgConfig:
             require_choice("critic_sees", name, tuple(CRITIC_EXTRAS))
         require_choice("initialisation", self.initialisation, ("literal", "output", "fan_in"))
         require_choice("fall", self.fall, ("frozen", "absorbing"))
+        require_choice("bc_to", self.bc_to, ("recorded", "teacher"))
         require_choice("backend", self.backend, ("auto", "native", "fused", "autograd"))
 
     @property

@@ -33,6 +33,8 @@ class Batch:
     """(B,), 1 where the step limit was."""
     fallen: Tensor
     """(B,), 1 where the bicycle lies afterwards."""
+    shown: Tensor | None = None
+    """(B, actions), what a teacher would have done, where the memory holds that."""
 
 
 class Replay:
@@ -50,11 +52,15 @@ class Replay:
         actions: int,
         device: torch.device | str = "cpu",
         observations: int = OBSERVATIONS,
+        shown: bool = False,
     ) -> None:
-        """Make an empty memory for `capacity` transitions of so many numbers."""
+        """Make an empty memory for `capacity` transitions of so many numbers.
+
+        With `shown` each has a second action to its right, the teacher's.
+        """
         self.capacity = capacity
         self.actions = actions
-        self.columns = [observations, actions, observations, 1, 1, 1, 1, 1]
+        self.columns = [observations, actions, observations, 1, 1, 1, 1, 1] + [actions] * shown
         self.table = torch.zeros((capacity, sum(self.columns)), device=device)
         self.size = 0
         self.position = 0
@@ -94,7 +100,7 @@ class Replay:
             raise ValueError("cannot sample from an empty replay memory")
         index = torch.randint(self.size, (count,), generator=generator, device=self.table.device)
         parts = torch.split_with_sizes(self.table.index_select(0, index), self.columns, 1)
-        return Batch(*parts[:3], *(part.squeeze(1) for part in parts[3:]))
+        return Batch(*parts[:3], *(part.squeeze(1) for part in parts[3:8]), *parts[8:])
 
     def state_dict(self) -> dict[str, Any]:
         """The rows in use and the position."""
@@ -135,6 +141,7 @@ class Returns:
         cost_cap: float = 0.0,
         step_cost: float = 0.0,
         observations: int = OBSERVATIONS,
+        shown: bool = False,
     ) -> None:
         """Start with nothing pending.
 
@@ -148,12 +155,14 @@ class Returns:
             cost_cap: most that one step may cost; 0 caps nothing.
             step_cost: taken from every reward after that.
             observations: numbers per observation.
+            shown: whether a teacher's action goes with each.
         """
         self.n_step, self.gamma = n_step, gamma
         self.fall_penalty, self.absorbing = fall_penalty, absorbing
         self.cost_cap, self.step_cost = cost_cap, step_cost
         self.observation = np.zeros((n_step, count, observations), dtype=np.float32)
         self.action = np.zeros((n_step, count, actions), dtype=np.float32)
+        self.shown = np.zeros((n_step, count, actions if shown else 0), dtype=np.float32)
         self.sum = np.zeros((n_step, count))
         self.age = np.zeros((n_step, count), dtype=np.int64)
         self.open = np.zeros((n_step, count), dtype=bool)
@@ -169,6 +178,7 @@ class Returns:
         truncated: np.ndarray,
         fallen: np.ndarray,
         shaping: np.ndarray | float = 0.0,
+        shown: np.ndarray | None = None,
     ) -> np.ndarray:
         """Take one step of every bicycle.
 
@@ -181,6 +191,7 @@ class Returns:
             truncated: bool (N,), the step limit was.
             fallen: bool (N,), the bicycle lies afterwards.
             shaping: (N,), added to the reward after `cost_cap`.
+            shown: (N, actions), a teacher's answer to the observation, where it is kept.
 
         Returns:
             The transitions that are complete now, (M, width) float32, for `Replay.add`.
@@ -192,6 +203,8 @@ class Returns:
         reward = np.where(absorbed, reward / (1.0 - self.gamma), reward)
         ended = terminated | truncated | absorbed
         self.observation[self.slot], self.action[self.slot] = observation, action
+        if shown is not None:
+            self.shown[self.slot] = shown
         self.sum[self.slot], self.age[self.slot], self.open[self.slot] = 0.0, 0, True
         self.sum += np.where(self.open, self.gamma**self.age * reward, 0.0)
         self.age += self.open
@@ -203,15 +216,16 @@ class Returns:
         self.slot = (self.slot + 1) % self.n_step
         columns = (self.sum[slots, who], discount, terminated[who], truncated[who], fallen[who])
         first = self.observation[slots, who], self.action[slots, who], next_observation[who]
-        return np.concatenate([*first, np.stack(columns, axis=1)], axis=1).astype(np.float32)
+        parts = (*first, np.stack(columns, axis=1), self.shown[slots, who])
+        return np.concatenate(parts, axis=1).astype(np.float32)
 
     def state_dict(self) -> dict[str, Any]:
         """What is pending."""
-        names = ("observation", "action", "sum", "age", "open")
+        names = ("observation", "action", "shown", "sum", "age", "open")
         return {name: getattr(self, name).copy() for name in names} | {"slot": self.slot}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Go on from `state`."""
-        for name in ("observation", "action", "sum", "age", "open"):
+        for name in ("observation", "action", "shown", "sum", "age", "open"):
             getattr(self, name)[...] = state[name]
         self.slot = int(state["slot"])

@@ -85,7 +85,7 @@ def ours(seed: int, limit: float) -> Curve:
     return curve
 
 
-class SmallRewards(gymnasium.RewardWrapper[Any, Any, Any]):
+class SmallRewards(gymnasium.RewardWrapper[Any, Any]):
     """Rewards of a hundredth, which keep Q within about -20 and 0."""
 
     def reward(self, reward: Any) -> float:

@@ -217,6 +217,7 @@ SWITCHES: dict[str, dict[str, Any]] = {
     "mirror": {"mirror": True, "bound_values": True, "reward_scale": 0.1},
     "first layer": {"action_layer": 1, "critics": 2, "critic_layer_norm": True},
     "symmetric": {"symmetric_actor": True, "mirror": True, "actor_average": 0.1, "bc_weight": 0.5},
+    "bc to a teacher": {"bc_weight": 1.0, "bc_to": "teacher", "mirror": True},
     "critic sees more": {"critic_sees": ("speed", "goal_distance"), "mirror": True},
     "first layer sees more": {"critic_sees": ("speed",), "action_layer": 1, "critics": 2},
     "three layers": {"critic_hidden": (9, 8, 7), "actor_hidden": (5,), "action_layer": 3},
@@ -227,7 +228,8 @@ SWITCHES: dict[str, dict[str, Any]] = {
 @pytest.mark.parametrize("name", SWITCHES)
 def test_hand_written_gradients_equal_autograd(kind: Kind, name: str) -> None:
     config = small_ddpg(**SWITCHES[name])
-    replay = random_replay(2, observations=len(config.critic_scale))
+    taught = config.bc_to == "teacher"
+    replay = random_replay(2, observations=len(config.critic_scale), shown=taught)
     first, second = Ddpg(config, 2, 3), kind(config, 2, 3)
     start = [p.detach().clone() for p in first.actor.parameters()]
     for agent in (first, second):
@@ -260,6 +262,20 @@ def test_a_symmetric_actor_answers_the_mirrored_bicycle_mirrored(kind: Kind) -> 
     assert np.abs(left + right * [1.0, 1.0, -1.0]).max() < 1e-6
     assert np.ptp(left, axis=0).min() > 0.01
     assert agent.act(np.zeros((1, 6)))[0, :2] == pytest.approx([0.0, 0.0])
+
+
+def test_imitation_pulls_towards_what_the_teacher_shows() -> None:
+    config = small_ddpg(bc_weight=1.0, bc_alpha=1e-9, bc_to="teacher", reward_scale=1e-3)
+    agent, replay = Ddpg(config, 2, 0), random_replay(2, rows=16, shown=True)
+    before = distance(agent, replay)
+    agent.update(replay, 400)
+    assert distance(agent, replay) < 0.5 * before
+
+
+def distance(agent: Ddpg, replay: Replay) -> float:
+    """Mean squared distance of the actor's answers to what the teacher showed."""
+    rows = replay.table.numpy()
+    return float(np.square(agent.act(rows[:, :6]) - rows[:, -2:]).mean())
 
 
 def test_only_the_critic_sees_what_the_actor_does_not() -> None:

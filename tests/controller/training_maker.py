@@ -56,10 +56,12 @@ def batch_of(
     return Batch(*(torch.tensor(column, dtype=torch.float32) for column in columns))
 
 
-def random_replay(actions: int, rows: int = 2000, seed: int = 0, observations: int = 6) -> Replay:
+def random_replay(
+    actions: int, rows: int = 2000, seed: int = 0, observations: int = 6, shown: bool = False
+) -> Replay:
     """A memory full of random transitions, one in ten final."""
     rng = np.random.default_rng(seed)
-    replay = Replay(rows, actions, observations=observations)
+    replay = Replay(rows, actions, observations=observations, shown=shown)
     replay.add(
         np.concatenate(
             [
@@ -69,6 +71,7 @@ def random_replay(actions: int, rows: int = 2000, seed: int = 0, observations: i
                 -rng.random((rows, 1)),
                 np.where(rng.random((rows, 1)) < 0.1, 0.0, 0.99),
                 np.zeros((rows, 3)),
+                rng.uniform(-1.0, 1.0, (rows, actions * shown)),
             ],
             axis=1,
         )

@@ -123,7 +123,8 @@ class Ddpg:
                 return
             for first in range(0, count * size, size):
                 rows = slice(first, first + size)
-                self._learn(Batch(*(column[rows] for column in vars(drawn).values())))
+                parts: list[Any] = [v if v is None else v[rows] for v in vars(drawn).values()]
+                self._learn(Batch(*parts))
 
     def update_on(self, batch: Batch) -> None:
         """Make one update from `batch`, as it came from the memory."""
@@ -159,7 +160,7 @@ class Ddpg:
         """The batch with scaled observations and rewards, half of it mirrored if so wished."""
         observation = batch.observation / self.scale
         next_observation = batch.next_observation / self.scale
-        action = batch.action
+        action, shown = batch.action, batch.shown
         if self.config.mirror:
             size = (len(action), 1)
             sign = torch.randint(0, 2, size, generator=self.generator, device=self.device)
@@ -168,9 +169,18 @@ class Ddpg:
             next_observation[:, :OBSERVATIONS] *= sign
             # Torque and displacement change sides, the pedal force does not.
             action = torch.cat([action[:, :2] * sign, action[:, 2:]], dim=1)
+            if shown is not None:
+                shown = torch.cat([shown[:, :2] * sign, shown[:, 2:]], dim=1)
         rest = (batch.terminated, batch.truncated, batch.fallen)
         reward = batch.reward * self.config.reward_scale
-        return Batch(observation, action, next_observation, reward, batch.discount, *rest)
+        return Batch(observation, action, next_observation, reward, batch.discount, *rest, shown)
+
+    def _wanted(self, batch: Batch) -> Tensor:
+        """The actions that imitation pulls towards, (B, actions)."""
+        if self.config.bc_to == "recorded":
+            return batch.action
+        assert batch.shown is not None
+        return batch.shown
 
     def _update_critics(self, batch: Batch, target: Tensor) -> None:
         """Equation (14): the squared distance of Q to its target."""
@@ -201,7 +211,7 @@ class Ddpg:
         loss = -value.mean()
         if config.bc_weight > 0:
             loss = loss * (config.bc_alpha / value.detach().abs().mean().clamp_min(1e-6))
-            loss = loss + config.bc_weight * functional.mse_loss(action, batch.action)
+            loss = loss + config.bc_weight * functional.mse_loss(action, self._wanted(batch))
         if config.saturation_penalty > 0:
             loss = loss + config.saturation_penalty * raw.square().mean()
         self.actor_optimiser.zero_grad()

@@ -175,7 +175,7 @@ class FusedDdpg(Ddpg):
         slope = self._critics[0].action_slope(self._minus_mean)
         if config.bc_weight > 0:
             slope.mul_(config.bc_alpha / value.abs().mean().clamp_min(1e-6))
-            slope.add_(action - batch.action, alpha=2.0 * config.bc_weight / action.numel())
+            slope.add_(action - self._wanted(batch), alpha=2.0 * config.bc_weight / action.numel())
         slope.mul_(1.0 - action * action)
         if config.saturation_penalty > 0:
             slope.add_(raw, alpha=2.0 * config.saturation_penalty / raw.numel())
