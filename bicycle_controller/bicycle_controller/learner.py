@@ -16,7 +16,7 @@ import torch
 
 from bicycle_controller import checkpoint
 from bicycle_controller.assembly import make_agent
-from bicycle_controller.config import RunConfig
+from bicycle_controller.config import RunConfig, ShapingConfig
 from bicycle_controller.learner_config import DdpgConfig
 from bicycle_controller.metrics import Log
 from bicycle_controller.networks import policy_tensors
@@ -51,8 +51,19 @@ def ddpg_of(config: RunConfig) -> DdpgConfig:
     """The algorithm, where it is one that can learn from what another policy did.
 
     Raises:
-        ValueError: when it is not.
+        ValueError: when it is not, or when it wants what no transition of a bag holds.
     """
+    foreign = {
+        "ddpg.critic_sees": config.ddpg is not None and config.ddpg.critic_sees,
+        "shaping": config.shaping != ShapingConfig(),
+        "teacher": config.teacher.share > 0,
+    }
+    for name, wanted in foreign.items():
+        if wanted:
+            raise ValueError(
+                f"{name} works in simulation only, not with recorded or live rides: choose a"
+                " preset without it, such as offline"
+            )
     if config.ddpg is None:
         raise ValueError(
             f"{config.algorithm} cannot learn from recorded rides: choose a preset with ddpg, such"

@@ -167,6 +167,19 @@ def test_changed_bags_and_foreign_folders_are_not_resumed(
         learn.run(settings.preset("ppo"), data, tmp_path / "ppo")
 
 
+@pytest.mark.parametrize(
+    ("override", "name"),
+    [
+        ("ddpg.critic_sees=[speed]", "ddpg.critic_sees"),
+        ("shaping.progress=1", "shaping"),
+        ("teacher={controller: lqr, share: 0.5}", "teacher"),
+    ],
+)
+def test_what_no_bag_holds_is_refused(override: str, name: str) -> None:
+    with pytest.raises(ValueError, match=f"{name} works in simulation only"):
+        ddpg_of(small(override))
+
+
 # The command.
 
 
