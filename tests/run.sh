@@ -3,6 +3,9 @@
 #
 # Usage: tests/run.sh [PYTEST-ARGUMENT]...      such as -k goals, or -m "not ros"
 #
+# The browser tests need Chromium (sudo apt-get install -y chromium); without it they are skipped, with
+# that line, unless CI is set. Their pictures of the cockpit go to ros2_ws/runs/screenshots.
+#
 # Exit status: 0 all passed, else that of the first check that failed.
 set -euo pipefail
 root=$(cd -P "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
@@ -26,6 +29,8 @@ packages=(-p bicycle_sim -p bicycle_controller -p bicycle_bag -p bicycle_bringup
 echo "== ruff check" && ruff check --quiet .
 echo "== ruff format" && ruff format --check --quiet .
 echo "== mypy" && mypy "${packages[@]}"
+command -v chromium >/dev/null || command -v chromium-browser >/dev/null ||
+  echo "== no Chromium: the cockpit's browser tests will be skipped; sudo apt-get install -y chromium"
 echo "== pytest"
 # Whole files to one worker, so that a module's nodes and bags are made once.
 exec python -m pytest -n 2 --dist loadfile -q "$@"

@@ -31,6 +31,7 @@ class Live:
         loop: how punctual the simulator is.
         mode: the simulator's own word: riding, paused, held or fallen.
         weights: of the reward's terms.
+        names: by which names the policies that ride are offered, as far as is known.
         facts: of the episode, for the page: seed, scenario, limits, ...
     """
 
@@ -43,6 +44,7 @@ class Live:
         self.weights = RewardWeights()
         self.facts: dict[str, Any] = {}
         self.policy = ""
+        self.names: dict[str, str] = {}
         self.commands_text = ""
         self._rows: deque[list[float | None]] = deque(maxlen=HISTORY)
         self._new: list[list[float | None]] = []
@@ -128,6 +130,7 @@ class Live:
             "mode": self.mode if self.hears_simulator else "silent",
             "t": plain(self._time),
             "policy": self.policy,
+            "controller": self.names.get(self.policy, self.policy.partition("@")[0]),
             "commands": self.commands_text,
             "goal": self.goals.active,
             "ahead": self.goals.ahead[:200],

@@ -159,20 +159,29 @@ class Asking:
         except KeyError:
             reply(False, f"no controller {request.name!r} is offered: reload the page")
             return
-        self._call(interfaces.LOAD_POLICY, LoadPolicy.Request(path=path), reply)
+        future = self._call(interfaces.LOAD_POLICY, LoadPolicy.Request(path=path), reply)
+        if future is not None:
+            future.add_done_callback(lambda done: self._named(done, request.name))
+
+    def _named(self, future: Any, name: str) -> None:
+        """The controller has said by which id the policy of that name rides."""
+        answer = None if future.cancelled() or future.exception() else future.result()
+        if answer is not None and answer.success:
+            self._live.names[str(answer.policy)] = name
 
     @_do.register
     def _(self, request: requests.Record, reply: Reply) -> None:
         reply(*(self._recording.start() if request.on else self._recording.stop()))
 
-    def _call(self, service: Service, question: Any, reply: Reply) -> None:
-        """Call a service that must be there."""
+    def _call(self, service: Service, question: Any, reply: Reply) -> Any:
+        """Call a service that must be there; the future of its answer, None if it is not."""
         client = self._clients[service.name]
         if not client.service_is_ready():
             is_policy = service is interfaces.LOAD_POLICY
             who = "controller" if is_policy else "simulator"
             script = "controller.sh" if is_policy else "sim.sh"
             reply(False, f"no {who} runs: start ros2_ws/{script}")
-            return
+            return None
         future = client.call_async(question)
         self._calls.append(_Call(future, time.monotonic(), reply, service.name))
+        return future

@@ -5,6 +5,7 @@ import { begin, colours } from "./theme.js";
 
 const WHEEL = 0.34;
 const WHEELBASE = 1.11;
+const NARROW = 240;
 const degrees = (angle) => (angle * 180) / Math.PI;
 
 /** A number with its side: "3.2° right". */
@@ -14,11 +15,18 @@ function sided(value, unit, digits, positive, negative) {
   return `${shown}${unit}${Number(shown) === 0 ? "" : ` ${value > 0 ? positive : negative}`}`;
 }
 
-function label(context, x, y, name, value) {
-  context.fillStyle = colours.soft;
-  context.fillText(name, x, y);
-  context.fillStyle = colours.ink;
-  context.fillText(value, x + context.measureText(name).width + 6, y);
+/** Names and values along the foot, one above the other where it is narrow. */
+function labels(context, width, height, pairs) {
+  const narrow = width < NARROW;
+  pairs.forEach(([name, value], index) => {
+    const long = context.measureText(`${name} `).width;
+    const x = narrow || index === 0 ? 10 : width - 12 - long - context.measureText(value).width;
+    const y = height - 10 - (narrow ? 15 * (pairs.length - 1 - index) : 0);
+    context.fillStyle = colours.soft;
+    context.fillText(name, x, y);
+    context.fillStyle = colours.ink;
+    context.fillText(value, x + long, y);
+  });
 }
 
 function line(context, colour, width, ...points) {
@@ -39,7 +47,7 @@ function ellipse(context, colour, x, y, rx, ry) {
 /** @param row the step to draw, or undefined @param fallAngle rad */
 export function drawBehind(canvas, row, fallAngle) {
   const { context, width, height } = begin(canvas);
-  const ground = height - 30;
+  const ground = height - (width < NARROW ? 42 : 30);
   const scale = (ground - 22) / 1.85;
   const lean = Number.isFinite(row?.lean) ? row.lean : 0;
   const shift = Number.isFinite(row?.displacement) ? -row.displacement : 0;
@@ -64,38 +72,50 @@ export function drawBehind(canvas, row, fallAngle) {
   context.rotate(lean);
   context.scale(scale, scale);
   // The front wheel shows its side when it is steered; the left grip comes back in a left turn.
-  context.globalAlpha = 0.55;
-  ellipse(context, colours.tyre, -0.08 * Math.sin(steer), -WHEEL, 0.028 + WHEEL * Math.abs(Math.sin(steer)), WHEEL);
+  context.globalAlpha = 0.5;
+  ellipse(context, colours.tyre, -0.08 * Math.sin(steer), -WHEEL, 0.03 + WHEEL * Math.abs(Math.sin(steer)), WHEEL);
   context.globalAlpha = 1;
-  ellipse(context, colours.tyre, 0, -WHEEL, 0.032, WHEEL);
-  line(context, colours.frame, 0.045, [0, -WHEEL], [0, -0.92]);
-  const reach = 0.29 * Math.cos(steer);
-  line(context, colours.tyre, 0.035, [-reach, -1.04 + 0.1 * Math.sin(steer)], [reach, -1.04 - 0.1 * Math.sin(steer)]);
-  const hips = [shift * 0.75, -0.93];
-  const neck = [shift * 1.12, -1.44];
-  line(context, colours.rider, 0.1, [hips[0] - 0.07, hips[1]], [-0.11, -0.42]);
-  line(context, colours.rider, 0.1, [hips[0] + 0.07, hips[1]], [0.11, -0.52]);
-  line(context, colours.rider, 0.07, [neck[0] - 0.15, neck[1] + 0.03], [-reach, -1.06]);
-  line(context, colours.rider, 0.07, [neck[0] + 0.15, neck[1] + 0.03], [reach, -1.06]);
-  line(context, colours.rider, 0.24, hips, [neck[0], neck[1] + 0.06]);
-  ellipse(context, colours.rider, shift * 1.2, -1.63, 0.1, 0.125);
+  ellipse(context, colours.tyre, 0, -WHEEL, 0.036, WHEEL);
+  line(context, colours.frame, 0.05, [0, -WHEEL], [0, -0.88]);
+  const [reach, turn] = [0.29 * Math.cos(steer), 0.1 * Math.sin(steer)];
+  line(context, colours.tyre, 0.035, [-reach, -1.04 + turn], [reach, -1.04 - turn]);
+  drawRider(context, shift, [[-reach, -1.05 + turn], [reach, -1.05 - turn]]);
   context.restore();
 
-  context.textAlign = "left";
-  label(context, 10, height - 10, "lean", sided(degrees(row?.lean), "°", 1, "right", "left"));
-  context.textAlign = "right";
   const text = sided(100 * row?.displacement, " cm", 1, "left", "right");
-  context.fillStyle = colours.ink;
-  context.fillText(text, width - 10, height - 10);
-  context.fillStyle = colours.soft;
-  context.fillText("rider", width - 16 - context.measureText(text).width, height - 10);
-  context.textAlign = "left";
+  labels(context, width, height, [["lean", sided(degrees(row?.lean), "°", 1, "right", "left")], ["rider", text]]);
   canvas.setAttribute("aria-label", `The bicycle from behind: lean ${sided(degrees(row?.lean), " degrees", 0, "right", "left")}, rider ${text}`);
+}
+
+/** The rider's middle is where the displacement says; hips stay nearer to the saddle. */
+function drawRider(context, shift, grips) {
+  const [hips, chest, head] = [[0.8 * shift, -0.92], [1.05 * shift, -1.36], [1.12 * shift, -1.64]];
+  const sides = [-1, 1];
+  for (const side of sides) {
+    const pedal = [0.12 * side, -0.34 - 0.1 * side];
+    line(context, colours.rider, 0.1, [hips[0] + 0.07 * side, hips[1]], [hips[0] / 2 + 0.14 * side, -0.66], pedal);
+  }
+  sides.forEach((side, index) => {
+    const shoulder = [chest[0] + 0.17 * side, chest[1] - 0.02];
+    const elbow = [(shoulder[0] + grips[index][0]) / 2 + 0.06 * side, -1.17];
+    line(context, colours.rider, 0.075, shoulder, elbow, grips[index]);
+  });
+  context.fillStyle = context.strokeStyle = colours.rider;
+  context.lineWidth = 0.09;
+  context.beginPath();
+  context.moveTo(hips[0] - 0.09, hips[1]);
+  context.lineTo(chest[0] - 0.15, chest[1]);
+  context.lineTo(chest[0] + 0.15, chest[1]);
+  context.lineTo(hips[0] + 0.09, hips[1]);
+  context.closePath();
+  context.fill();
+  context.stroke();
+  ellipse(context, colours.rider, ...head, 0.095, 0.12);
 }
 
 export function drawAbove(canvas, row) {
   const { context, width, height } = begin(canvas);
-  const scale = (height - 62) / 2.0;
+  const scale = (height - (width < NARROW ? 76 : 62)) / 2.0;
   const steer = Number.isFinite(row?.steer) ? row.steer : 0;
   const lean = Number.isFinite(row?.lean) ? row.lean : 0;
   const shift = Number.isFinite(row?.displacement) ? -row.displacement : 0;
@@ -122,16 +142,9 @@ export function drawAbove(canvas, row) {
   context.globalAlpha = 1;
   context.restore();
 
-  label(context, 10, height - 10, "steer", sided(degrees(row?.steer), "°", 1, "left", "right"));
-  if (Number.isFinite(row?.heading_error)) {
-    const text = sided(degrees(row.heading_error), "°", 0, "left", "right");
-    context.textAlign = "right";
-    context.fillStyle = colours.ink;
-    context.fillText(text, width - 10, height - 10);
-    context.fillStyle = colours.soft;
-    context.fillText("goal", width - 16 - context.measureText(text).width, height - 10);
-    context.textAlign = "left";
-  }
+  const steering = ["steer", sided(degrees(row?.steer), "°", 1, "left", "right")];
+  const goal = Number.isFinite(row?.heading_error) ? [["goal", sided(degrees(row.heading_error), "°", 0, "left", "right")]] : [];
+  labels(context, width, height, [steering, ...goal]);
   canvas.setAttribute("aria-label", `The bicycle from above: steering ${sided(degrees(row?.steer), " degrees", 0, "left", "right")}`);
 }
 

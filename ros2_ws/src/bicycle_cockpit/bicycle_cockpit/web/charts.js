@@ -1,15 +1,16 @@
-// Strip charts of state and command over the last seconds before the cursor.
+// Strip charts of state and command over the last lowers before the cursor.
 
-import { begin, colours } from "./theme.js";
+import { shown } from "./panels.js";
+import { FONT, begin, colours } from "./theme.js";
 
 const WINDOW = 20;
 const DEGREES = 180 / Math.PI;
-const GUTTER = 92;
+const GUTTER = 122;
 
 const STRIPS = [
   { name: "lean", unit: "°", column: "lean", factor: DEGREES, least: 5, digits: 1 },
   { name: "steer", unit: "°", column: "steer", factor: DEGREES, least: 5, digits: 1 },
-  { name: "heading error", unit: "°", column: "heading_error", factor: DEGREES, least: 10, digits: 0 },
+  { name: "heading error", unit: "°", column: "heading_error", factor: DEGREES, least: 10, digits: 0, most: 180 },
   { name: "torque", unit: "N m", column: "torque", factor: 1, least: 0.2, digits: 2, step: true },
   { name: "displacement", unit: "cm", column: "displacement", factor: 100, least: 2, digits: 1, step: true },
   { name: "speed", unit: "m/s", column: "speed", factor: 1, least: 0.5, digits: 2, positive: true },
@@ -75,22 +76,27 @@ function drawStrip(context, strip, box, series, first, last, x, area, policies) 
     const value = Math.abs(values[index] * strip.factor);
     if (value > most) most = value;
   }
-  most = nice(most);
+  most = Math.min(nice(most), strip.most ?? Infinity);
   const least = strip.positive ? 0 : -most;
   const pad = 7;
   const y = (value) => box.bottom - pad - ((value - least) / (most - least)) * (box.bottom - box.top - 2 * pad);
   if (!strip.positive) rule(context, area.left, area.right, y(0), colours.grid);
 
+  const low = box.bottom - box.top < 42;
+  const font = low ? FONT.replace("12px", "11px") : FONT;
+  const [upper, lower] = low ? [box.top + 13, box.top + 26] : [box.top + 17, box.top + 33];
+  context.font = font;
   context.fillStyle = colours.soft;
-  context.fillText(strip.name, 10, box.top + 17);
+  context.fillText(strip.name, 10, upper);
   const now = last >= 0 ? values[last] * strip.factor : NaN;
   context.fillStyle = colours.ink;
-  context.font = context.font.replace(/^/, "600 ");
-  context.fillText(Number.isFinite(now) ? `${now.toFixed(strip.digits)} ${strip.unit}` : `– ${strip.unit}`, 10, box.top + 33);
-  context.font = context.font.replace(/^600 /, "");
+  context.font = `600 ${font}`;
+  context.fillText(Number.isFinite(now) ? `${shown(now, strip.digits)} ${strip.unit}` : "–", 10, lower);
+  context.font = font;
   context.textAlign = "right";
   context.fillStyle = colours.soft;
-  if (box.bottom - box.top > 44) context.fillText(`±${most}`.replace("±", strip.positive ? "" : "±"), area.right, box.top + 13);
+  context.fillText(`${strip.positive ? "0…" : "±"}${most}`, area.left - 8, lower);
+  context.font = FONT;
   context.textAlign = "left";
   if (last < 0) return;
 

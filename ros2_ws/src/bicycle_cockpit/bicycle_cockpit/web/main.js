@@ -148,7 +148,8 @@ listenToKeys(actions, () => (player.bag ? player.toggle() : actions.pause()));
 /** The controllers to choose from, in their groups. */
 function offer(controllers) {
   const groups = Map.groupBy ? Map.groupBy(controllers, ({ group }) => group) : grouped(controllers);
-  byId("controller").replaceChildren(...[...groups].map(([label, members]) => {
+  const unknown = Object.assign(new Option("–", ""), { hidden: true });
+  byId("controller").replaceChildren(unknown, ...[...groups].map(([label, members]) => {
     const group = Object.assign(document.createElement("optgroup"), { label });
     group.append(...members.map(({ name }) => new Option(name, name)));
     return group;
@@ -182,9 +183,9 @@ function showStatus() {
   byId("record").setAttribute("aria-pressed", String(Boolean(status.recording)));
   byId("record").lastChild.textContent = status.recording ? "Stop recording" : "Record";
   const select = byId("controller");
-  const riding = (status.policy ?? "").split("@")[0];
   const names = [...select.options].map(({ value }) => value);
-  if (document.activeElement !== select && names.includes(riding)) select.value = riding;
+  select.options[0] && (select.options[0].textContent = status.policy || "–");
+  if (document.activeElement !== select) select.value = names.includes(status.controller) ? status.controller : "";
 }
 
 function draw() {

@@ -1,6 +1,6 @@
 // The map: grid, track by policy, goals, path ahead, and the bicycle.
 
-import { begin, colours } from "./theme.js";
+import { FONT, begin, colours } from "./theme.js";
 
 const PREVIEW = 3;
 const STEP = 0.1;
@@ -40,7 +40,7 @@ function drawGrid(context, view) {
   const [right, bottom] = view.toWorld(view.width, view.height);
   context.lineWidth = 1;
   context.fillStyle = colours.soft;
-  context.font = context.font.replace("12px", "11px");
+  context.font = FONT.replace("12px", "11px");
   for (let x = Math.ceil(left / step) * step; x <= right; x += step) {
     const px = Math.round(view.toScreen(x, 0)[0]) + 0.5;
     stroke(context, x === 0 ? colours.line : colours.grid, [[px, 0], [px, view.height]]);
@@ -52,7 +52,7 @@ function drawGrid(context, view) {
     if (py > 46 && py < view.height - 20) context.fillText(String(y), 5, py - 3);
   }
   context.fillText("m", view.width - 16, view.height - 5);
-  context.font = context.font.replace("11px", "12px");
+  context.font = FONT;
 }
 
 function stroke(context, colour, points) {

@@ -3,7 +3,13 @@
 import { begin, colours } from "./theme.js";
 
 const byId = (id) => document.getElementById(id);
-export const shown = (value, digits = 1) => (Number.isFinite(value) ? value.toFixed(digits) : "–");
+/** A number with so many digits and no minus before zero; a dash for none. */
+export function shown(value, digits = 1) {
+  if (!Number.isFinite(value)) return "–";
+  const text = value.toFixed(digits);
+  return Number(text) === 0 ? text.replace("-", "") : text;
+}
+
 const percent = (value) => (Number.isFinite(value) ? `${(100 * value).toFixed(value === 1 ? 0 : 1)} %` : "–");
 
 const MODES = {
@@ -43,7 +49,7 @@ export function showHead(mode, row, policy) {
   if (byId("policy").textContent !== (policy || "–")) byId("policy").textContent = policy || "–";
 }
 
-const spread = (loop, name) => `${shown(loop[`${name}_p50`], 2)} / ${shown(loop[`${name}_p99`], 2)} / ${shown(loop[`${name}_max`], 1)} ms`;
+const spread = (loop, name) => `${shown(loop[`${name}_p50`], 2)} / ${shown(loop[`${name}_p99`], 2)} / ${shown(loop[`${name}_max`], 1)}`;
 
 /** @param loop figures @param row present step @param more status of a live ride, or undefined */
 export function showLoop(loop, row, more, period) {
@@ -55,15 +61,15 @@ export function showLoop(loop, row, more, period) {
   const slow = period && loop.rate < 0.98 * wanted && !Number.isNaN(loop.lateness_p50);
   const facts = [
     ["rate", `${shown(loop.rate, 2)} Hz`, slow ? "warn" : ""],
-    ["jitter p50 / p99 / max", spread(loop, "jitter"), "", "how far periods are from their median"],
-    ["state to command", spread(loop, "latency"), "", "p50 / p99 / max"],
-    ["late, dropped", `${loop.late ?? 0}, ${loop.dropped ?? 0} steps`, late, "since the simulator started"],
+    ["jitter, ms: p50 / p99 / max", spread(loop, "jitter"), "", "how far periods are from their median"],
+    ["state to command, ms", spread(loop, "latency"), "", "p50 / p99 / max"],
+    ["steps late / dropped", `${loop.late ?? 0} / ${loop.dropped ?? 0}`, late, "since the simulator started"],
     ["watchdog", SOURCES[source] ?? "–", source === 3 ? "bad" : source === 2 ? "warn" : source === 1 ? "good" : "",
       more?.commands ?? "where the input of this step came from"],
   ];
   if (more) {
     facts.push(["controllers", String(more.controllers), more.controllers === 1 ? "" : "bad", more.commands]);
-    facts.push(["pages, frames lost", `${more.pages}, ${more.dropped_frames}`, "", "by pages that did not keep up"]);
+    facts.push(["pages / frames lost", `${more.pages} / ${more.dropped_frames}`, "", "by pages that did not keep up"]);
   }
   fill(panel.firstChild, facts);
 }

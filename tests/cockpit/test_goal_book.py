@@ -1,0 +1,65 @@
+"""Which goals lie ahead, also when the controller's words are lost on the way."""
+
+from __future__ import annotations
+
+from bicycle_cockpit.goal_book import GoalBook
+from bicycle_controller.goals import Status
+
+A, B, C = (1.0, 0.0), (2.0, 0.0), (3.0, 0.0)
+
+
+def test_a_path_is_ridden_down() -> None:
+    book = GoalBook()
+    book.sent([A, B, C])
+    book.changed(Status.ACTIVE, A, 2)
+    assert (book.active, book.ahead) == (A, [B, C])
+    book.changed(Status.REACHED, A, 2)
+    assert (book.active, book.ahead) == (None, [B, C])
+    book.changed(Status.ACTIVE, B, 1)
+    assert (book.active, book.ahead) == (B, [C])
+    book.changed(Status.REACHED, B, 1)
+    book.changed(Status.ACTIVE, C, 0)
+    book.changed(Status.REACHED, C, 0)
+    assert (book.active, book.ahead) == (None, [])
+
+
+def test_what_was_lost_does_not_matter() -> None:
+    book = GoalBook()
+    book.sent([A, B, C])
+    book.changed(Status.ACTIVE, C, 0)
+    assert (book.active, book.ahead) == (C, [])
+
+
+def test_a_newer_goal_takes_the_place() -> None:
+    book = GoalBook()
+    book.sent([A, B])
+    book.changed(Status.ACTIVE, A, 1)
+    book.sent([C])
+    book.changed(Status.REPLACED, A, 0)
+    assert book.active == A, "until the controller says that it rides elsewhere"
+    book.changed(Status.ACTIVE, C, 0)
+    assert (book.active, book.ahead) == (C, [])
+
+
+def test_a_fall_and_an_empty_path_leave_none() -> None:
+    for end in (Status.FALLEN, Status.CANCELLED):
+        book = GoalBook()
+        book.sent([A, B])
+        book.changed(Status.ACTIVE, A, 1)
+        book.changed(end, A, 0)
+        assert (book.active, book.ahead) == (None, [])
+    book.sent([])
+    assert book.with_more([C]) == [C]
+
+
+def test_waypoints_come_after_all_that_lies_ahead() -> None:
+    book = GoalBook()
+    book.sent([A, B])
+    book.changed(Status.ACTIVE, A, 1)
+    assert book.with_more([C]) == [A, B, C]
+
+
+def test_who_comes_late_knows_the_goal_but_not_the_path() -> None:
+    book = GoalBook()
+    book.changed(Status.ACTIVE, B, 3)
+    assert (book.active, book.ahead) == (B, [])
