@@ -10,7 +10,7 @@ from pathlib import Path
 from bicycle_controller.reproduce import experiment as experiments
 from bicycle_controller.reproduce.experiment import MODES, Experiment
 from bicycle_controller.reproduce.results import write_results
-from bicycle_controller.reproduce.runner import Options, reproduce
+from bicycle_controller.reproduce.runner import Options, redraw, reproduce
 from bicycle_sim.config import nearest, require
 
 EPILOG = """\
@@ -40,6 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--physics", metavar="MODE", help="faithful or corrected (default: both)")
     add("--arms", metavar="A,B", help="train only these, as authors,fast")
     add("--no-train", action="store_true", help="ride and draw what is trained already")
+    add("--draw-only", action="store_true", help="draw again what is ridden already")
     add("--parallel", type=int, default=1, metavar="N", help="runs at once, with Ray (default: 1)")
     add("--ray-address", metavar="ADDRESS", help="HOST:PORT of a Ray cluster, or auto")
     add("--json", action="store_true", help="print the summaries as JSON")
@@ -70,14 +71,19 @@ def run_command(args: argparse.Namespace) -> int:
         progress=not args.quiet and sys.stderr.isatty(),
     )
     page = args.results or args.out / "RESULTS.md"
-    for item in chosen:
-        for mode in modes:
-            length = experiments.lengthened(item, args.short, args.episodes, args.seeds)
-            signal = reproduce(item, mode, length, options)
-            if signal:
-                print("stopped: the same command goes on from here", file=sys.stderr)
-                return 128 + signal
-            write_results(args.out, page)
+    if args.draw_only:
+        drawn = [redraw(item, mode, args.out) for item in chosen for mode in modes]
+        require(any(drawn), f"{args.out} holds no data of it yet: leave out --draw-only")
+        write_results(args.out, page)
+    else:
+        for item in chosen:
+            for mode in modes:
+                length = experiments.lengthened(item, args.short, args.episodes, args.seeds)
+                signal = reproduce(item, mode, length, options)
+                if signal:
+                    print("stopped: the same command goes on from here", file=sys.stderr)
+                    return 128 + signal
+                write_results(args.out, page)
     _tell(chosen, modes, args, page)
     return 0
 
@@ -106,6 +112,7 @@ def _tell(
 ) -> None:
     """Where everything is, or all numbers as JSON."""
     folders = [args.out / item.name / mode for item in chosen for mode in modes]
+    folders = [folder for folder in folders if folder.exists()]
     if args.json:
         found = {str(path): json.loads((path / "summary.json").read_text()) for path in folders}
         print(json.dumps(found, indent=2))

@@ -92,6 +92,10 @@ def test_every_short_form_makes_its_data_and_its_picture(
     assert f"`bicycle reproduce {name}`" in text
     assert f"{item.name}/faithful/figure.png" in text
     assert item.paper in text
+    (folder / "figure.png").unlink()
+    assert cli.main(["reproduce", name, "--out", str(out), "--draw-only"]) == 0
+    assert np.array_equal(imread(folder / "figure.png"), picture)
+    assert (out / "RESULTS.md").read_text() == text
 
 
 @pytest.mark.slow
@@ -151,6 +155,7 @@ def test_a_run_of_another_kind_is_refused(tmp_path: Path) -> None:
         (["10", "--arms", "author"], "'authors'"),
         (["10", "--episodes", "0"], "--episodes"),
         (["10", "--seeds", "0"], "--seeds"),
+        (["10", "--draw-only"], "no data"),
     ],
 )
 def test_mistakes(

@@ -17,29 +17,39 @@ from bicycle_controller.reproduce.tables import column, distinct, select
 def displacement(data: Data) -> Figure:
     """Figure 12: curves for every displacement, and the ways while learning."""
     variants = data.experiment.variants
+    if not data.curves:
+        drawing = figure(6.5, 4.2)
+        _reached_by_variant(drawing.subplots(), data)
+        return drawing
     drawing = figure(13.0, 7.2)
     upper, lower = drawing.subfigures(2, 1, height_ratios=(1.15, 1.0), squeeze=False)[:, 0]
-    top = upper.subplots(1, 3)
-    for axes, role in zip(top, ("authors", "best"), strict=False):
-        for index, variant in enumerate(variants):
-            look: dict[str, Any] = {"color": style.VARIANT_COLOURS[index], "label": variant.label}
-            for arm in data.arms(role):
-                mine = {"arm": arm, "variant": variant.name}
-                if role == "best":
-                    curve(axes, select(data.evaluations, **mine), "mean_return", look)
-                else:
-                    curve(axes, select(data.curves, **mine), "return", look)
-                axes.set_title(f"{label(arm)}: return")
-        axes.set_xlabel(experience(data))
-        if axes.lines:
-            legend(axes)
-    _reached_by_variant(top[2], data)
-    maps = lower.subplots(1, len(variants))
-    for axes, variant in zip(maps, variants, strict=True):
+    roles = [role for role in ("authors", "best") if data.arms(role)]
+    top = upper.subplots(1, len(roles) + 1, squeeze=False)[0]
+    for axes, role in zip(top, roles, strict=False):
+        _by_variant(axes, data, role)
+    _reached_by_variant(top[-1], data)
+    ridden = [variant for variant in variants if select(data.tracks, variant=variant.name)]
+    maps = lower.subplots(1, max(3, len(ridden)))
+    for axes, variant in zip(maps, ridden, strict=False):
         aged(axes, data, variant.name, variant.label)
-    for axes in maps[1:]:
-        axes.set_ylabel("")
+    for axes in maps[len(ridden) :]:
+        axes.set_axis_off()
     return drawing
+
+
+def _by_variant(axes: Axes, data: Data, role: str) -> None:
+    """Learning curves of an arm on every variant."""
+    for index, variant in enumerate(data.experiment.variants):
+        look: dict[str, Any] = {"color": style.VARIANT_COLOURS[index], "label": variant.label}
+        for arm in data.arms(role):
+            mine = {"arm": arm, "variant": variant.name}
+            if role == "best":
+                curve(axes, select(data.evaluations, **mine), "mean_return", look)
+            else:
+                curve(axes, select(data.curves, **mine), "return", look)
+            axes.set_title(f"{label(arm)}: return")
+    axes.set_xlabel(experience(data))
+    legend(axes)
 
 
 def _reached_by_variant(axes: Axes, data: Data) -> None:
@@ -78,11 +88,21 @@ def aged(axes: Axes, data: Data, variant: str, title: str) -> None:
 
 def goals(data: Data) -> Figure:
     """Figures 13 and 14: return, steps, ways while learning and of the trained bicycle."""
+    if not data.curves:
+        drawing = figure(7.0, 6.4)
+        _trained_ways(drawing.subplots(), data)
+        return drawing
     drawing = figure(12.0, 8.4)
     (returns, steps), (learning, trained) = drawing.subplots(2, 2)
     return_panel(returns, data)
     steps_panel(steps, data)
     aged(learning, data, "all", "while learning, blue early, red late")
+    _trained_ways(trained, data)
+    return drawing
+
+
+def _trained_ways(trained: Axes, data: Data) -> None:
+    """Ways of the trained bicycle from its starts (dots) to its goals (stars)."""
     rides = distinct(data.ways, "ride", "reached")
     for ride, reached in rides:
         mine = select(data.ways, ride=ride)
@@ -94,7 +114,6 @@ def goals(data: Data) -> Figure:
     name = label(data.ways[0]["rider"]) if data.ways else ""
     trained.set_title(f"{name}: {got} of {len(rides)} rides reach their goal")
     style.as_map(trained)
-    return drawing
 
 
 def return_panel(axes: Axes, data: Data) -> None:
@@ -137,12 +156,16 @@ def steps_panel(axes: Axes, data: Data) -> None:
 
 def turn(data: Data) -> Figure:
     """Figure 15: return, ways with and without the pedal, the speed of a turn."""
+    pedal = data.experiment.variants[0].name
+    if not data.curves:
+        drawing = figure(7.0, 4.4)
+        profile_panel(drawing.subplots(), data, pedal)
+        return drawing
     drawing = figure(12.0, 8.4)
     (returns, with_pedal), (without, speed) = drawing.subplots(2, 2)
     return_panel(returns, data)
     for axes, variant in zip((with_pedal, without), data.experiment.variants, strict=True):
         aged(axes, data, variant.name, variant.label)
-    pedal = data.experiment.variants[0].name
     profile_panel(speed, data, pedal)
     return drawing
 
@@ -168,6 +191,10 @@ def profile_panel(axes: Axes, data: Data, variant: str) -> None:
 
 def speed(data: Data) -> Figure:
     """Figure 16: return, steps, distance to the goal at the end, and speed."""
+    if not data.curves:
+        drawing = figure(7.0, 4.4)
+        profile_panel(drawing.subplots(), data, "all")
+        return drawing
     drawing = figure(12.0, 8.4)
     (returns, steps), (distance, speed) = drawing.subplots(2, 2)
     return_panel(returns, data)

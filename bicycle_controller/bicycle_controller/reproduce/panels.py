@@ -8,9 +8,8 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bicycle_controller.reproduce import style
 from bicycle_controller.reproduce.experiment import Experiment
-from bicycle_controller.reproduce.style import label
+from bicycle_controller.reproduce.style import colour, label
 from bicycle_controller.reproduce.tables import Row, distinct
 
 
@@ -35,8 +34,9 @@ class Data:
 
     @property
     def lines(self) -> list[dict[str, Any]]:
-        """Scores of the classical controllers, for lines across a panel."""
-        return [item for item in self.rides if item["role"] == "lqr"]
+        """Scores of what was not trained here, for lines across a panel."""
+        trained = self.arms()
+        return [item for item in self.rides if item["rider"] not in trained]
 
 
 def figure(width: float, height: float) -> Figure:
@@ -50,12 +50,14 @@ def experience(data: Data) -> str:
 
 
 def across(axes: Axes, data: Data, name: str, variant: str = "all") -> None:
-    """A line across for each classical controller."""
+    """A line across for each controller that was not trained here."""
     kinds = iter((":", "--", "-."))
     for item in data.lines:
         if item["variant"] == variant and item[name][0] is not None:
-            look: dict[str, Any] = {"color": style.INK, "linewidth": 1.0, "linestyle": next(kinds)}
-            axes.axhline(item[name][0], label=label(item["rider"]), **look)
+            classical = item["role"] == "lqr"
+            look: dict[str, Any] = {"linestyle": next(kinds) if classical else "--"}
+            look |= {"color": colour(item["rider"]), "label": label(item["rider"])}
+            axes.axhline(item[name][0], linewidth=1.0, **look)
 
 
 def legend(axes: Axes) -> None:

@@ -13,7 +13,7 @@ from tqdm import tqdm
 
 from bicycle_controller.policy import write_atomically
 from bicycle_controller.reproduce import logs, riding, summary, training
-from bicycle_controller.reproduce.experiment import Experiment, Length, limited
+from bicycle_controller.reproduce.experiment import Experiment, Length, build, limited
 from bicycle_controller.reproduce.riding import Ridden
 from bicycle_controller.reproduce.tables import Row, write_table
 from bicycle_controller.run_folder import origin
@@ -68,11 +68,26 @@ def reproduce(experiment: Experiment, mode: str, length: Length, options: Option
     about["training"] = [logs.provenance(run) for run in done]
     about["experiment"] = asdict(experiment)
     _write_json(folder / "run.json", about)
+    _finish(experiment, folder)
+    return 0
+
+
+def redraw(experiment: Experiment, mode: str, out: Path) -> bool:
+    """Make summary and picture again from the data, if there is any; whether there is."""
+    folder = out / experiment.name / mode
+    if not (folder / "run.json").exists():
+        return False
+    run = json.loads((folder / "run.json").read_text())
+    _finish(build(experiment.name, run["experiment"]), folder)
+    return True
+
+
+def _finish(experiment: Experiment, folder: Path) -> None:
+    """What follows from the raw data."""
     _write_json(folder / "summary.json", summary.summarise(folder))
     from bicycle_controller.reproduce.pictures import draw
 
     draw(experiment, folder)
-    return 0
 
 
 def _write_training(folder: Path, experiment: Experiment, runs: list[training.Run]) -> None:
