@@ -18,7 +18,7 @@ EPILOG = """\
 POLICY is the name of a shipped policy, a policy file or the folder of a training run (its best).
 Written are NAME.safetensors, NAME.onnx and the card NAME.md. The ONNX model takes observations
 in SI units and gives actions in N m, m and N; before it is written, ONNX Runtime, torch (where
-installed) and numpy must agree about it to 1e-5 of the action limits.
+installed) and numpy must agree about it to 5e-5 of the action limits.
 
 example:
   bicycle evaluate runs/a --episodes 10000 --out a.json

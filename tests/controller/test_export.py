@@ -26,12 +26,12 @@ def test_onnx_runtime_gives_the_policy_s_actions(
     path = tmp_path / "policy.onnx"
     differences = save_onnx(policy, path, TorchPolicy(policy))
     assert set(differences) == {"onnxruntime", "torch"}
-    assert 0.0 < max(differences.values()) <= 1e-5
+    assert 0.0 < max(differences.values()) <= 5e-5
     session = onnxruntime.InferenceSession(path)
     for count in (1, 300):
         observation = np.random.default_rng(4).normal(size=(count, 6))
         (action,) = session.run(None, {"observation": observation.astype(np.float32)})
-        np.testing.assert_allclose(action, policy.act(observation), atol=1e-5 * max(limits))
+        np.testing.assert_allclose(action, policy.act(observation), atol=5e-5 * max(limits))
 
 
 def test_onnx_keeps_the_metadata() -> None:
