@@ -1,0 +1,205 @@
+"""Do browsers at the cockpit disturb the 40 Hz loop?
+
+Simulator and controller run as nodes in real time and ride to a far goal. In turns there is no
+cockpit, a cockpit without pages, and a cockpit with four: three that read and draw nothing, and
+one that stalls, which opens its connection and never reads from it. Each turn's LoopTiming
+messages are kept; percentiles are over all steps of all turns of a kind. The pages are processes
+of their own and, like the cockpit, stand back behind the loop (nice 5). The load that others put
+on the machine is told beside them.
+
+    python tests/benchmarks/bench_cockpit.py [--turns 3] [--seconds 20] [--out FILE]
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import os
+import re
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import numpy as np
+import rclpy
+from bicycle_msgs.msg import LoopTiming
+from geometry_msgs.msg import PoseStamped
+from machine import machine
+from rclpy.executors import SingleThreadedExecutor
+
+from bicycle_controller.run_folder import origin
+from bicycle_sim.nodes.interfaces import GOAL_POSE, TIMING
+
+RESULTS = Path(__file__).parent / "results" / "cockpit.json"
+PORT = 8799
+ADDRESS = f"http://127.0.0.1:{PORT}"
+READERS = 3
+START = 4.0
+"""s for cockpit and pages to come up before a turn counts."""
+KINDS = ("no cockpit", "no page", "four pages, one stalled")
+
+
+class Ear:
+    """Hears timing and sends the bicycle on its way."""
+
+    def __init__(self) -> None:
+        rclpy.init(args=[])
+        self.node = rclpy.create_node("ear")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.timing: list[LoopTiming] = []
+        self.node.create_subscription(LoopTiming, TIMING.name, self.timing.append, 1000)
+        self.goals = self.node.create_publisher(PoseStamped, GOAL_POSE.name, GOAL_POSE.publish)
+
+    def listen(self, seconds: float) -> None:
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def send_far_goal(self) -> None:
+        while self.goals.get_subscription_count() == 0:
+            self.listen(0.1)
+        goal = PoseStamped()
+        goal.header.frame_id = "odom"
+        goal.pose.position.x = 9000.0
+        self.goals.publish(goal)
+
+
+def start(*command: str) -> subprocess.Popen[str]:
+    words = [sys.executable, *command]
+    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
+
+
+def stop(process: subprocess.Popen[str]) -> str:
+    """End a process; returns what it printed."""
+    process.send_signal(signal.SIGINT)
+    return process.communicate(timeout=15.0)[0]
+
+
+async def read() -> None:
+    """One page that takes every frame and parses it, until SIGINT."""
+    frames = 0
+    asyncio.get_running_loop().add_signal_handler(signal.SIGINT, asyncio.current_task().cancel)
+    try:
+        async with aiohttp.ClientSession() as session:
+            page = await session.ws_connect(f"{ADDRESS}/ws", origin=ADDRESS, max_msg_size=0)
+            async for message in page:
+                frames += json.loads(message.data)["type"] == "frame"
+    except asyncio.CancelledError:
+        print(frames)
+
+
+def stall() -> None:
+    """One page that never reads, until SIGINT; it comes back when the cockpit gives it up."""
+    signal.signal(signal.SIGINT, lambda *_: sys.exit(0))
+    while True:
+        line = socket.socket()
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        line.connect(("127.0.0.1", PORT))
+        line.sendall(
+            f"GET /ws HTTP/1.1\r\nHost: 127.0.0.1:{PORT}\r\nOrigin: {ADDRESS}\r\n"
+            "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
+            "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n".encode()
+        )
+        time.sleep(15.0)
+
+
+async def dropped() -> int:
+    """Frames that the pages never got, as the cockpit counts them."""
+    async with aiohttp.ClientSession() as session:
+        page = await session.ws_connect(f"{ADDRESS}/ws", origin=ADDRESS, max_msg_size=0)
+        async for message in page:
+            data = json.loads(message.data)
+            if data["type"] == "status" and data["pages"] > READERS + 1:
+                return int(data["dropped_frames"])
+    return -1
+
+
+def turn(ear: Ear, seconds: float, kind: str) -> dict[str, Any]:
+    """One turn of a kind."""
+    cockpit, pages, lost = None, [], 0
+    if kind != KINDS[0]:
+        cockpit = start("-m", "bicycle_cockpit.nodes.cockpit", "--no-ride", "--port", str(PORT))
+        ear.listen(START)
+    if kind == KINDS[2]:
+        pages = [start(__file__, "--page", "read") for _ in range(READERS)]
+        pages.append(start(__file__, "--page", "stall"))
+        ear.listen(START)
+    ear.timing.clear()
+    ear.listen(seconds)
+    timing = list(ear.timing)
+    if pages:
+        lost = asyncio.run(dropped())
+    frames = [int(text) for text in map(stop, pages) if re.fullmatch(r"\d+\s*", text)]
+    if cockpit is not None:
+        stop(cockpit)
+    return {
+        "lateness": [message.lateness for message in timing],
+        "jitter": [abs(message.period - 0.025) for message in timing],
+        "latency": [message.latency for message in timing],
+        "dropped": timing[-1].dropped_steps - timing[0].dropped_steps if timing else 0,
+        "frames": frames,
+        "lost": lost,
+        "load": os.getloadavg()[0],
+    }
+
+
+def summary(turns: list[dict[str, Any]]) -> dict[str, Any]:
+    """Percentiles over all turns of a kind, ms."""
+    result: dict[str, Any] = {"steps": sum(len(found["lateness"]) for found in turns)}
+    for name in ("jitter", "lateness", "latency"):
+        values = np.concatenate([np.array(found[name]) for found in turns]) * 1e3
+        values = values[np.isfinite(values)]
+        for label, share in (("p50", 0.5), ("p99", 0.99), ("p999", 0.999)):
+            result[f"{name}_{label}_ms"] = round(float(np.quantile(values, share)), 3)
+        per_turn = [np.nanquantile(np.array(found[name]) * 1e3, 0.99) for found in turns]
+        result[f"{name}_p99_ms_of_each_turn"] = [round(float(value), 3) for value in per_turn]
+    result["dropped_steps"] = int(sum(found["dropped"] for found in turns))
+    result["frames_of_each_reader"] = [found["frames"] for found in turns]
+    result["frames_dropped_for_the_stalled"] = [found["lost"] for found in turns]
+    result["load_of_each_turn"] = [round(found["load"], 1) for found in turns]
+    return result
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--turns", type=int, default=3)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    parser.add_argument("--page", choices=("read", "stall"), help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.page:
+        os.nice(5)
+        asyncio.run(read()) if args.page == "read" else stall()
+        return
+    ear = Ear()
+    nodes = [
+        start("-m", "bicycle_sim.nodes.sim_node"),
+        start("-m", "bicycle_controller.nodes.controller_node"),
+    ]
+    turns: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
+    try:
+        ear.send_far_goal()
+        ear.listen(4.0)
+        for _ in range(args.turns):
+            for kind in KINDS:
+                turns[kind].append(turn(ear, args.seconds, kind))
+    finally:
+        for process in nodes:
+            stop(process)
+        rclpy.try_shutdown()
+    result = {**origin(), "machine": machine("aiohttp")}
+    result |= {kind: summary(found) for kind, found in turns.items()}
+    args.out.parent.mkdir(exist_ok=True)
+    args.out.write_text(json.dumps(result, indent=2) + "\n")
+    print(json.dumps(result, indent=2))
+
+
+if __name__ == "__main__":
+    main()
