@@ -8,6 +8,9 @@ of their own and, like the cockpit, stand back behind the loop (nice 5). The loa
 on the machine is told beside them.
 
     python tests/benchmarks/bench_cockpit.py [--turns 3] [--seconds 20] [--out FILE]
+
+On a machine that others use too, `chrt -r 1` before it keeps them out of the figures; cockpit and
+pages then compete with the loop on equal terms, which nice no longer decides.
 """
 
 from __future__ import annotations
@@ -126,6 +129,8 @@ def turn(ear: Ear, seconds: float, kind: str) -> dict[str, Any]:
     cockpit, pages, lost = None, [], 0
     if kind != KINDS[0]:
         cockpit = start("-m", "bicycle_cockpit.nodes.cockpit", "--no-ride", "--port", str(PORT))
+        assert cockpit.stdout is not None
+        cockpit.stdout.readline()  # its address: it can be reached now
         ear.listen(START)
     if kind == KINDS[2]:
         pages = [start(__file__, "--page", "read") for _ in range(READERS)]

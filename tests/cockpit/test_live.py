@@ -1,0 +1,120 @@
+"""What a page is told of a ride that goes on, on a clock that the test turns."""
+
+from __future__ import annotations
+
+import json
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bicycle_cockpit.bucket import Bucket
+from bicycle_cockpit.live import HISTORY, SHORTEST, SILENCE, Live
+from bicycle_cockpit.loop_stats import WINDOW, LoopStats, loop_figures
+from bicycle_cockpit.samples import COLUMNS, Sample, plain_column, plain_row, reward_columns
+from bicycle_sim.reward import RewardWeights
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def sample(step: int, t: float | None = None, **changes: float) -> Sample:
+    values = dict.fromkeys(COLUMNS, 0.0) | {"episode": 1, "step": step}
+    return Sample(**{**values, "t": 0.025 * step if t is None else t, **changes})
+
+
+def test_a_frame_holds_the_rows_since_the_last_one() -> None:
+    live = Live(Clock())
+    assert live.frame() is None
+    for step in range(3):
+        assert live.add(sample(step))
+    assert not live.add(sample(2)), "a state that is published again is no new step"
+    frame = live.frame()
+    assert frame is not None
+    assert [row[2] for row in frame["rows"]] == [0, 1, 2]
+    assert live.frame() is None
+
+
+def test_who_comes_late_gets_the_last_two_minutes() -> None:
+    live = Live(Clock())
+    for step in range(HISTORY + 10):
+        live.add(sample(step))
+    assert [row[2] for row in live.hello()["rows"]] == list(range(10, HISTORY + 10))
+
+
+def test_a_simulator_that_was_started_anew_begins_a_new_history() -> None:
+    live = Live(Clock())
+    live.add(sample(5))
+    live.add(sample(0))
+    assert [row[2] for row in live.hello()["rows"]] == [0]
+
+
+def test_lock_step_is_thinned_and_silence_is_noticed() -> None:
+    clock = Clock()
+    live = Live(clock)
+    assert not live.hears_simulator
+    assert live.due()
+    live.add(sample(1))
+    clock.now += SHORTEST / 2
+    assert not live.due()
+    clock.now += SHORTEST
+    assert live.due()
+    assert live.status()["mode"] == "held"
+    clock.now += SILENCE * 1.1
+    assert live.status()["mode"] == "silent"
+
+
+def test_all_of_it_is_json_without_nan() -> None:
+    live = Live(Clock())
+    live.add(sample(1, goal_distance=math.nan, heading_error=math.inf))
+    live.event("good", "reached", kind="reached", x=1.0, y=2.0)
+    live.trained({"updates": 5})
+    live.trained({"updates": 5})
+    for message in (live.hello(), live.frame(), live.status(pages=1)):
+        json.dumps(message, allow_nan=False)
+    assert live.hello()["training"] == [{"updates": 5}]
+    assert plain_row([math.nan, 1.0000049]) == [None, 1.0]
+    assert plain_column(np.array([1, np.nan, -np.inf])) == [1.0, None, None]
+
+
+def test_the_terms_of_the_reward_are_those_of_equation_20() -> None:
+    state = {"lean_angle": 0.1, "lean_rate": -0.2, "lean_acceleration": 1.0, "heading_error": 0.5}
+    terms = reward_columns(state, RewardWeights())
+    assert terms == pytest.approx([-0.01, -0.004, -0.01, -0.5])
+
+
+def test_figures_of_the_loop() -> None:
+    period = np.array([np.nan, 0.025, 0.025, 0.027, 0.023])
+    late = np.array([0.0, 0.001, 0.002, 0.003, 0.004])
+    figures = loop_figures(period, late, np.full(5, np.nan))
+    assert figures["rate"] == 40.0
+    assert figures["jitter_max"] == pytest.approx(2.0)
+    assert figures["jitter_p50"] == pytest.approx(1.0)
+    assert figures["lateness_p50"] == pytest.approx(2.0)
+    assert figures["latency_p50"] is None
+    assert loop_figures(*3 * [np.array([])])["rate"] is None
+
+
+def test_they_are_about_the_last_seconds() -> None:
+    clock = Clock()
+    stats = LoopStats(clock)
+    timing = {"lateness": 0.0, "latency": 0.002, "late_steps": 1, "dropped_steps": 2}
+    stats.add(SimpleNamespace(period=0.5, **timing))
+    clock.now += WINDOW + 1.0
+    stats.add(SimpleNamespace(period=0.025, **timing))
+    figures = stats.figures()
+    assert (figures["rate"], figures["late"], figures["dropped"]) == (40.0, 1, 2)
+
+
+def test_a_bucket_lets_a_burst_through_and_then_the_rate() -> None:
+    clock = Clock()
+    bucket = Bucket(rate=2.0, burst=3.0, clock=clock)
+    assert [bucket.take() for _ in range(4)] == [True, True, True, False]
+    clock.now += 0.5
+    assert [bucket.take() for _ in range(2)] == [True, False]
