@@ -1,13 +1,14 @@
 #!/usr/bin/env bash
 # Makes this clone ready to ride: virtual environment, locked Python packages, colcon build.
 #
-# Usage: setup.sh [--with train|dev|bench]... [--force] [--quiet]
+# Usage: setup.sh [--with train|foxglove|dev|bench]... [--force] [--quiet]
 #
-#   --with train   also what training needs: torch, Ray, Gymnasium, TensorBoard, ONNX
-#   --with dev     also what tests and checks need (holds train)
-#   --with bench   also stable-baselines3, which tests/benchmarks compares with (holds train)
-#   --force        do every stage again, done or not
-#   --quiet        say nothing when there is nothing to do
+#   --with train      also what training needs: torch, Ray, Gymnasium, TensorBoard, ONNX
+#   --with foxglove   also Foxglove's WebSocket server, for foxglove.sh
+#   --with dev        also what tests and checks need (holds train and foxglove)
+#   --with bench      also stable-baselines3, which tests/benchmarks compares with (holds train)
+#   --force           do every stage again, done or not
+#   --quiet           say nothing when there is nothing to do
 #
 # A stage that is done is skipped, so a second call takes a moment. The full log is ros2_ws/log/setup.log.
 # PYTHON=/path/to/python chooses the interpreter (3.10 to 3.13). torch comes from PyPI; for a smaller one
@@ -36,8 +37,8 @@ while (($#)); do
   case $1 in
     --with)
       case ${2:-} in
-        train | dev | bench) sets+=("$2") ;;
-        *) die 2 "--with takes train, dev or bench, not '${2:-}'." ;;
+        train | foxglove | dev | bench) sets+=("$2") ;;
+        *) die 2 "--with takes train, foxglove, dev or bench, not '${2:-}'." ;;
       esac
       shift
       ;;
@@ -74,7 +75,7 @@ make_venv() { # Every step may be interrupted: what is half done is seen and don
 
 install_set() { # SET: the packages of one lock
   local pip=("$venv/bin/python" -m pip install --no-input --disable-pip-version-check --progress-bar off)
-  if [[ $1 != ride ]]; then
+  if [[ $1 != ride && $1 != foxglove ]]; then
     stage "$torch" none "${pip[@]}" "$torch"
   fi
   # The locks are complete, so pip need not work out dependencies.

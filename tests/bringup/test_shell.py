@@ -105,8 +105,11 @@ def test_another_ros_is_refused(clone: Path, bare: dict[str, str]) -> None:
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (["--with", "everything"], "--with takes train, dev or bench, not 'everything'."),
-        (["--with"], "--with takes train, dev or bench, not ''."),
+        (
+            ["--with", "everything"],
+            "--with takes train, foxglove, dev or bench, not 'everything'.",
+        ),
+        (["--with"], "--with takes train, foxglove, dev or bench, not ''."),
         (["--fast"], "unknown option '--fast'; see setup.sh --help."),
     ],
 )

@@ -32,6 +32,7 @@ SCRIPTS = (
     "trainer",
     "circle",
     "report",
+    "foxglove",
 )
 Start = Callable[..., NodeProcess]
 
@@ -72,7 +73,9 @@ def test_help_tells_usage_and_exit_status(name: str, ros_domain: int) -> None:
     assert done.stderr == ""
 
 
-@pytest.mark.parametrize(("name", "parameter"), [("sim", "pace"), ("controller", "policy")])
+@pytest.mark.parametrize(
+    ("name", "parameter"), [("sim", "pace"), ("controller", "policy"), ("foxglove", "host")]
+)
 def test_help_lists_parameters(name: str, parameter: str, ros_domain: int) -> None:
     assert f"  {parameter}:=" in script(name, "--help").stdout
 
@@ -103,6 +106,8 @@ def test_the_controllers_file_holds_its_defaults() -> None:
         (("record", "--repair", "/none"), 1, "no bag /none"),
         (("report", "/none"), 1, "no bag /none"),
         (("report", "--output", "x.html"), 2, "required: bags"),
+        (("foxglove", "port:=70000"), 2, "port"),
+        (("foxglove", "topics:=("), 2, "not a regular expression"),
         (("topic",), 2, "required: list|info|echo|rate"),
         (("topic", "watch"), 2, "invalid choice: 'watch'"),
         (("stop", "--now"), 2, "unknown option '--now'"),

@@ -36,6 +36,7 @@ setup(
         "console_scripts": [
             "bicycle_ride = bicycle_bringup.nodes.ride:main",
             "bicycle_report = bicycle_bringup.ride_page.command:main",
+            "bicycle_foxglove = bicycle_bringup.nodes.foxglove_server:main",
             "bicycle_goal = bicycle_bringup.nodes.goal:main",
             "bicycle_topic = bicycle_bringup.nodes.topic:main",
             "bicycle_verify = bicycle_bringup.nodes.verify:main",

@@ -1,0 +1,109 @@
+"""A client of Foxglove's WebSocket protocol, as the app is one: subprotocol foxglove.sdk.v1."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import struct
+from collections.abc import Callable
+from typing import Any
+
+import aiohttp
+from mcap.records import Schema
+from mcap_ros2.decoder import DecoderFactory
+
+PROTOCOL = "foxglove.sdk.v1"
+PATIENCE = 60.0
+MESSAGE_DATA = 1
+
+
+class FoxgloveClient:
+    """Connects at once; every method serves the connection until it has what it wants.
+
+    Attributes:
+        info: the server's first word.
+        channels: advertised channels by topic.
+        messages: decoded messages by topic, in order.
+        statuses: what the server complained about.
+    """
+
+    def __init__(self, port: int, origin: str | None = None) -> None:
+        self._loop = asyncio.new_event_loop()
+        self.info: dict[str, Any] = {}
+        self.channels: dict[str, dict[str, Any]] = {}
+        self.messages: dict[str, list[Any]] = {}
+        self.raw: dict[str, list[bytes]] = {}
+        self.statuses: list[str] = []
+        self._topics: dict[int, str] = {}
+        self._decode: dict[str, Callable[[bytes], Any]] = {}
+        self._run(self._connect(f"ws://127.0.0.1:{port}", origin))
+        self.until(lambda: self.info)
+
+    def _run(self, work: Any) -> Any:
+        return self._loop.run_until_complete(asyncio.wait_for(work, PATIENCE))
+
+    async def _connect(self, address: str, origin: str | None) -> None:
+        self._session = aiohttp.ClientSession()
+        headers = {"Origin": origin} if origin else None
+        self._socket = await self._session.ws_connect(
+            address, protocols=[PROTOCOL], max_msg_size=0, headers=headers
+        )
+        assert self._socket.protocol == PROTOCOL
+
+    def until(self, condition: Callable[[], Any], patience: float = PATIENCE) -> Any:
+        """Take in what comes until a condition holds; returns what it gave."""
+
+        async def serve() -> Any:
+            while not (value := condition()):
+                self._take(await self._socket.receive())
+            return value
+
+        return self._loop.run_until_complete(asyncio.wait_for(serve(), patience))
+
+    def _take(self, message: aiohttp.WSMessage) -> None:
+        if message.type == aiohttp.WSMsgType.BINARY and message.data[0] == MESSAGE_DATA:
+            _, number, _ = struct.unpack_from("<BIQ", message.data)
+            topic, data = self._topics[number], message.data[13:]
+            self.raw.setdefault(topic, []).append(data)
+            self.messages.setdefault(topic, []).append(self._decode[topic](data))
+        elif message.type == aiohttp.WSMsgType.TEXT:
+            said = json.loads(message.data)
+            if said["op"] == "serverInfo":
+                self.info = said
+            elif said["op"] == "advertise":
+                self.channels.update({item["topic"]: item for item in said["channels"]})
+            elif said["op"] == "status":
+                self.statuses.append(said["message"])
+        else:
+            assert message.type == aiohttp.WSMsgType.BINARY, message
+
+    def send(self, **said: Any) -> None:
+        """Send one command in JSON."""
+        self._run(self._socket.send_str(json.dumps(said)))
+
+    def subscribe(self, topic: str) -> None:
+        """Ask for a topic, once it is advertised."""
+        channel = self.until(lambda: self.channels.get(topic))
+        schema = Schema(1, channel["schema"].encode(), "ros2msg", channel["schemaName"])
+        decode = DecoderFactory().decoder_for(channel["encoding"], schema)
+        assert decode is not None
+        self._decode[topic] = decode
+        self._topics[channel["id"]] = topic
+        self.send(
+            op="subscribe", subscriptions=[{"id": channel["id"], "channelId": channel["id"]}]
+        )
+
+    def offer(self, number: int, topic: str, kind: str, encoding: str = "json") -> None:
+        """Say that this client will publish a topic."""
+        channel = {"id": number, "topic": topic, "encoding": encoding, "schemaName": kind}
+        self.send(op="advertise", channels=[channel])
+
+    def publish(self, number: int, data: bytes) -> None:
+        """Publish on a channel that was offered."""
+        self._run(self._socket.send_bytes(struct.pack("<BI", MESSAGE_DATA, number) + data))
+
+    def close(self) -> None:
+        """Leave."""
+        self._run(self._socket.close())
+        self._run(self._session.close())
+        self._loop.close()

@@ -1,0 +1,185 @@
+"""foxglove.sh: the real server and nodes, and a client that speaks Foxglove's protocol."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from foxglove_client import FoxgloveClient
+from geometry_msgs.msg import PoseStamped
+from node_process import NodeProcess
+from rclpy.serialization import serialize_message
+
+from bicycle_bag.schemas import Schemas
+
+pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
+
+WORKSPACE = Path(__file__).resolve().parents[2] / "ros2_ws"
+POSE = "geometry_msgs/msg/PoseStamped"
+STATE, STATUS = "/bicycle/state", "/bicycle/goal_status"
+PATIENCE = 60.0
+Start = Callable[..., NodeProcess]
+
+
+@pytest.fixture
+def bicycle(start_node: Start) -> None:
+    start_node(WORKSPACE / "sim.sh", ["pace:=lockstep"]).wait_for_line(
+        "waits for its first", PATIENCE
+    )
+    start_node(WORKSPACE / "controller.sh", ["policy:=lqr"]).wait_for_line(
+        "waits for a goal", PATIENCE
+    )
+
+
+def serve(start_node: Start, *words: str) -> tuple[NodeProcess, int]:
+    server = start_node(WORKSPACE / "foxglove.sh", ["port:=0", *words])
+    return server, int(server.wait_for_line(r"ws://127\.0\.0\.1:(\d+)", PATIENCE)[1])
+
+
+@pytest.fixture
+def client(start_node: Start, bicycle: None) -> Iterator[FoxgloveClient]:
+    _, port = serve(start_node)
+    made = FoxgloveClient(port)
+    yield made
+    made.close()
+
+
+def goal(x: object, y: object, frame: str = "odom") -> bytes:
+    """What Foxglove's 3D panel publishes."""
+    position = {"x": x, "y": y, "z": 0}
+    orientation = {"x": 0, "y": 0, "z": 0, "w": 1}
+    header = {"stamp": {"sec": 1, "nsec": 2}, "frame_id": frame}
+    return json.dumps(
+        {"header": header, "pose": {"position": position, "orientation": orientation}}
+    ).encode()
+
+
+def test_topics_come_as_they_are_with_their_definitions(client: FoxgloveClient) -> None:
+    client.subscribe(STATE)
+    state = client.until(lambda: client.messages.get(STATE))[0]
+    assert state.speed == pytest.approx(10 / 3.6)
+    assert state.header.frame_id == "odom"
+    channel = client.channels[STATE]
+    assert (channel["encoding"], channel["schemaEncoding"]) == ("cdr", "ros2msg")
+    assert channel["schemaName"] == "bicycle_msgs/msg/BicycleState"
+    assert channel["schema"] == Schemas().definition("bicycle_msgs/msg/BicycleState")
+    assert "clientPublish" in client.info["capabilities"]
+    assert set(client.info["supportedEncodings"]) == {"json", "cdr"}
+
+
+def test_a_goal_in_json_is_ridden_to(client: FoxgloveClient) -> None:
+    client.subscribe(STATUS)
+    client.subscribe(STATE)
+    client.offer(7, "/goal_pose", POSE)
+    client.publish(7, goal(12, -3))
+    reached = client.until(
+        lambda: [s for s in client.messages.get(STATUS, ()) if s.status == 2], patience=60
+    )[0]
+    assert (reached.position.x, reached.position.y) == (12.0, -3.0)
+    last = client.messages[STATE][-1]
+    assert abs(last.rear_contact.x - 12.0) < 1.5
+
+
+def test_a_goal_in_cdr_is_taken_and_shown_to_who_comes_later(
+    client: FoxgloveClient, start_node: Start
+) -> None:
+    message = PoseStamped()
+    message.header.frame_id = "map"
+    message.pose.position.x = 500.0
+    client.subscribe(STATUS)
+    client.offer(1, "/goal_pose", POSE, "cdr")
+    client.publish(1, serialize_message(message))
+    client.until(lambda: [s for s in client.messages.get(STATUS, ()) if s.status == 1])
+    active = "/bicycle/active_goal"
+    client.subscribe(active)
+    assert client.until(lambda: client.messages.get(active))[0].pose.position.x == 500.0
+    other = FoxgloveClient(int(client._socket.get_extra_info("peername")[1]))
+    other.subscribe(active)  # latched, and this server subscribed to it before
+    assert other.until(lambda: other.messages.get(active))[0].pose.position.x == 500.0
+    other.close()
+
+
+def test_what_is_no_goal_is_refused_with_the_reason(client: FoxgloveClient) -> None:
+    client.subscribe(STATUS)
+    client.offer(1, "/goal_pose", POSE)
+    client.offer(2, "/goal_pose", POSE, "cdr")
+    cases = (
+        (1, goal("NaN", 1), "its x is 'NaN'"),
+        (1, goal(1e9, 1), "beyond 10000 m"),
+        (1, goal(1, 1, "moon"), "its frame is 'moon'"),
+        (1, b"{", "not JSON"),
+        (1, b"[" * 4000, "not JSON"),
+        (1, goal(1, "2" * 5000), "more than a pose needs"),
+        (2, b"\0\1\0\0", "not a PoseStamped in CDR"),
+    )
+    for number, data, reason in cases:
+        client.statuses.clear()
+        client.publish(number, data)
+        (said,) = client.until(lambda: client.statuses)
+        assert reason in said
+    for number, topic, kind, reason in (
+        (8, "/bicycle/command", "bicycle_msgs/msg/BicycleCommand", "is not taken from clients"),
+        (9, "/goal_pose", "std_msgs/msg/String", "takes geometry_msgs/PoseStamped"),
+    ):
+        client.statuses.clear()
+        client.offer(number, topic, kind)
+        assert reason in client.until(lambda: client.statuses)[0]
+        client.publish(number, b"{}")
+    client.publish(1, goal(12, 0))  # and it still works
+    assert client.until(lambda: client.messages.get(STATUS))[0].position.x == 12.0
+    assert all(message.status != 7 for message in client.messages[STATUS])
+
+
+def test_it_only_shows_where_it_is_told_so(start_node: Start, bicycle: None) -> None:
+    _, port = serve(start_node, "publish:=false", "topics:=^/bicycle/")
+    client = FoxgloveClient(port)
+    client.subscribe(STATE)
+    client.until(lambda: client.messages.get(STATE))
+    assert client.info["capabilities"] == []
+    assert all(topic.startswith("/bicycle/") for topic in client.channels)
+    client.close()
+
+
+def watch_once(port: int) -> None:
+    client = FoxgloveClient(port)
+    client.subscribe(STATE)
+    client.until(lambda: client.messages.get(STATE))
+    client.close()
+
+
+def test_a_client_that_goes_leaves_no_subscription(start_node: Start, bicycle: None) -> None:
+    server, port = serve(start_node)
+    for _ in range(3):
+        watch_once(port)
+    assert server.stop() == 0
+    assert "Traceback" not in server.output
+
+
+def test_it_listens_on_this_machine_alone(start_node: Start, ros_domain: int) -> None:
+    server, port = serve(start_node)
+    found = {
+        line.split()[1]
+        for line in Path(f"/proc/{server.pid}/net/tcp").read_text().splitlines()[1:]
+        if int(line.split()[1].split(":")[1], 16) == port
+    }
+    assert found == {f"0100007F:{port:04X}"}
+
+
+def test_a_taken_port_is_one_line(start_node: Start, ros_domain: int) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        server = start_node(WORKSPACE / "foxglove.sh", [f"port:={port}"])
+        assert server.wait(PATIENCE) == 2
+    (line,) = server.lines
+    assert f"cannot listen on 127.0.0.1:{port}" in line
+    assert "choose host:= and port:=" in line
+
+
+def test_another_address_is_warned_of(start_node: Start, ros_domain: int) -> None:
+    server = start_node(WORKSPACE / "foxglove.sh", ["port:=0", "host:=0.0.0.0"])
+    server.wait_for_line(
+        "0.0.0.0 is not loopback: whoever reaches this port sees all topics", PATIENCE
+    )
