@@ -138,16 +138,20 @@ def _displacement(experiment: Experiment, summary: Summary) -> str:
     least, most = experiment.variants[0], experiment.variants[-1]
     parts, held = [], []
     for rider in ("authors", "fast", "fixed-speed", "lqr-20cm", "lqr"):
-        pair = [_rides(summary, rider=rider, variant=v.name) for v in (least, most)]
-        low, high = pair
+        low, high = (_rides(summary, rider=rider, variant=v.name) for v in (least, most))
         if low is None or high is None:
             continue
-        if not rider.startswith("lqr"):
+        if _training(summary, arm=rider) is not None:
             held.append(high["reached"][0] > low["reached"][0])
         rates = f"{percent(low['reached'][0])} and {percent(high['reached'][0])}"
-        parts.append(f"`{rider}` {rates}")
-    shown = ", ".join(parts)
-    return f"{_held(held)}: goals without noise with {least.label} and {most.label}: {shown}."
+        parts.append(f"`{rider}` {rates}, falls {percent(low['fallen'][0])}")
+    short = any(_short(experiment, entry) for entry in summary["training"])
+    words = _held(held, short) if held else "Not tested (nothing was trained with both)"
+    shown = "; ".join(parts)
+    return (
+        f"{words}: goals without noise with {least.label} and {most.label}, and falls with the"
+        f" former: {shown}."
+    )
 
 
 def _goals(experiment: Experiment, summary: Summary) -> str:

@@ -54,13 +54,14 @@ def draw(experiment: Experiment, folder: Path) -> None:
 def _terms(data: Data) -> Figure:
     """Figure 9: a panel per arm, a curve per term."""
     arms = data.arms()
-    drawing = figure(4.0 * max(1, len(arms)) + 0.6, 3.6)
+    drawing = figure(max(7.0, 4.0 * len(arms) + 0.6), 3.6)
     panels = drawing.subplots(1, max(1, len(arms)), sharey=True, squeeze=False)[0]
     for axes, arm in zip(panels, arms, strict=False):
         for term, (text, shade) in TERM_LABELS.items():
             look: dict[str, Any] = {"color": shade, "label": text}
             curve(axes, select(data.curves, arm=arm), term, look, factor=-1.0)
         axes.set_yscale("log")
+        axes.set_ylim(bottom=10.0)
         axes.set_title(label(arm))
         axes.set_xlabel(experience(data))
         legend(axes)

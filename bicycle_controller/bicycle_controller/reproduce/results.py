@@ -125,6 +125,9 @@ def _provenance(result: Result, data: str) -> list[str]:
     text += f", rides from seed {run['ride_seed']}"
     if trained:
         text += f"; {len(trained)} training runs, {cpu / 60:.0f} minutes of processor time in all"
+    shipped = [name for name in run["policies"].values() if "lqr" not in name]
+    if shipped:
+        text += f"; the shipped actor is {', '.join(f'`{name}`' for name in shipped)}"
     return [text + "."]
 
 

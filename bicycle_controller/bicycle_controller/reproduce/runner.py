@@ -61,7 +61,9 @@ def reproduce(experiment: Experiment, mode: str, length: Length, options: Option
     good = [run for run in done if run.succeeded]
     folder = out / experiment.name / mode
     _write_training(folder, experiment, good)
-    _write_rides(folder, experiment, mode, length, good, progress)
+    ridden = list(riding.riders(experiment, mode, good))
+    about["policies"] = {item.name: item.controller.policy_id for item in ridden if not item.seed}
+    _write_rides(folder, experiment, mode, length, ridden, progress)
     wall, cpu = time.monotonic() - started[0], time.process_time() - started[1]
     about |= {"seeds": list(range(1, length.seeds + 1)), "ride_seed": riding.SEED}
     about |= {"rides": length.rides, "wall_s": round(wall, 1), "cpu_s": round(cpu, 1)}
@@ -109,12 +111,11 @@ def _write_rides(
     experiment: Experiment,
     mode: str,
     length: Length,
-    runs: list[training.Run],
+    ridden: list[Ridden],
     progress: bool,
 ) -> None:
     """What the rides without noise came to, and what the picture needs of them."""
     rows: list[Row] = []
-    ridden = list(riding.riders(experiment, mode, runs))
     label = f"{experiment.name} {mode}"
     for item in tqdm(ridden, desc=label, unit="controller", disable=not progress, file=sys.stderr):
         rows.append(riding.scored(experiment, mode, item, length.rides))

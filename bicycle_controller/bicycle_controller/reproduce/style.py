@@ -51,6 +51,8 @@ STYLE: Any = {
     "legend.frameon": False,
     "legend.fontsize": 8,
 }
+STRETCHES = 20
+"""Points of a run that a curve is drawn through."""
 POINTS = 40
 """Of a curve drawn over several runs."""
 
@@ -83,7 +85,7 @@ def curve(
         at, values = column(mine, "at"), factor * column(mine, name)
         finite = np.isfinite(values)
         if finite.any():
-            runs.append((at[finite], values[finite]))
+            runs.append((_thinned(at[finite]), _thinned(values[finite])))
     if not runs:
         return False
     end = min(at[-1] for at, _ in runs)
@@ -95,6 +97,12 @@ def curve(
         band = {"color": look["color"], "alpha": 0.18, "linewidth": 0}
         axes.fill_between(grid, spread[:, 1], spread[:, 2], **band)
     return True
+
+
+def _thinned(values: np.ndarray) -> np.ndarray:
+    """Means of neighbours, so that no more than STRETCHES are left."""
+    width = -(-len(values) // STRETCHES)
+    return np.array([values[i : i + width].mean() for i in range(0, len(values), width)])
 
 
 def by_age(axes: Axes, rows: list[Row]) -> LineCollection:
