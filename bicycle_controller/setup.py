@@ -15,7 +15,9 @@ setup(
     name=NAME,
     version=VERSION,
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["models/*", "presets/*.yaml", "agents/*.cpp", "agents/*.h"]},
+    package_data={
+        NAME: ["models/*", "presets/*.yaml", "figures/*.yaml", "agents/*.cpp", "agents/*.h"]
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

@@ -22,6 +22,7 @@ COMMANDS = {
     "evaluate": "ride a controller from many starts and score it",
     "learn": "learn to ride from recorded rides",
     "sweep": "train many presets on many scenarios with many seeds",
+    "reproduce": "run the paper's experiments and draw its figures",
     "export": "write a policy under a name, as ONNX, and its card",
 }
 FAILED = 1

@@ -80,13 +80,16 @@ def _check_same(folder: Path, config: RunConfig) -> None:
         )
 
 
-def run_job(job: Job, episodes: int, command: list[str]) -> tuple[dict[str, Any], bytes]:
+def run_job(
+    job: Job, episodes: int, command: list[str], progress: bool = False
+) -> tuple[dict[str, Any], bytes]:
     """Train, or go on training, and score the best policy; this is what a Ray worker does.
 
     Args:
         job: what to train.
         episodes: rides of the final score, on starts that training did not choose by.
         command: the sweep's own command line, for the record.
+        progress: whether to draw a bar on standard error.
 
     Returns:
         The result and the policy file's bytes. The status is that of `train.Result`, or
@@ -100,8 +103,11 @@ def run_job(job: Job, episodes: int, command: list[str]) -> tuple[dict[str, Any]
     files = RunFolder(job.folder)
     try:
         begun = files.config.exists()
-        made = train.resume(job.folder) if begun else train.run(job.config, job.folder)
-    except ValueError as error:
+        if begun:
+            made = train.resume(job.folder, progress=progress)
+        else:
+            made = train.run(job.config, job.folder, progress)
+    except (ValueError, RuntimeError) as error:
         return about | {"status": "failed", "error": " ".join(str(error).split())}, b""
     path = files.best if files.best.exists() else files.last
     result = about | asdict(made)
@@ -205,7 +211,7 @@ def _run_all(ray: Any, jobs: list[Job], episodes: int, bar: Any) -> None:
             for reference in done:
                 job = waiting.pop(reference)
                 try:
-                    _store(job, *ray.get(reference))
+                    store(job, *ray.get(reference))
                 except ray.exceptions.RayError as error:
                     lost.append(f"{job.folder}: {' '.join(str(error).split())[-300:]}")
                 bar.update()
@@ -219,7 +225,7 @@ def _run_all(ray: Any, jobs: list[Job], episodes: int, bar: Any) -> None:
         raise RuntimeError(f"{len(lost)} runs were lost, start the sweep again; first {lost[0]}")
 
 
-def _store(job: Job, result: dict[str, Any], policy: bytes) -> None:
+def store(job: Job, result: dict[str, Any], policy: bytes) -> None:
     """Write what a worker, perhaps on another machine, has found."""
     if result["status"] == "interrupted":
         return

@@ -1,0 +1,135 @@
+"""Run an experiment in one mode of the physics: train, ride, write the data, draw."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from bicycle_controller.policy import write_atomically
+from bicycle_controller.reproduce import logs, riding, summary, training
+from bicycle_controller.reproduce.experiment import Experiment, Length, limited
+from bicycle_controller.reproduce.riding import Ridden
+from bicycle_controller.reproduce.tables import Row, write_table
+from bicycle_controller.run_folder import origin
+from bicycle_sim.parameters import Physics
+
+RUNS = "runs"
+"""Folder of the training runs beside the figures'."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the command line says about a reproduction."""
+
+    out: Path
+    short: bool = False
+    arms: tuple[str, ...] = ()
+    """Names of the arms to train; all by default."""
+    train: bool = True
+    """Whether to train, or only to ride what is trained already."""
+    address: str | None = None
+    parallel: int = 1
+    progress: bool = False
+
+
+def reproduce(experiment: Experiment, mode: str, length: Length, options: Options) -> int:
+    """Make the experiment's data and picture in `OUT/NAME/MODE`.
+
+    Returns:
+        The number of the signal that stopped it, or 0.
+
+    Raises:
+        ValueError: when a run of another kind is in the way.
+    """
+    out, progress = options.out, options.progress
+    experiment = limited(experiment, length)
+    about = origin() | {"figure": experiment.name, "physics": mode, "short": options.short}
+    if options.train and length.episodes:
+        runs = training.plan(experiment, out / RUNS, mode, length, options.arms)
+        signal = training.make(runs, length.rides, options.address, options.parallel, progress)
+        if signal:
+            return signal
+    started = (time.monotonic(), time.process_time())
+    planned = training.plan(experiment, out / RUNS, mode, length)
+    done = [run for run in map(training.there, planned) if run is not None]
+    good = [run for run in done if run.succeeded]
+    folder = out / experiment.name / mode
+    _write_training(folder, experiment, good)
+    _write_rides(folder, experiment, mode, length, good, progress)
+    wall, cpu = time.monotonic() - started[0], time.process_time() - started[1]
+    about |= {"seeds": list(range(1, length.seeds + 1)), "ride_seed": riding.SEED}
+    about |= {"rides": length.rides, "wall_s": round(wall, 1), "cpu_s": round(cpu, 1)}
+    about["training"] = [logs.provenance(run) for run in done]
+    about["experiment"] = asdict(experiment)
+    _write_json(folder / "run.json", about)
+    _write_json(folder / "summary.json", summary.summarise(folder))
+    from bicycle_controller.reproduce.pictures import draw
+
+    draw(experiment, folder)
+    return 0
+
+
+def _write_training(folder: Path, experiment: Experiment, runs: list[training.Run]) -> None:
+    """What the training episodes came to, and the ways of some."""
+    limit = experiment.limit
+    curves = [row for run in runs for row in logs.curves(run, limit)]
+    write_table(folder / summary.CURVES, curves)
+    scores = [row for run in runs for row in logs.evaluations(run, limit)]
+    write_table(folder / summary.EVALUATIONS, scores)
+    if experiment.tracks and experiment.picture in ("displacement", "goals", "turn"):
+        first = [run for run in runs if run.job.seed == 1]
+        best = [run for run in first if run.arm.role == "best"] or first
+        rows = [row for run in best for row in logs.tracks(run)]
+        write_table(folder / summary.TRACKS, rows)
+
+
+def _write_rides(
+    folder: Path,
+    experiment: Experiment,
+    mode: str,
+    length: Length,
+    runs: list[training.Run],
+    progress: bool,
+) -> None:
+    """What the rides without noise came to, and what the picture needs of them."""
+    rows: list[Row] = []
+    ridden = list(riding.riders(experiment, mode, runs))
+    label = f"{experiment.name} {mode}"
+    for item in tqdm(ridden, desc=label, unit="controller", disable=not progress, file=sys.stderr):
+        rows.append(riding.scored(experiment, mode, item, length.rides))
+    write_table(folder / summary.RIDES, rows)
+    if not experiment.tracks:
+        return
+    once = {(item.name, item.variant.name): item for item in reversed(ridden)}
+    count = experiment.tracks if length.rides >= experiment.tracks else length.rides
+    _write_traces(folder, experiment, mode, list(reversed(once.values())), count)
+
+
+def _write_traces(
+    folder: Path, experiment: Experiment, mode: str, ridden: list[Ridden], count: int
+) -> None:
+    """The states of a ride, the ways of many, or how their speed goes."""
+    physics = Physics.named(mode)
+    rows: dict[str, list[Row]] = {}
+    best = next((item for item in ridden if item.role == "best" and item.seed == 0), None)
+    best = best or next((item for item in ridden if item.role == "best"), None)
+    for item in ridden:
+        made = riding.trace(item.controller, experiment.ridden(item.variant), physics, count)
+        if experiment.picture == "states":
+            rows.setdefault(summary.STATES, []).extend(riding.states(item, made, physics))
+        if experiment.picture in ("turn", "speed"):
+            rows.setdefault(summary.PROFILES, []).extend(riding.profile(item, made))
+        if experiment.picture == "goals" and item is best:
+            rows.setdefault(summary.WAYS, []).extend(riding.ways(item, made))
+    for name, table in rows.items():
+        write_table(folder / name, table)
+
+
+def _write_json(path: Path, value: dict[str, Any]) -> None:
+    write_atomically(path, json.dumps(value, indent=1, ensure_ascii=False).encode() + b"\n")

@@ -1,0 +1,120 @@
+"""What the figures have in common: colours by controller, a learning curve, a coloured way."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+
+from bicycle_controller.reproduce.tables import Row, column, distinct, interval, select
+
+INK, FAINT, GRID = "#1f2933", "#7b8794", "#e4e7eb"
+COLOURS = {
+    "paper": "#9a6324",
+    "authors": "#3a5ba0",
+    "naf": "#e08e0b",
+    "ppo": "#8a4fa3",
+    "fast": "#0b8457",
+    "fixed-speed": "#0b8457",
+}
+LABELS = {
+    "paper": "DDPG, tables 2 and 3",
+    "authors": "DDPG, authors' code",
+    "naf": "NAF",
+    "ppo": "PPO",
+    "fast": "ours (fast)",
+    "fixed-speed": "ours, shipped",
+    "lqr": "LQR",
+    "lqr-20cm": "LQR with d",
+    "lqr-displacement": "LQR with d",
+    "lqr-displacement-pedal": "LQR with d and pedal",
+}
+VARIANT_COLOURS = ("#8a4fa3", "#3a5ba0", "#0b8457", "#e08e0b", "#c0392b")
+STYLE: Any = {
+    "font.family": "sans-serif",
+    "font.size": 9,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": GRID,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.titlesize": 9,
+    "axes.titleweight": "bold",
+    "grid.color": GRID,
+    "grid.linewidth": 0.8,
+    "xtick.color": FAINT,
+    "ytick.color": FAINT,
+    "legend.frameon": False,
+    "legend.fontsize": 8,
+}
+POINTS = 40
+"""Of a curve drawn over several runs."""
+
+
+def colour(name: str) -> str:
+    """Of a controller; the classical ones are dark."""
+    return COLOURS.get(name, INK)
+
+
+def label(name: str) -> str:
+    """Of a controller, in a legend."""
+    return LABELS.get(name, name)
+
+
+def curve(
+    axes: Axes,
+    rows: list[Row],
+    name: str,
+    look: dict[str, Any],
+    factor: float = 1.0,
+) -> bool:
+    """The mean of a column over the runs of `rows`, with its 95 % interval as a band.
+
+    Returns:
+        Whether there was anything to draw.
+    """
+    runs = []
+    for (seed,) in distinct(rows, "seed"):
+        mine = select(rows, seed=seed)
+        at, values = column(mine, "at"), factor * column(mine, name)
+        finite = np.isfinite(values)
+        if finite.any():
+            runs.append((at[finite], values[finite]))
+    if not runs:
+        return False
+    end = min(at[-1] for at, _ in runs)
+    grid = np.linspace(min(at[0] for at, _ in runs), end, POINTS)
+    lines = np.array([np.interp(grid, at, values) for at, values in runs])
+    spread = np.array([interval(lines[:, index]) for index in range(POINTS)], dtype=np.float64)
+    axes.plot(grid, spread[:, 0], linewidth=1.6, **look)
+    if len(runs) > 1:
+        band = {"color": look["color"], "alpha": 0.18, "linewidth": 0}
+        axes.fill_between(grid, spread[:, 1], spread[:, 2], **band)
+    return True
+
+
+def by_age(axes: Axes, rows: list[Row]) -> LineCollection:
+    """Ways coloured from early (blue) to late (red)."""
+    lines, ages = [], []
+    for (episode,) in distinct(rows, "episode"):
+        mine = select(rows, episode=episode)
+        lines.append(np.stack([column(mine, "x"), column(mine, "y")], axis=1))
+        ages.append(mine[0]["age"])
+    drawn = LineCollection(lines, cmap="coolwarm", linewidths=1.0, alpha=0.85, zorder=3)
+    drawn.set_array(np.array(ages, dtype=np.float64))
+    drawn.set_clim(0.0, 1.0)
+    axes.add_collection(drawn)
+    return drawn
+
+
+def as_map(axes: Axes) -> None:
+    """Equal scales in x and y, in metres."""
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.margins(0.05)
+    axes.autoscale_view()
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")

@@ -1,0 +1,168 @@
+"""The training runs of an experiment: which there are, and making them."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+from bicycle_controller import settings, sweep
+from bicycle_controller.config import RunConfig
+from bicycle_controller.reproduce.experiment import Arm, Experiment, Length, Variant
+from bicycle_controller.run_folder import RunFolder
+from bicycle_sim.scenario import named
+
+RECORD = ("record.episodes=true", "record.tracks_every=5", "tensorboard=false")
+
+
+@dataclass(frozen=True)
+class Run:
+    """One training run of an experiment."""
+
+    arm: Arm
+    variant: Variant
+    job: sweep.Job
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether it is done and did not diverge."""
+        done = json.loads(self.job.result.read_text()) if self.job.result.exists() else {}
+        return done.get("status", "failed") != "failed"
+
+
+def plan(
+    experiment: Experiment, out: Path, mode: str, length: Length, only: Iterable[str] = ()
+) -> list[Run]:
+    """Every run, those of the same seed together; two experiments may share some.
+
+    Args:
+        experiment: what is run.
+        out: folder of all runs.
+        mode: `faithful` or `corrected`.
+        length: seeds and episodes.
+        only: names of arms; all by default.
+
+    Raises:
+        ValueError: when a folder holds a run of another kind.
+    """
+    chosen = set(only) or {arm.name for arm in experiment.arms}
+    return [
+        _run(experiment, out / mode, mode, length, arm, variant, seed)
+        for seed in range(1, length.seeds + 1)
+        for variant in experiment.trained()
+        for arm in experiment.arms
+        if arm.name in chosen
+    ]
+
+
+def _run(
+    experiment: Experiment,
+    out: Path,
+    mode: str,
+    length: Length,
+    arm: Arm,
+    variant: Variant,
+    seed: int,
+) -> Run:
+    steps = length.episodes * experiment.limit
+    steps = max(1, min(steps, arm.most_steps or steps))
+    changes = [f"physics={mode}", f"seed={seed}", f"steps={steps}"]
+    if arm.role != "best":
+        changes.append(f"starts.max_steps={experiment.limit}")
+    changes += [*RECORD, *experiment.training_changes(variant), *arm.set]
+    config = settings.preset(arm.preset, changes)
+    every = max(1, min(config.evaluation.every, total_updates(config) // length.evaluations))
+    evaluation = dataclasses.replace(config.evaluation, every=every)
+    config = dataclasses.replace(config, evaluation=evaluation)
+    base = variant.scenario or experiment.scenario
+    plain = config.scenario == named(base)
+    where = base if plain else f"{base}-{experiment.name}-{variant.name}"
+    # A run whose learning rate falls to its end cannot be made longer: it has a folder of its own.
+    annealed = config.learner.learning_rate_end < 1.0
+    name = f"{arm.name}-{config.steps}" if annealed else arm.name
+    folder = out / where / name / f"seed-{seed}"
+    config = _lengthened(RunFolder(folder), config)
+    return Run(arm, variant, sweep.Job(arm.preset, where, seed, config, folder))
+
+
+def total_updates(config: RunConfig) -> int:
+    """Updates that a whole run makes."""
+    rounds = max(0, config.steps - config.warm_up) // config.bicycles
+    return rounds // config.rounds_between * config.updates_due
+
+
+def _lengthened(files: RunFolder, config: RunConfig) -> RunConfig:
+    """The configuration to go on with: that of the run there, if it is the same but for length.
+
+    A run that is longer than what is asked for stays as it is.
+
+    Raises:
+        ValueError: when it is another run.
+    """
+    if not files.config.exists():
+        return config
+    old = settings.load(files.config)
+    steps, evaluation = max(old.steps, config.steps), config.evaluation
+    longer = dataclasses.replace(config, steps=steps)
+    if dataclasses.replace(old, steps=steps, evaluation=evaluation) != longer:
+        raise ValueError(
+            f"{files.path} holds a run with other settings, perhaps of an older version: move it"
+            " away, or give another --out"
+        )
+    return dataclasses.replace(old, steps=steps)
+
+
+def there(run: Run) -> Run | None:
+    """The run if it is done; else the longest of its kind that is, where lengths have folders."""
+    if run.job.result.exists():
+        return run
+    kind = run.job.folder.parent
+    if run.job.config.learner.learning_rate_end == 1.0:
+        return None
+    others = kind.parent.glob(f"{run.arm.name}-*/{run.job.folder.name}/result.json")
+    folders = [path.parent for path in others]
+    if not folders:
+        return None
+    longest = max(folders, key=lambda folder: int(folder.parent.name.rpartition("-")[2]))
+    return dataclasses.replace(run, job=dataclasses.replace(run.job, folder=longest))
+
+
+def make(runs: list[Run], rides: int, address: str | None, parallel: int, progress: bool) -> int:
+    """Make the runs that are not done: here one after another, or with Ray several at once.
+
+    Args:
+        runs: from `plan`.
+        rides: of the score at the end of each.
+        address: of a Ray cluster.
+        parallel: runs at once on this machine; 1 does without Ray.
+        progress: whether to draw bars on standard error.
+
+    Returns:
+        The number of the signal that stopped it, or 0.
+    """
+    jobs = list({run.job.folder: run.job for run in runs}.values())
+    for job in jobs:
+        _prepare(job)
+    left = [job for job in jobs if not job.result.exists()]
+    if address is not None or parallel > 1:
+        sweep.sweep(left, rides, address, parallel, progress)
+        return 0
+    for number, job in enumerate(left, 1):
+        if progress:
+            print(f"run {number} of {len(left)}: {job.folder}", file=sys.stderr)
+        result, policy = sweep.run_job(job, rides, sys.argv, progress)
+        sweep.store(job, result, policy)
+        if result["status"] == "interrupted":
+            return int(result["signal"])
+    return 0
+
+
+def _prepare(job: sweep.Job) -> None:
+    """Let a run that is done go on where a longer one is wanted."""
+    files = RunFolder(job.folder)
+    if files.config.exists() and settings.load(files.config).steps < job.config.steps:
+        files.resumed_config([f"steps={job.config.steps}"])
+        job.result.unlink(missing_ok=True)

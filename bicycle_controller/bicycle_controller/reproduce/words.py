@@ -1,0 +1,37 @@
+"""Numbers as RESULTS.md writes them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+
+def percent(share: float) -> str:
+    """A share of 0 to 1, with a digit more near the ends where it matters."""
+    value = 100.0 * share
+    whole = value in (0.0, 100.0)
+    return f"{value:.0f} %" if whole or 1.0 <= value <= 99.0 else f"{value:.1f} %"
+
+
+def rate(values: Sequence[float]) -> str:
+    """[share, low, high] with its interval."""
+    share, low, high = (100.0 * value for value in values)
+    return f"{share:.1f} % ({low:.1f} to {high:.1f})"
+
+
+def mean(values: Sequence[float | None], factor: float = 1.0, unit: str = "") -> str:
+    """[mean, low, high] with the interval where there is one."""
+    middle, low, high = values
+    if middle is None:
+        return "-"
+    text = f"{number(factor * middle)}{unit}"
+    if low is None or high is None:
+        return text
+    return f"{text} ({number(factor * low)} to {number(factor * high)})"
+
+
+def number(value: float) -> str:
+    """Three digits or so, with the paper's minus."""
+    size = abs(value)
+    digits = 0 if size >= 100.0 else 1 if size >= 10.0 else 2
+    text = f"{value:,.{digits}f}"
+    return text.replace("-", "−")

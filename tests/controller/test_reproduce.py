@@ -1,0 +1,265 @@
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from bicycle_controller import cli
+from bicycle_controller.episode_log import read_columns
+from bicycle_controller.evaluate import evaluate
+from bicycle_controller.policy import load_controller
+from bicycle_controller.reproduce import experiment as experiments
+from bicycle_controller.reproduce import logs, riding, summary, training
+from bicycle_controller.reproduce.experiment import MODES, Length, build
+from bicycle_controller.reproduce.results import collect, render
+from bicycle_controller.reproduce.tables import interval, read_table, write_table
+from bicycle_sim.parameters import Physics
+
+ROOT = Path(__file__).parent.parent.parent
+COMMITTED = ROOT / "docs" / "results" / "reproduction"
+TINY = ["--short", "--seeds", "1", "--physics", "faithful", "--quiet"]
+
+
+def test_there_is_an_experiment_for_every_figure_of_section_5() -> None:
+    figures = [f"figure-{number}" for number in range(9, 17)]
+    assert experiments.names() == [*figures, "robustness"]
+    full = {name: experiments.load(name).full for name in experiments.names()}
+    assert (full["figure-10"].seeds, full["figure-10"].episodes) == (3, 5000)
+    assert (full["figure-16"].seeds, full["figure-16"].episodes) == (3, 10000)
+    assert full["figure-15"].episodes == 10000
+
+
+def test_the_runs_are_the_paper_s(tmp_path: Path) -> None:
+    item = experiments.load("figure-10")
+    runs = training.plan(item, tmp_path, "corrected", item.full)
+    assert len(runs) == 3 * 5
+    for run in runs:
+        config = run.job.config
+        assert config.steps == 5000 * 400
+        assert config.scenario.displacement_limit == 0.2
+        assert config.scenario.start_speed == pytest.approx(10.0 / 3.6)
+        assert config.physics == Physics.named("corrected")
+    assert {run.job.config.algorithm for run in runs} == {"ddpg", "naf", "ppo"}
+    turn = experiments.load("figure-15")
+    pedals = {
+        run.variant.name: run.job.config.scenario.pedal_limit
+        for run in training.plan(turn, tmp_path, "faithful", turn.full)
+    }
+    assert pedals == {"pedal": 100.0, "no-pedal": 0.0}
+    wide = experiments.load("figure-12")
+    limits = [wide.ridden(variant).displacement_limit for variant in wide.variants]
+    assert limits == [0.0, 0.02, 0.05, 0.1, 0.2]
+
+
+def test_figures_9_and_10_share_their_runs(tmp_path: Path) -> None:
+    folders = []
+    for name in ("figure-9", "figure-10"):
+        item = experiments.load(name)
+        runs = training.plan(item, tmp_path, "faithful", item.full, ["authors"])
+        folders.append([run.job.folder for run in runs])
+    assert folders[0] == folders[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [item.removeprefix("figure-") for item in experiments.names()])
+def test_every_short_form_makes_its_data_and_its_picture(
+    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert cli.main(["reproduce", name, "--out", str(out), *TINY, "--json"]) == 0
+    (item,) = experiments.find(name)
+    folder = out / item.name / "faithful"
+    assert json.loads(capsys.readouterr().out)[str(folder)] == summary.summarise(folder)
+    picture = imread(folder / "figure.png")
+    assert picture.shape[1] > 800
+    assert float(picture[..., :3].std()) > 0.02
+    run = json.loads((folder / "run.json").read_text())
+    assert run["physics"] == "faithful"
+    assert run["short"] is True
+    assert {entry["status"] for entry in run["training"]} <= {"finished"}
+    riders = {row["rider"] for row in read_table(folder / "rides.csv")}
+    assert riders == {a.name for a in item.arms} | {r.name for r in item.riders}
+    text = (out / "RESULTS.md").read_text()
+    assert f"`bicycle reproduce {name}`" in text
+    assert f"{item.name}/faithful/figure.png" in text
+    assert item.paper in text
+
+
+@pytest.mark.slow
+def test_a_stopped_reproduction_goes_on_and_a_longer_one_too(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "bicycle_controller.cli", "reproduce", "11"]
+    command += ["--out", str(out), "--arms", "authors", *TINY, "--episodes"]
+    run = out / "runs" / "faithful" / "fixed-start-fixed-goal" / "authors" / "seed-1"
+    going = subprocess.Popen([*command, "200"], start_new_session=True)
+    waited = time.monotonic() + 120
+    while not (run / "log.jsonl").exists():
+        assert going.poll() is None, "ended before it began"
+        assert time.monotonic() < waited
+        time.sleep(0.05)
+    time.sleep(1.0)
+    os.kill(going.pid, signal.SIGINT)
+    assert going.wait() == 130
+    made = len(read_columns(run / "episodes.csv")["end"])
+    assert made < 100
+    assert not (run / "result.json").exists()
+    longer = made + 3
+    (run / "config.yaml").write_text(
+        (run / "config.yaml").read_text().replace("steps: 80000", f"steps: {400 * longer}")
+    )
+    subprocess.run([*command, str(longer)], check=True, capture_output=True)
+    assert json.loads((run / "result.json").read_text())["steps"] == 400 * longer
+    subprocess.run([*command, str(longer + 2)], check=True, capture_output=True)
+    assert json.loads((run / "result.json").read_text())["steps"] == 400 * (longer + 2)
+    ends = read_columns(run / "episodes.csv")["end"]
+    assert (np.diff(ends) > 0).all()
+    assert ends[-1] > 400 * longer
+    subprocess.run([*command, "3"], check=True, capture_output=True)
+    assert json.loads((run / "result.json").read_text())["steps"] == 400 * (longer + 2)
+    (curve,) = summary.summarise(out / "figure-11" / "faithful")["training"]
+    assert curve["length"] == pytest.approx(ends[-1] / 400)
+
+
+def test_a_run_of_another_kind_is_refused(tmp_path: Path) -> None:
+    item = experiments.load("figure-10")
+    length = Length(1, 3, 5)
+    (run,) = training.plan(item, tmp_path, "faithful", length, ["authors"])
+    run.job.folder.mkdir(parents=True)
+    from bicycle_controller import settings
+
+    other = settings.changed(run.job.config, ["ddpg.tau=0.5"])
+    (run.job.folder / "config.yaml").write_text(settings.dump(other))
+    with pytest.raises(ValueError, match="other settings"):
+        training.plan(item, tmp_path, "faithful", length)
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["17"], "unknown figure '17'"),
+        (["robustnes"], "'robustness'"),
+        (["10", "--physics", "correct"], "'corrected'"),
+        (["10", "--arms", "author"], "'authors'"),
+        (["10", "--episodes", "0"], "--episodes"),
+        (["10", "--seeds", "0"], "--seeds"),
+    ],
+)
+def test_mistakes(
+    words: list[str], expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert cli.main(["reproduce", *words, "--out", str(tmp_path)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert expected in err
+
+
+def test_a_mistake_in_an_experiment_s_file_is_named() -> None:
+    tree: dict[str, Any] = {"title": "t", "picture": "terms", "scenario": "learned-speed"}
+    tree |= {"paper": "p", "differs": "d"}
+    tree |= {key: {"seeds": 1, "episodes": 1, "rides": 1} for key in ("full", "short")}
+    assert build("x", tree).title == "t"
+    with pytest.raises(ValueError, match="did you mean 'riders'"):
+        build("x", tree | {"rider": []})
+    with pytest.raises(ValueError, match="unknown picture"):
+        build("x", tree | {"picture": "pie"})
+
+
+def test_interval_worked_by_hand() -> None:
+    # Mean 2, standard deviation 1, t(0.975, 2) = 4.302653.
+    assert interval([1.0, 2.0, 3.0]) == pytest.approx([2.0, 2.0 - 2.484138, 2.0 + 2.484138])
+    assert interval([5.0]) == [5.0, None, None]
+    assert interval([]) == [None, None, None]
+
+
+def test_tables_read_back_what_was_written(tmp_path: Path) -> None:
+    rows = [{"name": "a", "x": 1.5, "n": 3, "none": None}]
+    rows.append({"name": "b", "x": 2, "n": 0, "none": 1})
+    write_table(tmp_path / "t.csv", rows)
+    assert read_table(tmp_path / "t.csv") == rows
+    assert read_table(tmp_path / "absent.csv") == []
+
+
+def test_training_summary_worked_by_hand() -> None:
+    rows = []
+    for seed, shift in ((1, 0.0), (2, 2.0)):
+        for at in range(1, 11):
+            about = {"arm": "a", "role": "authors", "variant": "all", "seed": seed}
+            values = dict.fromkeys((*summary.MEASURES, *summary.TERMS), -float(at) + shift)
+            rows.append(about | {"at": float(at), "episodes": 4} | values)
+    (found,) = summary.training(rows)
+    assert (found["runs"], found["length"]) == (2, 10.0)
+    assert found["first"]["return"][0] == pytest.approx(0.0)
+    assert found["last"]["return"][0] == pytest.approx(-9.0)
+
+
+def test_a_trace_is_the_ride_that_is_scored() -> None:
+    item = experiments.load("figure-14")
+    controller, physics = load_controller("fixed-speed"), Physics()
+    scenario = item.ridden(item.variants[0])
+    made = riding.trace(controller, scenario, physics, 20)
+    scored = evaluate(controller, scenario, physics, 20, riding.SEED).rides
+    assert made.length.tolist() == scored.steps.tolist()
+    assert made.reached.tolist() == scored.reached.tolist()
+    moved = np.hypot(np.diff(made.x, axis=0), np.diff(made.y, axis=0))
+    for ride, length in enumerate(made.length):
+        assert moved[:length, ride].sum() == pytest.approx(scored.path[ride], rel=1e-9)
+
+
+def test_curves_average_every_episode_once(tmp_path: Path) -> None:
+    item = experiments.load("figure-10")
+    (run,) = training.plan(item, tmp_path, "faithful", Length(1, 10, 5), ["ppo"])
+    training.make([run], 5, None, 1, False)
+    log = read_columns(run.job.folder / "episodes.csv")
+    rows = logs.curves(run, 400)
+    weights = np.array([row["episodes"] for row in rows])
+    assert weights.sum() == len(log["end"])
+    means = np.array([row["return"] for row in rows])
+    assert np.average(means, weights=weights) == pytest.approx(log["return"].mean())
+    assert rows[-1]["at"] == pytest.approx(log["end"].max() / 400)
+
+
+FOLDERS = [
+    COMMITTED / name / mode
+    for name in experiments.names()
+    for mode in MODES
+    if (COMMITTED / name / mode / "run.json").exists()
+]
+
+
+@pytest.mark.parametrize("folder", FOLDERS, ids=lambda path: f"{path.parent.name}-{path.name}")
+def test_every_committed_summary_follows_from_its_raw_data(folder: Path) -> None:
+    assert json.loads((folder / "summary.json").read_text()) == summary.summarise(folder)
+    run = json.loads((folder / "run.json").read_text())
+    assert run["physics"] == folder.name
+    assert run["commit"] != "unknown"
+    assert not run["commit"].endswith("+")
+    assert {"command", "wall_s", "cpu_s", "seeds"} <= run.keys()
+    trained = {entry["arm"] for entry in run["training"] if entry["status"] == "finished"}
+    rows = read_table(folder / "curves.csv")
+    assert trained == {row["arm"] for row in rows}
+    # The environment steps that a run reports are those that its episodes add up to.
+    for entry in run["training"]:
+        mine = [
+            row["at"]
+            for row in rows
+            if all(row[key] == entry[key] for key in ("arm", "variant", "seed"))
+        ]
+        made = max(mine) * run["experiment"]["limit"]
+        assert entry["steps"] * 0.9 <= made <= entry["steps"]
+
+
+@pytest.mark.skipif(not FOLDERS, reason="no data yet")
+def test_results_md_follows_from_the_committed_data() -> None:
+    page = ROOT / "RESULTS.md"
+    assert len(collect(COMMITTED)) == len(FOLDERS) > 0
+    assert page.read_text() == render(COMMITTED, ROOT)
