@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bicycle_controller.agents.base import Chooser, Memory
 from bicycle_controller.config import RunConfig
+from bicycle_controller.episode_log import EpisodeLog
 from bicycle_controller.learner_config import DdpgConfig, LearnerConfig
 from bicycle_controller.noise import Noise
 from bicycle_controller.replay import OBSERVATIONS, Returns
@@ -71,6 +73,8 @@ class Collector:
         self.totals = {"episodes": 0.0, "return": 0.0, "goals": 0.0, "falls": 0.0}
         restart(self.task, np.ones(config.bicycles, dtype=bool), config.starts)
         self.observation = self.task.observation()
+        record = config.record
+        self.log = EpisodeLog(record, self.task) if record.episodes else None
 
     def step(self, agent: Chooser) -> None:
         """Step every bicycle once and store the transitions that are complete."""
@@ -139,6 +143,8 @@ class Collector:
         """Start again what has ended; the observation (N, 6) to act on next."""
         self.episode_return += step.reward
         ended = step.terminated | step.truncated | (step.fallen & self.absorbing)
+        if self.log is not None:
+            self.log.add(self.task, step, ended, self.steps)
         if not ended.any():
             return step.observation
         self.totals["episodes"] += float(ended.sum())
@@ -153,6 +159,8 @@ class Collector:
         restart(self.task, ended & ~goes_on, self.config.starts)
         ride_on(self.task, goes_on, self.config.starts)
         self.noise.reset(ended)
+        if self.log is not None:
+            self.log.begin(self.task, ended)
         return self.task.observation()
 
     def metrics(self) -> dict[str, float]:
@@ -165,6 +173,11 @@ class Collector:
             "goal_rate": totals["goals"] / episodes,
             "fall_rate": totals["falls"] / episodes,
         }
+
+    def flush(self, folder: Path) -> None:
+        """Put the episodes that have ended on the disk, where they are recorded."""
+        if self.log is not None:
+            self.log.flush(folder)
 
     def state_dict(self) -> dict[str, Any]:
         """Bicycles, noise, generators, pending transitions and counters."""
@@ -181,6 +194,7 @@ class Collector:
             "episode_return": self.episode_return.copy(),
             "counters": {"steps": self.steps, "rounds": self.rounds},
             "totals": dict(self.totals),
+            "log": None if self.log is None else self.log.state_dict(),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -196,3 +210,5 @@ class Collector:
         self.episode_return = state["episode_return"]
         self.steps, self.rounds = state["counters"]["steps"], state["counters"]["rounds"]
         self.totals = dict(state["totals"])
+        if self.log is not None and state.get("log") is not None:
+            self.log.load_state_dict(state["log"])

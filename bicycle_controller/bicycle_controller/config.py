@@ -22,6 +22,7 @@ __all__ = [
     "NafConfig",
     "NoiseConfig",
     "PpoConfig",
+    "RecordConfig",
     "RunConfig",
     "ShapingConfig",
     "StartsConfig",
@@ -157,6 +158,26 @@ class EvaluationConfig:
 
 
 @dataclass(frozen=True)
+class RecordConfig:
+    """What is kept of the training episodes, see `episode_log`.
+
+    Raises:
+        ValueError: on a value out of range.
+    """
+
+    episodes: bool = False
+    """Whether to write what every episode came to."""
+    tracks_every: int = 0
+    """Every which episode's way is written too; 0 writes none."""
+    track_step: int = 8
+    """Steps between two points of such a way."""
+
+    def __post_init__(self) -> None:
+        require_between("record.tracks_every", self.tracks_every, 0, math.inf)
+        require_positive("record.track_step", self.track_step)
+
+
+@dataclass(frozen=True)
 class RunConfig:
     """A whole training run, of one algorithm.
 
@@ -187,6 +208,7 @@ class RunConfig:
     starts: StartsConfig = field(default_factory=StartsConfig)
     shaping: ShapingConfig = field(default_factory=ShapingConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
+    record: RecordConfig = field(default_factory=RecordConfig)
     device: str = "cpu"
     """`cpu` or `cuda`."""
     threads: int = 1

@@ -3,6 +3,8 @@
 config.yaml           the whole configuration
 run.json              command, commit, version, seed, start
 log.jsonl             one line per row of metrics
+episodes.csv          what each training episode came to, where `record.episodes` is on
+tracks.csv            the ways of some, see `episode_log`
 tensorboard/          the same for TensorBoard, where it is installed
 checkpoint/state.pt   networks, optimisers, replay memory, noise, generators, counters
 best.safetensors      the policy with the best evaluation

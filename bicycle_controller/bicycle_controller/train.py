@@ -219,6 +219,7 @@ class Trainer:
     def save(self, log: Log) -> None:
         """Write the checkpoint."""
         self.log_bytes = log.sync()
+        self.collector.flush(self.files.path)
         checkpoint.save(self.files.checkpoint, self.state_dict())
 
     def state_dict(self) -> dict[str, Any]:
