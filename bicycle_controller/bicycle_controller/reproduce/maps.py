@@ -18,7 +18,7 @@ def displacement(data: Data) -> Figure:
     """Figure 12: curves for every displacement, and the ways while learning."""
     variants = data.experiment.variants
     if not data.curves:
-        drawing = figure(6.5, 4.2)
+        drawing = figure(9.5, 4.2)
         _reached_by_variant(drawing.subplots(), data)
         return drawing
     drawing = figure(13.0, 7.2)

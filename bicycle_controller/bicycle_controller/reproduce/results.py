@@ -66,10 +66,24 @@ def render(out: Path, where: Path) -> str:
     results = collect(out)
     lines = [HEAD, COLUMNS, "| --- " * (COLUMNS.count("|") - 1) + "|"]
     lines += [_overview(item) for item in results]
+    missing = _missing(results)
+    if missing:
+        lines += ["", f"Not run here: {', '.join(missing)}."]
     for name in dict.fromkeys(item.experiment.name for item in results):
         mine = [item for item in results if item.experiment.name == name]
         lines += ["", *_section(mine, where)]
     return "\n".join(lines) + "\n"
+
+
+def _missing(results: list[Result]) -> list[str]:
+    """What there are no results of."""
+    there = {(item.experiment.name, item.mode) for item in results}
+    return [
+        f"{_title(experiments.load(name))} ({mode})"
+        for name in experiments.names()
+        for mode in MODES
+        if (name, mode) not in there
+    ]
 
 
 def _title(item: Experiment) -> str:
