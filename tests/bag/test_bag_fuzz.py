@@ -1,0 +1,132 @@
+"""Whatever the bytes of a bag are: messages or one line, bounded in time and memory."""
+
+from __future__ import annotations
+
+import resource
+import struct
+import tempfile
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from ride_bag import COMMAND, EPISODE, STATE, make_bag
+
+from bicycle_bag import columns, container, messages, repair
+from bicycle_bag.errors import BagError
+from bicycle_bag.reader import BagReader
+
+STEPS = 12
+MOST_BYTES = 1500 * 2**20
+"""Of address space beyond what the process has: a length that is believed would need more."""
+MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None
+"""Where the files go: a repair waits for the disk, and hundreds of them would be slow."""
+FUZZ = settings(
+    max_examples=25,
+    deadline=None,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+)
+LENGTHS = st.sampled_from([0, 1, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**62, 2**63, 2**64 - 1])
+
+
+@cache
+def original(compression: str) -> bytes:
+    with tempfile.TemporaryDirectory(dir=MEMORY) as folder:
+        make_bag(Path(folder) / "bag", STEPS, chunk_bytes=1024, compression=compression)
+        return (Path(folder) / "bag" / "bag_0.mcap").read_bytes()
+
+
+@cache
+def heads(compression: str) -> list[int]:
+    """Where each record's length stands."""
+    with tempfile.TemporaryDirectory(dir=MEMORY) as folder:
+        file = Path(folder) / "x.mcap"
+        file.write_bytes(original(compression))
+        with file.open("rb") as stream:
+            stream.read(len(container.MAGIC))
+            return [at + 1 for at, _ in container.records(stream, file.stat().st_size)]
+
+
+@pytest.fixture(autouse=True)
+def bounded_memory() -> Iterator[None]:
+    """Reserving what a corrupt length asks for fails the test."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MOST_BYTES, hard))
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
+
+
+def one_line(error: BagError) -> None:
+    if "\n" in str(error) or len(str(error)) > 600:
+        raise AssertionError(f"not one line: {error}")
+
+
+def survives(data: bytes) -> None:
+    """Read the bag in every way, then repair it and read it again."""
+    with tempfile.TemporaryDirectory(dir=MEMORY) as folder:
+        file = Path(folder) / "bag_0.mcap"
+        file.write_bytes(data)
+        for read in (
+            lambda: list(BagReader(file).messages()),
+            lambda: list(messages.read(file)),
+            lambda: columns.load_topics(file, [STATE, COMMAND, EPISODE]),
+        ):
+            try:
+                read()
+            except BagError as error:
+                one_line(error)
+        try:
+            report = repair.repair(file)
+        except BagError as error:
+            one_line(error)
+            return
+        assert len(list(BagReader(file).messages())) == report.messages
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])
+@FUZZ
+@given(data=st.data())
+def test_flipped_bits(compression: str, data: st.DataObject) -> None:
+    content = bytearray(original(compression))
+    places = st.tuples(st.integers(0, len(content) - 1), st.integers(0, 7))
+    for place, bit in data.draw(st.lists(places, min_size=1, max_size=8)):
+        content[place] ^= 1 << bit
+    survives(bytes(content))
+
+
+@FUZZ
+@given(cut=st.integers(0, 10**6), tail=st.binary(max_size=30))
+def test_truncated_with_a_tail_of_rubbish(cut: int, tail: bytes) -> None:
+    content = original("zstd")
+    survives(content[: cut % len(content)] + tail)
+
+
+@pytest.mark.parametrize("compression", ["zstd", "none"])
+@FUZZ
+@given(data=st.data(), length=LENGTHS)
+def test_huge_lengths_of_records(compression: str, data: st.DataObject, length: int) -> None:
+    content = bytearray(original(compression))
+    struct.pack_into("<Q", content, data.draw(st.sampled_from(heads(compression))), length)
+    survives(bytes(content))
+
+
+@FUZZ
+@given(data=st.data(), length=LENGTHS)
+def test_huge_lengths_anywhere(data: st.DataObject, length: int) -> None:
+    content = bytearray(original("none"))
+    place = data.draw(st.integers(0, len(content) - 4))
+    struct.pack_into("<I", content, place, length % 2**32)
+    survives(bytes(content))
+
+
+@FUZZ
+@given(definition=st.binary(max_size=80) | st.sampled_from([b"float64[99999999] x\n", b"A a\n"]))
+def test_wrong_schemas(definition: bytes) -> None:
+    content, marker = original("none"), b"# The whole state"
+    place = content.find(marker)
+    assert place > 0
+    changed = content[:place] + definition + content[place + len(definition) :]
+    survives(changed)
