@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,6 +36,14 @@ class Batch:
     """(B,), 1 where the bicycle lies afterwards."""
     shown: Tensor | None = None
     """(B, actions), what a teacher would have done, where the memory holds that."""
+
+    def parts(self, size: int) -> Iterator[Batch]:
+        """The batch cut into ones of `size` transitions, in order."""
+        for first in range(0, len(self.reward), size):
+            rows = slice(first, first + size)
+            columns = vars(self).values()
+            cut: list[Any] = [column if column is None else column[rows] for column in columns]
+            yield Batch(*cut)
 
 
 class Replay:

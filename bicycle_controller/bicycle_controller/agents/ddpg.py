@@ -118,13 +118,8 @@ class Ddpg:
         size = self.config.batch
         drawn = self._prepared(replay.sample(count * size, self.generator))
         with _flushed_denormals():
-            if count == 1:
-                self._learn(drawn)
-                return
-            for first in range(0, count * size, size):
-                rows = slice(first, first + size)
-                parts: list[Any] = [v if v is None else v[rows] for v in vars(drawn).values()]
-                self._learn(Batch(*parts))
+            for batch in drawn.parts(size):
+                self._learn(batch)
 
     def update_on(self, batch: Batch) -> None:
         """Make one update from `batch`, as it came from the memory."""

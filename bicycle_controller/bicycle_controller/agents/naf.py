@@ -134,10 +134,8 @@ class Naf:
     def update(self, replay: Replay, count: int) -> None:
         """Make `count` updates from one draw out of the memory."""
         size = self.config.batch
-        drawn = replay.sample(count * size, self.generator)
-        columns = (torch.split(column, size) for column in vars(drawn).values())
-        for batch in zip(*columns, strict=True):
-            self.update_on(Batch(*batch))
+        for batch in replay.sample(count * size, self.generator).parts(size):
+            self.update_on(batch)
 
     def update_on(self, batch: Batch) -> None:
         """Make one update from `batch`, as it came from the memory."""
