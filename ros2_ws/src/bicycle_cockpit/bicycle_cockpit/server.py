@@ -11,6 +11,7 @@ import json
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from socket import SO_SNDBUF, SOL_SOCKET
 from typing import Any
 
 from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
@@ -25,6 +26,8 @@ from bicycle_cockpit.requests import MOST_BYTES, Request, RequestError, parse
 WEB = Path(__file__).parent / "web"
 HEARTBEAT = 20.0
 """s between two pings; a page that answers none is gone."""
+MOST_BUFFERED = 64 * 1024
+"""Bytes on the way to one page, here and as many in the kernel; it would take megabytes."""
 GOOD_BYE = 1.0
 """s that a page gets to answer when it is told that all is over."""
 MESSAGE_RATE, MESSAGE_BURST = 20.0, 40.0
@@ -207,6 +210,7 @@ class Server:
         sender: asyncio.Task[None] | None = None
         try:
             await socket.prepare(request)
+            _keep_short(request)
             self._sockets.add(socket)
             sender = asyncio.create_task(self._send(socket, box))
             self._on_join(number)
@@ -254,6 +258,16 @@ class Server:
         end = socket.exception()
         if end is not None:
             self._log(f"{request.remote}: connection ended: {end}")
+
+
+def _keep_short(request: web.Request) -> None:
+    """Let little pile up on the way to a page: what is dropped should be old, not shown late."""
+    if request.transport is None:
+        return
+    request.transport.set_write_buffer_limits(high=MOST_BUFFERED)
+    line = request.transport.get_extra_info("socket")
+    if line is not None:
+        line.setsockopt(SOL_SOCKET, SO_SNDBUF, MOST_BUFFERED)
 
 
 def _text(message: WSMessage) -> str:
