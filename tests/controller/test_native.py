@@ -23,6 +23,10 @@ def bare(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[pytest.Mon
     native.load.cache_clear()
 
 
+# Seeded: a hidden unit that happens to be at its kink may round to either side.
+torch.manual_seed(0)
+
+
 @compiled
 @pytest.mark.parametrize("batch", [1, 63, 64, 65, 200])
 @pytest.mark.parametrize(
