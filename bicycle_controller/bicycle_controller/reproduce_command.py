@@ -38,6 +38,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--episodes", type=int, metavar="N", help="of each training run (default: the paper's)")
     add("--seeds", type=int, metavar="N", help="training runs of each kind (default: the paper's)")
     add("--physics", metavar="MODE", help="faithful or corrected (default: both)")
+    add("--device", choices=("cpu", "cuda"), default="cpu", help="of training (default: cpu)")
     add("--arms", metavar="A,B", help="train only these, as authors,fast")
     add("--no-train", action="store_true", help="ride and draw what is trained already")
     add("--draw-only", action="store_true", help="draw again what is ridden already")
@@ -68,6 +69,7 @@ def run_command(args: argparse.Namespace) -> int:
         train=not args.no_train,
         address=args.ray_address,
         parallel=args.parallel,
+        device=args.device,
         progress=not args.quiet and sys.stderr.isatty(),
     )
     page = args.results or args.out / "RESULTS.md"

@@ -35,6 +35,7 @@ class Options:
     """Whether to train, or only to ride what is trained already."""
     address: str | None = None
     parallel: int = 1
+    device: str = "cpu"
     progress: bool = False
 
 
@@ -51,12 +52,12 @@ def reproduce(experiment: Experiment, mode: str, length: Length, options: Option
     experiment = limited(experiment, length)
     about = origin() | {"figure": experiment.name, "physics": mode, "short": options.short}
     if options.train and length.episodes:
-        runs = training.plan(experiment, out / RUNS, mode, length, options.arms)
+        runs = training.plan(experiment, out / RUNS, mode, length, options.arms, options.device)
         signal = training.make(runs, length.rides, options.address, options.parallel, progress)
         if signal:
             return signal
     started = (time.monotonic(), time.process_time())
-    planned = training.plan(experiment, out / RUNS, mode, length)
+    planned = training.plan(experiment, out / RUNS, mode, length, device=options.device)
     done = [run for run in map(training.there, planned) if run is not None]
     good = [run for run in done if run.succeeded]
     folder = out / experiment.name / mode

@@ -34,7 +34,12 @@ class Run:
 
 
 def plan(
-    experiment: Experiment, out: Path, mode: str, length: Length, only: Iterable[str] = ()
+    experiment: Experiment,
+    out: Path,
+    mode: str,
+    length: Length,
+    only: Iterable[str] = (),
+    device: str = "cpu",
 ) -> list[Run]:
     """Every run, those of the same seed together; two experiments may share some.
 
@@ -44,13 +49,22 @@ def plan(
         mode: `faithful` or `corrected`.
         length: seeds and episodes.
         only: names of arms; all by default.
+        device: `cpu` or `cuda`.
 
     Raises:
         ValueError: when a folder holds a run of another kind.
     """
     chosen = set(only) or {arm.name for arm in experiment.arms}
     return [
-        _run(experiment, out / mode, mode, length, arm, variant, seed)
+        _run(
+            experiment,
+            out / mode,
+            [f"physics={mode}", f"device={device}"],
+            length,
+            arm,
+            variant,
+            seed,
+        )
         for seed in range(1, length.seeds + 1)
         for variant in experiment.trained()
         for arm in experiment.arms
@@ -61,7 +75,7 @@ def plan(
 def _run(
     experiment: Experiment,
     out: Path,
-    mode: str,
+    changes: list[str],
     length: Length,
     arm: Arm,
     variant: Variant,
@@ -69,7 +83,7 @@ def _run(
 ) -> Run:
     steps = length.episodes * experiment.limit
     steps = max(1, min(steps, arm.most_steps or steps))
-    changes = [f"physics={mode}", f"seed={seed}", f"steps={steps}"]
+    changes = [*changes, f"seed={seed}", f"steps={steps}"]
     if arm.role != "best":
         changes.append(f"starts.max_steps={experiment.limit}")
     changes += [*RECORD, *experiment.training_changes(variant), *arm.set]
