@@ -25,8 +25,9 @@ over training runs, Wilson's for shares of rides. A run is `short` of the paper'
 its row says so.
 
 `paper` is DDPG by tables 2 and 3 as printed, `authors` by what their code ran, `fast` is ours;
-all three are trained here. `fixed-speed` is the actor that the package ships. LQR is the
-classical controller that a learned one must beat.
+all three are trained here. `fixed-speed` is the actor that the package shipped when a section's
+data were made; the section names its id. LQR is the classical controller that a learned one must
+beat.
 """
 COLUMNS = "| figure | physics | the paper reports | its DDPG here | ours | LQR | did it hold? |"
 GROUPS = (("paper", "authors"), ("best",), ("lqr",))
