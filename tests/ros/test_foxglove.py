@@ -22,6 +22,9 @@ WORKSPACE = Path(__file__).resolve().parents[2] / "ros2_ws"
 POSE = "geometry_msgs/msg/PoseStamped"
 STATE, STATUS = "/bicycle/state", "/bicycle/goal_status"
 PATIENCE = 60.0
+FAR = ["150", "40"]
+"""A goal, m. Without one a bicycle in lock-step tells its state once, perhaps before anybody
+watches."""
 Start = Callable[..., NodeProcess]
 
 
@@ -58,8 +61,11 @@ def goal(x: object, y: object, frame: str = "odom") -> bytes:
     ).encode()
 
 
-def test_topics_come_as_they_are_with_their_definitions(client: FoxgloveClient) -> None:
+def test_topics_come_as_they_are_with_their_definitions(
+    client: FoxgloveClient, start_node: Start
+) -> None:
     client.subscribe(STATE)
+    start_node(WORKSPACE / "goal.sh", FAR)
     state = client.until(lambda: client.messages.get(STATE))[0]
     assert state.speed == pytest.approx(10 / 3.6)
     assert state.header.frame_id == "odom"
@@ -140,6 +146,7 @@ def test_what_is_no_goal_is_refused_with_the_reason(client: FoxgloveClient) -> N
 
 def test_it_only_shows_where_it_is_told_so(start_node: Start, bicycle: None) -> None:
     _, port = serve(start_node, "publish:=false", "topics:=^/bicycle/")
+    start_node(WORKSPACE / "goal.sh", FAR)
     client = FoxgloveClient(port)
     client.subscribe(STATE)
     client.until(lambda: client.messages.get(STATE))
@@ -157,6 +164,7 @@ def watch_once(port: int) -> None:
 
 def test_a_client_that_goes_leaves_no_subscription(start_node: Start, bicycle: None) -> None:
     server, port = serve(start_node)
+    start_node(WORKSPACE / "goal.sh", FAR)
     for _ in range(3):
         watch_once(port)
     assert server.stop() == 0
