@@ -263,6 +263,13 @@ class RunConfig:
         )
         if self.ppo is not None:
             self._check_on_policy(self.ppo)
+        mirrors = self.ddpg is not None and (self.ddpg.mirror or self.ddpg.symmetric_actor)
+        _, displacement, pedal = self.scenario.action_limits
+        require(
+            not mirrors or displacement > 0 or pedal == 0,
+            "ddpg.mirror and ddpg.symmetric_actor take the second action for the displacement:"
+            " with a pedal they need a scenario.displacement_limit above zero",
+        )
         taught = self.ddpg is not None and self.ddpg.bc_to == "teacher"
         require(
             not taught or self.teacher.share > 0,

@@ -199,3 +199,10 @@ def test_the_least_value_counts_penalty_and_scale() -> None:
     }
     config: DdpgConfig = replace(ddpg_of(settings.preset("paper")), **changes)
     assert config.value_min == pytest.approx(-25.0)
+
+
+def test_a_mirror_without_displacement_refuses_the_pedal() -> None:
+    fixed = ("scenario=learned-speed", "scenario.displacement_limit=0")
+    with pytest.raises(ValueError, match=r"need a scenario\.displacement_limit above zero"):
+        settings.preset("fast", fixed)
+    assert settings.preset("fast", ["scenario.displacement_limit=0"]).learner.gamma == 0.99
