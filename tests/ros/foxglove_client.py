@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import struct
 from collections.abc import Callable
 from typing import Any
@@ -15,6 +16,13 @@ from mcap_ros2.decoder import DecoderFactory
 PROTOCOL = "foxglove.sdk.v1"
 PATIENCE = 60.0
 MESSAGE_DATA = 1
+UNKNOWN_CHANNEL = re.compile(r"Unknown channel ID: (\d+)")
+
+
+def subscription(channel: int) -> str:
+    """The command to subscribe to a channel, under the channel's own number."""
+    asked = [{"id": channel, "channelId": channel}]
+    return json.dumps({"op": "subscribe", "subscriptions": asked})
 
 
 class FoxgloveClient:
@@ -35,6 +43,7 @@ class FoxgloveClient:
         self.raw: dict[str, list[bytes]] = {}
         self.statuses: list[str] = []
         self._topics: dict[int, str] = {}
+        self._again: list[int] = []
         self._decode: dict[str, Callable[[bytes], Any]] = {}
         self._run(self._connect(f"ws://127.0.0.1:{port}", origin))
         self.until(lambda: self.info)
@@ -56,6 +65,8 @@ class FoxgloveClient:
         async def serve() -> Any:
             while not (value := condition()):
                 self._take(await self._socket.receive())
+                while self._again:
+                    await self._socket.send_str(subscription(self._again.pop()))
             return value
 
         return self._loop.run_until_complete(asyncio.wait_for(serve(), patience))
@@ -73,9 +84,20 @@ class FoxgloveClient:
             elif said["op"] == "advertise":
                 self.channels.update({item["topic"]: item for item in said["channels"]})
             elif said["op"] == "status":
-                self.statuses.append(said["message"])
+                self._hear(said["message"])
         else:
             assert message.type == aiohttp.WSMsgType.BINARY, message
+
+    def _hear(self, complaint: str) -> None:
+        """Ask again for a channel that the server told of before it knew it.
+
+        The SDK advertises a new channel to its clients a moment before it accepts subscriptions.
+        """
+        unknown = UNKNOWN_CHANNEL.fullmatch(complaint)
+        if unknown and int(unknown[1]) in self._topics:
+            self._again.append(int(unknown[1]))
+        else:
+            self.statuses.append(complaint)
 
     def send(self, **said: Any) -> None:
         """Send one command in JSON."""
@@ -89,9 +111,7 @@ class FoxgloveClient:
         assert decode is not None
         self._decode[topic] = decode
         self._topics[channel["id"]] = topic
-        self.send(
-            op="subscribe", subscriptions=[{"id": channel["id"], "channelId": channel["id"]}]
-        )
+        self._run(self._socket.send_str(subscription(channel["id"])))
 
     def offer(self, number: int, topic: str, kind: str, encoding: str = "json") -> None:
         """Say that this client will publish a topic."""

@@ -23,8 +23,7 @@ POSE = "geometry_msgs/msg/PoseStamped"
 STATE, STATUS = "/bicycle/state", "/bicycle/goal_status"
 PATIENCE = 60.0
 FAR = ["150", "40"]
-"""A goal, m. Without one a bicycle in lock-step tells its state once, perhaps before anybody
-watches."""
+"""A goal, m."""
 Start = Callable[..., NodeProcess]
 
 
@@ -152,6 +151,15 @@ def test_it_only_shows_where_it_is_told_so(start_node: Start, bicycle: None) -> 
     client.until(lambda: client.messages.get(STATE))
     assert client.info["capabilities"] == []
     assert all(topic.startswith("/bicycle/") for topic in client.channels)
+    client.close()
+
+
+def test_a_goal_that_nobody_takes_is_told(start_node: Start, ros_domain: int) -> None:
+    _, port = serve(start_node)
+    client = FoxgloveClient(port)
+    client.offer(1, "/goal_pose", POSE)
+    client.publish(1, goal(12, 0))
+    assert "nobody takes /goal_pose" in client.until(lambda: client.statuses)[0]
     client.close()
 
 

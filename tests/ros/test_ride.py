@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import time
 from collections.abc import Callable, Iterator
@@ -173,7 +174,8 @@ def test_without_respawn_a_dead_controller_ends_the_ride(
     os.kill(pid_of("controller", ros_domain), signal.SIGKILL)
     assert ride.wait(60) == 1
     assert "ride.sh: controller was killed by SIGKILL at t = " in ride.output
-    assert "1 of 3 reached" in ride.output
+    # What a killed process told last may reach one subscriber and not the other.
+    assert re.search("[01] of 3 reached", ride.output), ride.output
 
 
 def test_an_interrupt_still_gives_the_summary(

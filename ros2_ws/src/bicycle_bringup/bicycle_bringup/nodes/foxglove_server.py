@@ -47,6 +47,8 @@ MOST_WAITING = 1000
 """Calls of the server that may wait for the node; beyond that, clients' messages are dropped."""
 ACCEPTED = (interfaces.GOAL_POSE, interfaces.INITIAL_POSE)
 """What clients may publish."""
+HEARING = 3.0
+"""s that a client's message waits for somebody who takes it."""
 QUIET = 1.0
 MOST_COMPLAINTS = 20
 """Lines about refused messages in QUIET s; a flood of bad ones must not become one of lines."""
@@ -93,6 +95,7 @@ class FoxgloveServer(Node):
         self._relays: dict[str, Relay] = {}
         self._refused: set[str] = set()
         self._offers: dict[tuple[int, int], tuple[str, str, str]] = {}
+        self._held: dict[str, tuple[Any, float]] = {}
         self._complaints: deque[float] = deque(maxlen=MOST_COMPLAINTS)
         publishers = interfaces.advertise(self, *ACCEPTED) if self._settings.publish else {}
         self._inputs = {made.topic_name: (made, made.msg_type) for made in publishers.values()}
@@ -152,6 +155,7 @@ class FoxgloveServer(Node):
                 self._relays[name].look()
             elif name not in self._refused and self._is_wanted(name):
                 self._add(name, kinds)
+        self._pass_on()
         self._work()
 
     def _is_wanted(self, name: str) -> bool:
@@ -197,7 +201,7 @@ class FoxgloveServer(Node):
         if key not in self._offers:
             return  # it was told when it offered
         topic, encoding, _ = self._offers[key]
-        publisher, kind = self._inputs[topic]
+        _, kind = self._inputs[topic]
         try:
             message = _message(kind, encoding, data)
             position = message.pose.position
@@ -208,9 +212,22 @@ class FoxgloveServer(Node):
         except ValueError as error:
             self._complain(f"refused what came for {topic}: {error}")
             return
-        message.header.stamp = self.get_clock().now().to_msg()
-        publisher.publish(message)
         self.get_logger().info(f"({x:g}, {y:g}) from a client to {topic}")
+        self._held[topic] = message, time.monotonic() + HEARING
+        self._pass_on()
+
+    def _pass_on(self) -> None:
+        """Publish what is held as soon as somebody hears it: discovery takes a moment."""
+        for topic, (message, until) in list(self._held.items()):
+            publisher, _ = self._inputs[topic]
+            if publisher.get_subscription_count():
+                message.header.stamp = self.get_clock().now().to_msg()
+                publisher.publish(message)
+            elif time.monotonic() < until:
+                continue
+            else:
+                self._complain(f"nobody takes {topic}: start the stack, then send it again")
+            del self._held[topic]
 
     def _complain(self, text: str) -> None:
         """Tell the clients and the log, but only so often."""
