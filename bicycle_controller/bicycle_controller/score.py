@@ -97,7 +97,8 @@ def shaken(
         made = task.step(action)
         observation = made.observation
         if made.terminated.any():
-            observation = task.reset(made.terminated)
+            task.reset(made.terminated)
+            observation = task.observation()
     return float(task.fallen.mean())
 
 

@@ -192,7 +192,8 @@ class BicycleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Begin an episode; there are no options."""
         super().reset(seed=seed)
         self.task.rng = self.np_random
-        return self._face.observe(self.task.reset())[0], _only(self._face.info())
+        self.task.reset()
+        return self._face.observe(self.task.observation())[0], _only(self._face.info())
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """One time step, 0.025 s.
@@ -256,7 +257,8 @@ class BicycleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         self.task.rng = self.np_random
         self._ended = np.zeros(self.num_envs, dtype=bool)
-        return self._face.observe(self.task.reset()), _masked(self._face.info())
+        self.task.reset()
+        return self._face.observe(self.task.observation()), _masked(self._face.info())
 
     def step(
         self, actions: np.ndarray
@@ -271,7 +273,8 @@ class BicycleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         truncated = step.truncated & ~ended
         reward, info = step.reward + 0.0, self._face.info(step)
         if fresh.any():
-            observation = self._face.observe(self.task.reset(fresh))
+            self.task.reset(fresh)
+            observation = self._face.observe(self.task.observation())
             ended, truncated = ended & ~fresh, truncated & ~fresh
             reward[fresh] = 0.0
             begun = self._face.info()

@@ -89,16 +89,12 @@ class BicycleTask:
         self.state = dynamics.upright(zero, zero, zero, zero + 1.0, self.physics.constants)
         self.reset()
 
-    def reset(self, mask: np.ndarray | None = None) -> np.ndarray:
-        """Draw new starts, headings and goals for the bicycles of `mask` (N,), or for all.
-
-        Returns:
-            The observation of all N bicycles, (N, 6).
-        """
+    def reset(self, mask: np.ndarray | None = None) -> None:
+        """Draw new starts, headings and goals for the bicycles of `mask` (N,), or for all."""
         mask = np.ones(self.count, dtype=bool) if mask is None else mask
         number = int(mask.sum())
         if number == 0:
-            return self.observation()
+            return
         scenario, rng = self.scenario, self.rng
         start = scenario.start.draw(number, rng)
         goal = scenario.goal.draw(number, rng)
@@ -106,7 +102,6 @@ class BicycleTask:
         if scenario.facing_away:
             turn = turn + heading_between(goal[:, 0], goal[:, 1], start[:, 0], start[:, 1])
         self.place(mask, start[:, 0], start[:, 1], wrap_angle(turn), goal[:, 0], goal[:, 1])
-        return self.observation()
 
     def place(
         self,
@@ -152,7 +147,11 @@ class BicycleTask:
         if not np.isfinite(action).all():
             raise ValueError("action holds a value that is not finite")
         limits = self.scenario.action_limits
-        torque, displacement, pedal = np.clip(action, -limits, limits).T
+        # Column by column, so that the dynamics works on contiguous arrays.
+        torque, displacement, pedal = (
+            np.minimum(np.maximum(wanted, -limit), limit)
+            for wanted, limit in zip(action.T, limits, strict=True)
+        )
         if self.physics.displacement_noise > 0:
             spread = self.physics.displacement_noise
             displacement = displacement + self.rng.uniform(-spread, spread, self.count)

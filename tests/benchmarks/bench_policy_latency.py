@@ -1,9 +1,9 @@
 """How long one action takes from one observation: our numpy policy, torch and ONNX Runtime.
 
-The actor is the paper's, 6-400-300-2; every contestant takes a float64 observation in SI units
-and gives float64 physical actions. They take turns in one process with one thread; p50 and p99
-are over all calls of all turns, in wall time and in processor time (which leaves out what else
-the machine was doing).
+The actor is the paper's, 6-400-300-2, and beside it the shipped one that rides by default; every
+contestant takes a float64 observation in SI units and gives float64 physical actions. They take
+turns in one process with one thread; p50 and p99 are over all calls of all turns, in wall time and
+in processor time (which leaves out what else the machine was doing).
 
     python tests/benchmarks/bench_policy_latency.py [--turns 40] [--calls 500] [--out FILE]
 """
@@ -25,7 +25,7 @@ from machine import machine
 from tqdm import tqdm
 
 from bicycle_controller.export import to_onnx
-from bicycle_controller.policy import Policy, PolicyInfo
+from bicycle_controller.policy import Policy, PolicyInfo, load_policy
 from bicycle_controller.run_folder import origin
 from bicycle_controller.torch_policy import TorchPolicy
 from bicycle_sim.parameters import Physics
@@ -72,6 +72,7 @@ def contestants() -> dict[str, Act]:
     plain, normed = policy(), policy(norm=True)
     return {
         "ours": plain.act,
+        "ours, as shipped": load_policy().act,
         "torch eager": TorchPolicy(plain).act,
         "ONNX Runtime": onnx_act(plain),
         "ours, layer norm": normed.act,
