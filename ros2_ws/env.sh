@@ -18,17 +18,25 @@ _bicycle_prepend() { # NAME DIRECTORY: puts DIRECTORY first in the path variable
 }
 
 _bicycle_network() { # WORKSPACE: chooses where DDS traffic goes, and checks the domain
-  local profile=$1/fastdds_local.xml
+  local profile=$1/fastdds_local.xml range=SUBNET
   case ${BICYCLE_NETWORK:-local} in
-    local) export FASTRTPS_DEFAULT_PROFILES_FILE=$profile ;;
-    lan) [[ ${FASTRTPS_DEFAULT_PROFILES_FILE:-} != "$profile" ]] || unset FASTRTPS_DEFAULT_PROFILES_FILE ;;
+    local)
+      # Fast DDS also reads a profile from the working directory, which would open this one again.
+      export FASTRTPS_DEFAULT_PROFILES_FILE=$profile SKIP_DEFAULT_XML_FILE=1
+      # Another middleware does not know the profile. For Fast DDS, LOCALHOST would add shared memory.
+      [[ ${RMW_IMPLEMENTATION:-rmw_fastrtps_cpp} == rmw_fastrtps_* ]] || range=LOCALHOST
+      ;;
+    lan)
+      [[ ${FASTRTPS_DEFAULT_PROFILES_FILE:-} != "$profile" ]] ||
+        unset FASTRTPS_DEFAULT_PROFILES_FILE SKIP_DEFAULT_XML_FILE
+      ;;
     *)
       echo "env.sh: BICYCLE_NETWORK is '$BICYCLE_NETWORK'; set it to 'local' or 'lan'." >&2
       return 2
       ;;
   esac
   unset ROS_LOCALHOST_ONLY # deprecated, and would override the range
-  export ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET
+  export ROS_AUTOMATIC_DISCOVERY_RANGE=$range
   export ROS_DOMAIN_ID=${ROS_DOMAIN_ID:-42}
   if ! [[ $ROS_DOMAIN_ID =~ ^(0|[1-9][0-9]{0,2})$ ]] || ((ROS_DOMAIN_ID > 101)); then
     echo "env.sh: ROS_DOMAIN_ID is '$ROS_DOMAIN_ID'; set it to a whole number from 0 to 101." >&2

@@ -157,10 +157,17 @@ def test_a_bad_network_is_refused() -> None:
 
 
 def test_the_network_is_chosen() -> None:
-    show = 'echo "$ROS_AUTOMATIC_DISCOVERY_RANGE ${FASTRTPS_DEFAULT_PROFILES_FILE:-none}"'
-    for network, profile in (("local", f"{WORKSPACE}/fastdds_local.xml"), ("lan", "none")):
-        env = {**os.environ, "BICYCLE_NETWORK": network}
-        assert bash(f". {WORKSPACE}/env.sh && {show}", env).stdout == f"SUBNET {profile}\n"
+    show = (
+        'echo "$ROS_AUTOMATIC_DISCOVERY_RANGE ${SKIP_DEFAULT_XML_FILE:-0} '
+        '${FASTRTPS_DEFAULT_PROFILES_FILE:-none}"'
+    )
+    for network, middleware, chosen in (
+        ("local", "rmw_fastrtps_cpp", f"SUBNET 1 {WORKSPACE}/fastdds_local.xml"),
+        ("local", "rmw_cyclonedds_cpp", f"LOCALHOST 1 {WORKSPACE}/fastdds_local.xml"),
+        ("lan", "rmw_fastrtps_cpp", "SUBNET 0 none"),
+    ):
+        env = {**os.environ, "BICYCLE_NETWORK": network, "RMW_IMPLEMENTATION": middleware}
+        assert bash(f". {WORKSPACE}/env.sh && {show}", env).stdout == f"{chosen}\n"
 
 
 def test_sourcing_twice_from_anywhere_changes_nothing(tmp_path: Path) -> None:

@@ -13,6 +13,8 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
+from bicycle_sim.nodes import security
+
 WAKE_PERIOD = 0.1
 """s: how soon a signal is noticed; the executor sleeps in C, where Python's handlers wait."""
 
@@ -70,6 +72,36 @@ def run(
     return 0
 
 
+def start_ros(words: Sequence[str]) -> None:
+    """Start rclpy without its signal handlers.
+
+    Args:
+        words: ROS arguments, with the program's name if there are any.
+
+    Raises:
+        UserError: on arguments or an environment that ROS does not take, and where DDS security is
+            asked for that the middleware does not have.
+    """
+    refusal = security.refusal()
+    if refusal:
+        raise UserError(refusal)
+    try:
+        rclpy.init(args=list(words), signal_handler_options=SignalHandlerOptions.NO)
+    except Exception as error:
+        raise UserError(
+            f"cannot start ROS ({_first_line(error)}): check --ros-args and the ROS_ variables"
+        ) from None
+
+
+def start_tool(name: str) -> None:
+    """Start rclpy for a tool; ends the program with status 2 and one line if that cannot be."""
+    try:
+        start_ros([])
+    except UserError as error:
+        print(f"{name}: {error}", file=sys.stderr, flush=True)
+        raise SystemExit(2) from None
+
+
 def _understood(words: list[str], usage: str) -> bool:
     """Whether to go on: not after `--help`.
 
@@ -92,10 +124,7 @@ def _understood(words: list[str], usage: str) -> bool:
 
 def _spin(words: list[str], make: Callable[[], Any], stop: _Stop) -> None:
     """Make the node and serve it until `stop` is asked for."""
-    try:
-        rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
-    except Exception as error:
-        raise UserError(f"cannot start ROS: {_first_line(error)}") from None
+    start_ros(words)
     node = make()
     executor = SingleThreadedExecutor()
     executor.add_node(node)

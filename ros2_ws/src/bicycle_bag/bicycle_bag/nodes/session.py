@@ -20,10 +20,10 @@ from rclpy.qos import (
     QoSProfile,
     ReliabilityPolicy,
 )
-from rclpy.signals import SignalHandlerOptions
 
 from bicycle_bag import qos
 from bicycle_bag.errors import BagError
+from bicycle_sim.nodes.runner import UserError, start_ros
 
 
 class Stop:
@@ -55,8 +55,10 @@ def ros_node(name: str, arguments: Sequence[str]) -> Iterator[Node]:
         BagError: ROS does not start with these arguments or this environment.
     """
     try:
-        rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+        start_ros(arguments)
         node = rclpy.create_node(name, enable_rosout=False, start_parameter_services=False)
+    except UserError as error:
+        raise BagError(str(error)) from None
     except Exception as error:  # rcl's errors have no common public base
         rclpy.try_shutdown()
         reason = " ".join(str(error).split())

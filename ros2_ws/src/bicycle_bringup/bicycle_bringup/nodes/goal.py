@@ -12,7 +12,6 @@ from pathlib import Path
 from types import FrameType
 
 import rclpy
-from rclpy.signals import SignalHandlerOptions
 from tqdm import tqdm
 
 from bicycle_bag.arguments import OneLineParser
@@ -20,6 +19,7 @@ from bicycle_bringup.course import Point, read_waypoints
 from bicycle_bringup.nodes.rider import Rider, progress_text
 from bicycle_bringup.plan import Plan
 from bicycle_controller.goals import Status
+from bicycle_sim.nodes.runner import start_tool
 
 EXIT = {Status.REACHED: 0, Status.FALLEN: 3, Status.MISSED: 4, Status.GIVEN_UP: 4}
 """What goal.sh ends with for each end of a goal."""
@@ -202,7 +202,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 def main() -> int:
     """Send the goals of the command line; returns the exit status."""
     given = parse(sys.argv[1:])
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    start_tool("goal.sh")
     rider = Rider("bicycle_goal")
     errand = Errand(rider, given.goals, given.timeout)
     for number in (signal.SIGINT, signal.SIGTERM):

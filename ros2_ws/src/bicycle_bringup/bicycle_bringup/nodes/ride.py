@@ -15,7 +15,6 @@ from collections.abc import Callable
 from types import FrameType
 
 import rclpy
-from rclpy.signals import SignalHandlerOptions
 
 from bicycle_bag.errors import BagError
 from bicycle_bringup.display import Display
@@ -26,6 +25,7 @@ from bicycle_bringup.report import report
 from bicycle_bringup.ride_options import MODULES, RideOptions, parse, workspace
 from bicycle_bringup.summary import RideSummary
 from bicycle_controller.goals import Status
+from bicycle_sim.nodes.runner import start_tool
 
 DISCOVERY = 0.5
 """s for nodes of this machine to be seen."""
@@ -246,7 +246,7 @@ class Ride:
 
 def ride(options: RideOptions) -> int:
     """Ride and sum up; returns the exit status."""
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    start_tool("ride.sh")
     rider = Rider("bicycle_ride")
     one = Ride(options, rider)
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -15,12 +15,12 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 
 from bicycle_bag.arguments import OneLineParser
 from bicycle_bringup.nodes.flat import flat, shown
 from bicycle_bringup.rates import Rate
 from bicycle_sim.config import nearest
+from bicycle_sim.nodes.runner import start_tool
 
 DISCOVERY = 1.0
 """s to hear of what is there; nodes of this machine announce themselves within 0.3 s."""
@@ -191,7 +191,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
 def main() -> int:
     """Do what the command line says; returns the exit status."""
     given = parse(sys.argv[1:])
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    start_tool("topic.sh")
     watcher = Watcher()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, watcher.on_signal)
