@@ -34,10 +34,10 @@ def make_memory(config: RunConfig, device: str) -> Memory:
     return Rollout(learner.rollout, config.bicycles, actions)
 
 
-def make_collector(config: RunConfig, memory: Memory) -> Collector:
+def make_collector(config: RunConfig, memory: Memory, device: str = "cpu") -> Collector:
     """The bicycles, exploring by noise or by PPO's own distribution."""
     kind = Collector if config.ppo is None else RolloutCollector
-    return kind(config, memory)
+    return kind(config, memory, device)
 
 
 def _actions(config: RunConfig) -> int:

@@ -16,6 +16,8 @@ from bicycle_controller.noise import Noise
 from bicycle_controller.policy import load_controller
 from bicycle_controller.replay import OBSERVATIONS, Returns
 from bicycle_controller.starts import restart, ride_on, training_scenario
+from bicycle_controller.tensor_dynamics import TensorDynamics
+from bicycle_sim import dynamics
 from bicycle_sim.dynamics import State
 from bicycle_sim.task import BicycleTask, Step
 
@@ -50,13 +52,20 @@ class Collector:
         rounds: steps of all bicycles made.
     """
 
-    def __init__(self, config: RunConfig, replay: Memory) -> None:
-        """Start all bicycles; three generators are spawned from the run's seed."""
+    def __init__(self, config: RunConfig, replay: Memory, device: str = "cpu") -> None:
+        """Start all bicycles; three generators are spawned from the run's seed.
+
+        Args:
+            config: of the run.
+            replay: where transitions go.
+            device: where the bicycles are stepped, as torch names it.
+        """
         self.config, self.replay = config, replay
         seeds = np.random.SeedSequence(config.seed).spawn(3)
         task_rng, noise_rng, self.warm_rng = map(np.random.default_rng, seeds)
         scenario = training_scenario(config.scenario, config.starts)
-        self.task = BicycleTask(scenario, config.physics, config.bicycles, task_rng)
+        advance = dynamics.step if device == "cpu" else TensorDynamics(device)
+        self.task = BicycleTask(scenario, config.physics, config.bicycles, task_rng, advance)
         self.limits = scenario.action_limits
         self.driven = driven(self.limits)
         learner, actions = config.learner, len(self.driven)

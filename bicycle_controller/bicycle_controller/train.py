@@ -112,7 +112,7 @@ class Trainer:
         device = usable_device(config.device)
         self.config, self.files = config, files
         self.replay = make_memory(config, device)
-        self.collector = make_collector(config, self.replay)
+        self.collector = make_collector(config, self.replay, device)
         self.agent = make_agent(config, device)
         self.updates = 0
         self.best: Score | None = None

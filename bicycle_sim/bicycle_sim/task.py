@@ -6,6 +6,7 @@ last observation of every episode.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,6 +63,7 @@ class BicycleTask:
         physics: Physics | None = None,
         count: int = 1,
         rng: np.random.Generator | None = None,
+        advance: Callable[..., State] = dynamics.step,
     ) -> None:
         """Place `count` bicycles at their first start.
 
@@ -70,6 +72,7 @@ class BicycleTask:
             physics: faithful by default.
             count: N.
             rng: source of starts, goals and displacement noise; unseeded by default.
+            advance: what moves the bicycles, with the arguments of `dynamics.step`.
 
         Raises:
             ValueError: when `count` is below 1.
@@ -80,6 +83,7 @@ class BicycleTask:
         self.physics = physics or Physics()
         self.count = count
         self.rng = rng if rng is not None else np.random.default_rng()
+        self.advance = advance
         self.steps = np.zeros(count, dtype=np.int64)
         self.fallen = np.zeros(count, dtype=bool)
         self.goal_x = np.zeros(count)
@@ -122,8 +126,9 @@ class BicycleTask:
         self.goal_x[mask] = goal_x
         self.goal_y[mask] = goal_y
         self.steps[mask] = 0
-        self.fallen[mask] = False
-        self._frozen_reward[mask] = 0.0
+        # New arrays: the last Step still holds the old ones.
+        self.fallen = self.fallen & ~mask
+        self._frozen_reward = np.where(mask, 0.0, self._frozen_reward)
 
     def keep(self, mask: np.ndarray) -> None:
         """Go on with the bicycles of `mask` (N,) only; N becomes their number."""
@@ -155,7 +160,7 @@ class BicycleTask:
         if self.physics.displacement_noise > 0:
             spread = self.physics.displacement_noise
             displacement = displacement + self.rng.uniform(-spread, spread, self.count)
-        moved = dynamics.step(
+        moved = self.advance(
             self.state, torque, displacement, pedal, self.physics, self.scenario.speed_limits
         )
         was_fallen = self.fallen

@@ -78,6 +78,16 @@ def test_reset_of_some_leaves_the_others() -> None:
     assert task.steps.tolist() == [0, 10, 10, 0, 10]
 
 
+def test_reset_leaves_the_last_step_as_it_was() -> None:
+    task = corridor([50.0])
+    task.state = replace(task.state, lean_angle=np.array([0.6]))
+    step = task.step(np.zeros((1, 3)))
+    reward = step.reward[0]
+    task.reset()
+    assert step.fallen[0]
+    assert step.reward[0] == reward != 0.0
+
+
 def test_reset_wakes_a_fallen_bicycle() -> None:
     task = corridor([50.0])
     task.state = replace(task.state, lean_angle=np.array([0.6]))

@@ -1,0 +1,53 @@
+"""Bicycles that are stepped by torch ride as those that numpy steps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bicycle_controller import collect, settings
+from bicycle_controller.agents.base import Chooser
+from bicycle_controller.assembly import make_agent, make_collector, make_memory
+from bicycle_controller.tensor_dynamics import TensorDynamics
+from bicycle_sim.parameters import Physics
+from bicycle_sim.scenario import named
+from bicycle_sim.task import BicycleTask
+
+
+@pytest.mark.parametrize("physics", [Physics(), Physics.named("corrected")])
+@pytest.mark.parametrize("scenario", ["random-start-random-goal", "learned-speed"])
+def test_a_task_of_tensors_is_that_of_arrays(scenario: str, physics: Physics) -> None:
+    tasks = [
+        BicycleTask(named(scenario), physics, 64, np.random.default_rng(3), *advance)
+        for advance in ((), (TensorDynamics("cpu"),))
+    ]
+    source = np.random.default_rng(5)
+    limits = tasks[0].scenario.action_limits
+    for _ in range(40):
+        action = source.uniform(-0.3, 0.3, (64, 3)) * limits
+        arrays, tensors = (task.step(action) for task in tasks)
+        np.testing.assert_allclose(tensors.observation, arrays.observation, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(tensors.reward, arrays.reward, rtol=0, atol=1e-7)
+        assert (tensors.fallen == arrays.fallen).all()
+        for task in tasks:
+            task.reset(arrays.fallen)
+
+
+def test_training_steps_its_bicycles_on_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    """No GPU is needed to see that a collector of another device steps there."""
+    made: list[str] = []
+
+    class Spy(TensorDynamics):
+        def __init__(self, device: str) -> None:
+            made.append(device)
+            super().__init__("cpu")
+
+    monkeypatch.setattr(collect, "TensorDynamics", Spy)
+    config = settings.preset("fast", ["bicycles=8", "warm_up=0", "steps=400"])
+    memory = make_memory(config, "cpu")
+    agent: Chooser = make_agent(config, "cpu")  # type: ignore[assignment]
+    collector = make_collector(config, memory, "cuda")
+    for _ in range(10):
+        collector.step(agent)
+    assert made == ["cuda"]
+    assert collector.steps == 80
