@@ -85,7 +85,7 @@ install_set() { # SET: the packages of one lock
 
 build() { # Builds in place: Python packages run from their sources
   local options=(--base-paths src --symlink-install --event-handlers console_direct+ console_cohesion- status-)
-  local cmake=(-DCMAKE_BUILD_TYPE=RelWithDebInfo -DBUILD_TESTING=OFF)
+  local cmake=(-DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=OFF)
   if [[ -z $native ]]; then
     export AMENT_PREFIX_PATH=$venv LD_LIBRARY_PATH=$venv/lib PATH=$venv/bin:$PATH VIRTUAL_ENV=$venv
     cmake+=("-DCMAKE_PREFIX_PATH=$venv" "-DPython3_EXECUTABLE=$venv/bin/python")
