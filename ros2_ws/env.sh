@@ -2,7 +2,8 @@
 # The environment of this workspace, for a shell: `. ros2_ws/env.sh` from any directory (bash or zsh).
 #
 # Choices, read from the environment:
-#   BICYCLE_NETWORK   local (default): DDS on 127.0.0.1 only; lan: DDS on every network interface
+#   BICYCLE_NETWORK   local (default): DDS on 127.0.0.1 only; lan: DDS on every network interface, with
+#                     FASTRTPS_DEFAULT_PROFILES_FILE if it is set
 #   ROS_DOMAIN_ID     0 to 101, 42 unless set: only nodes with the same number meet
 #
 # It exports the few variables that colcon's setup scripts would work out in half a second. With a
@@ -18,17 +19,18 @@ _bicycle_prepend() { # NAME DIRECTORY: puts DIRECTORY first in the path variable
 }
 
 _bicycle_network() { # WORKSPACE: chooses where DDS traffic goes, and checks the domain
-  local profile=$1/fastdds_local.xml range=SUBNET
+  local own=${FASTRTPS_DEFAULT_PROFILES_FILE:-} range=SUBNET
   case ${BICYCLE_NETWORK:-local} in
     local)
       # Fast DDS also reads a profile from the working directory, which would open this one again.
-      export FASTRTPS_DEFAULT_PROFILES_FILE=$profile SKIP_DEFAULT_XML_FILE=1
+      export FASTRTPS_DEFAULT_PROFILES_FILE=$1/fastdds_local.xml SKIP_DEFAULT_XML_FILE=1
       # Another middleware does not know the profile. For Fast DDS, LOCALHOST would add shared memory.
       [[ ${RMW_IMPLEMENTATION:-rmw_fastrtps_cpp} == rmw_fastrtps_* ]] || range=LOCALHOST
       ;;
     lan)
-      [[ ${FASTRTPS_DEFAULT_PROFILES_FILE:-} != "$profile" ]] ||
-        unset FASTRTPS_DEFAULT_PROFILES_FILE SKIP_DEFAULT_XML_FILE
+      [[ $own != "$1"/fastdds_local.xml ]] || unset SKIP_DEFAULT_XML_FILE
+      [[ -n $own && $own != "$1"/fastdds_local.xml ]] ||
+        export FASTRTPS_DEFAULT_PROFILES_FILE=$1/fastdds_lan.xml
       ;;
     *)
       echo "env.sh: BICYCLE_NETWORK is '$BICYCLE_NETWORK'; set it to 'local' or 'lan'." >&2

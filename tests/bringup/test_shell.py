@@ -164,10 +164,12 @@ def test_the_network_is_chosen() -> None:
     for network, middleware, chosen in (
         ("local", "rmw_fastrtps_cpp", f"SUBNET 1 {WORKSPACE}/fastdds_local.xml"),
         ("local", "rmw_cyclonedds_cpp", f"LOCALHOST 1 {WORKSPACE}/fastdds_local.xml"),
-        ("lan", "rmw_fastrtps_cpp", "SUBNET 0 none"),
+        ("lan", "rmw_fastrtps_cpp", f"SUBNET 0 {WORKSPACE}/fastdds_lan.xml"),
     ):
         env = {**os.environ, "BICYCLE_NETWORK": network, "RMW_IMPLEMENTATION": middleware}
         assert bash(f". {WORKSPACE}/env.sh && {show}", env).stdout == f"{chosen}\n"
+    own = {**os.environ, "FASTRTPS_DEFAULT_PROFILES_FILE": "/my.xml", "BICYCLE_NETWORK": "lan"}
+    assert bash(f". {WORKSPACE}/env.sh && {show}", own).stdout.endswith(" /my.xml\n")
 
 
 def test_sourcing_twice_from_anywhere_changes_nothing(tmp_path: Path) -> None:
