@@ -50,6 +50,14 @@ while (($#)); do
   shift
 done
 
+if [[ -f $ws/install/.bicycle.sealed ]]; then # by docker/seal.sh
+  for set in "${sets[@]}"; do
+    [[ -f $stamps/$set.stamp ]] || die 3 "this image was made without '$set'; build another target of docker/Dockerfile."
+  done
+  [[ -n $quiet ]] || echo "This is a sealed image; nothing to do."
+  exit 0
+fi
+
 # Another environment's traces would put its libraries into this one (the wheels' start-up hook
 # believes its guard variable), and pip's own variables could install somewhere else.
 unset _ROS_WHEELS_BOOTSTRAP_COMPLETE LD_LIBRARY_PATH PYTHONPATH PYTHONHOME VIRTUAL_ENV \

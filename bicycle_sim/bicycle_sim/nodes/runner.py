@@ -14,6 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from bicycle_sim.nodes import security
+from bicycle_sim.nodes.heartbeat import VARIABLE, Heartbeat
 
 WAKE_PERIOD = 0.1
 """s: how soon a signal is noticed; the executor sleeps in C, where Python's handlers wait."""
@@ -93,6 +94,21 @@ def start_ros(words: Sequence[str]) -> None:
         ) from None
 
 
+def made_heartbeat() -> Heartbeat:
+    """The node's heartbeat.
+
+    Raises:
+        UserError: its file cannot be written.
+    """
+    try:
+        return Heartbeat()
+    except OSError as error:
+        raise UserError(
+            f"cannot write {error.filename} ({error.strerror}): set {VARIABLE} to a file that can "
+            "be, or unset it"
+        ) from None
+
+
 def start_tool(name: str) -> None:
     """Start rclpy for a tool; ends the program with status 2 and one line if that cannot be."""
     try:
@@ -125,11 +141,12 @@ def _understood(words: list[str], usage: str) -> bool:
 def _spin(words: list[str], make: Callable[[], Any], stop: _Stop) -> None:
     """Make the node and serve it until `stop` is asked for."""
     start_ros(words)
+    heart = made_heartbeat()
     node = make()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     steady = Clock(clock_type=ClockType.STEADY_TIME)
-    node.create_timer(WAKE_PERIOD, lambda: None, clock=steady)
+    node.create_timer(WAKE_PERIOD, heart.beat, clock=steady)
     try:
         while not stop.asked:
             executor.spin_once()

@@ -21,7 +21,14 @@ from bicycle_bag.arguments import OneLineParser
 from bicycle_bag.errors import BagError
 from bicycle_bag.mcap_file import COMPRESSIONS
 from bicycle_bag.metadata import BagMetadata, Topic
-from bicycle_bag.nodes.session import Stop, message_class, offered, ros_node, subscription_profile
+from bicycle_bag.nodes.session import (
+    Stop,
+    heartbeat,
+    message_class,
+    offered,
+    ros_node,
+    subscription_profile,
+)
 from bicycle_bag.ordering import Reorder
 from bicycle_bag.qos import QosProfile, adapt
 from bicycle_bag.reader import BagMessage
@@ -224,6 +231,7 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
         options.include_hidden_topics,
     )
     data = custom_data(options.custom_data)
+    heart = heartbeat()
     with ros_node("bicycle_recorder", ros_arguments) as node:
         writer = BagWriter(
             options.output,
@@ -239,6 +247,7 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
         print(f"recording into {options.output}; Ctrl-C ends it", flush=True)
         while not stop.requested:
             executor.spin_once(timeout_sec=DISCOVERY_SECONDS)
+            heart.beat()
         bag = recorder.finish()
         executor.shutdown()
     return (

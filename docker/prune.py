@@ -1,0 +1,99 @@
+"""Takes out of a virtual environment what only building needs.
+
+Usage: prune.py REQUIREMENTS...    with the interpreter of the environment, see seal.sh
+
+Packages stay that something in these files needs above their line ``# Building ...``. Then
+headers, CMake files and other packages' tests go, and copies of a library become links.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterable
+from importlib import metadata
+from pathlib import Path
+
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+BUILDING = "\n# Building "
+TESTED = ("numpy", "scipy", "matplotlib", "networkx", "sympy")
+"""Packages that bring their tests along."""
+
+
+def named(files: Iterable[str]) -> list[Requirement]:
+    """What the files ask for themselves, but for building; what they include is left out."""
+    lines = [
+        line.partition("#")[0].strip()
+        for path in files
+        for line in Path(path).read_text().partition(BUILDING)[0].splitlines()
+    ]
+    return [Requirement(line) for line in lines if line and not line.startswith("-")]
+
+
+def needed(roots: Iterable[Requirement]) -> set[str]:
+    """Canonical names of the installed packages that these need, themselves among them."""
+    found: set[str] = set()
+    seen: set[tuple[str, frozenset[str]]] = set()
+    waiting = list(roots)
+    while waiting:
+        wanted = waiting.pop()
+        name, extras = canonicalize_name(wanted.name), frozenset(wanted.extras)
+        if (name, extras) in seen:
+            continue
+        seen.add((name, extras))
+        try:
+            requires = metadata.distribution(name).requires or []
+        except metadata.PackageNotFoundError:
+            continue  # torch, in an image that only rides
+        found.add(name)
+        for requirement in map(Requirement, requires):
+            marker = requirement.marker
+            chosen = [{"extra": extra} for extra in extras or [""]]
+            if marker is None or any(marker.evaluate(choice) for choice in chosen):
+                waiting.append(requirement)
+    return found
+
+
+def strip(prefix: Path) -> None:
+    """Remove files that nothing opens when it runs."""
+    shutil.rmtree(prefix / "include", ignore_errors=True)
+    for folder in (prefix / "share").glob("*/cmake"):
+        shutil.rmtree(folder)
+    for package in TESTED:
+        for place in (prefix / "lib").glob(f"python3.*/site-packages/{package}"):
+            for folder in [found for found in place.rglob("tests") if found.is_dir()]:
+                shutil.rmtree(folder, ignore_errors=True)
+    for library in sorted((prefix / "lib").glob("*.so")):
+        versions = sorted(
+            library.parent.glob(f"{library.name}.*"), key=lambda path: len(path.name)
+        )
+        if versions:
+            newest = versions[-1]
+            for copy in (library, *versions[:-1]):
+                if not copy.is_symlink() and copy.read_bytes() == newest.read_bytes():
+                    copy.unlink()
+                    copy.symlink_to(newest.name)
+
+
+def main() -> None:
+    """Prune the environment that this interpreter belongs to."""
+    kept = needed([*named(sys.argv[1:]), Requirement("torch")])
+    # Some wheels hold the metadata of what they were made from: pip must not follow that.
+    installed = {
+        canonicalize_name(found.metadata["Name"])
+        for found in metadata.distributions()
+        if found.read_text("INSTALLER")
+    }
+    gone = sorted(installed - kept - {"pip"})
+    pip = [sys.executable, "-m", "pip", "uninstall", "--yes", "--quiet"]
+    subprocess.run([*pip, *gone], check=True)
+    subprocess.run([*pip, "pip"], check=True)
+    strip(Path(sys.prefix))
+    print(f"{len(kept)} packages kept, {len(gone)} gone")
+
+
+if __name__ == "__main__":
+    main()
