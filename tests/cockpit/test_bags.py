@@ -122,7 +122,7 @@ def test_a_page_can_name_only_the_controllers_it_was_offered(tmp_path: Path) -> 
         save_policy(policy, tmp_path / path)
     choices = Choices(tmp_path)
     offered = {one["name"]: one["group"] for one in choices.offered()}
-    assert offered["fixed-speed"] == "shipped"
+    assert {offered[name] for name in ("fixed-speed", "naf", "ppo")} == {"shipped"}
     assert offered["lqr"] == "classical"
     assert {"loose", "mine", "tuned/2"} == {k for k, v in offered.items() if v == "trained here"}
     assert choices.path("mine") == str(tmp_path / "mine" / "best.safetensors")

@@ -133,6 +133,29 @@ def test_a_stopped_reproduction_goes_on_and_a_longer_one_too(tmp_path: Path) -> 
     assert curve["length"] == pytest.approx(ends[-1] / 400)
 
 
+@pytest.mark.slow
+def test_killed_while_ray_runs_two_it_goes_on_to_the_same_numbers(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "bicycle_controller.cli", "reproduce", "11", "--short"]
+    command += ["--seeds", "2", "--episodes", "3", "--arms", "authors"]
+    command += ["--physics", "faithful", "--quiet", "--out"]
+    killed, whole = tmp_path / "killed", tmp_path / "whole"
+    seeds = Path("runs", "faithful", "fixed-start-fixed-goal", "authors")
+    going = subprocess.Popen([*command, str(killed), "--parallel", "2"], start_new_session=True)
+    waited = time.monotonic() + 120
+    while len(list((killed / seeds).glob("seed-*/log.jsonl"))) < 2:
+        assert going.poll() is None, "ended before it began"
+        assert time.monotonic() < waited
+        time.sleep(0.02)
+    going.kill()
+    going.wait()
+    subprocess.run([*command, str(killed)], check=True, capture_output=True)
+    subprocess.run([*command, str(whole)], check=True, capture_output=True)
+    for seed in ("seed-1", "seed-2"):
+        for file in ("episodes.csv", "best.safetensors"):
+            made = [(out / seeds / seed / file).read_bytes() for out in (killed, whole)]
+            assert made[0] == made[1], (seed, file)
+
+
 def test_a_run_of_another_kind_is_refused(tmp_path: Path) -> None:
     item = experiments.load("figure-10")
     length = Length(1, 3, 5)

@@ -173,9 +173,10 @@ def test_push_pause_and_switch(page: BrowserPage) -> None:
     answer(page, r"^step \d+: ")
     page.locator("#pause").click()
     expect(page.locator("#mode")).to_have_text("riding", timeout=PATIENCE)
-    page.locator("#controller").select_option("fixed-speed")
-    expect(page.locator("#policy")).to_have_text(re.compile("^fixed-speed@"), timeout=PATIENCE)
-    expect(page.locator("#legend li")).to_have_count(2)
+    for count, name in enumerate(("fixed-speed", "naf", "ppo"), 2):
+        page.locator("#controller").select_option(name)
+        expect(page.locator("#policy")).to_have_text(re.compile(f"^{name}@"), timeout=PATIENCE)
+        expect(page.locator("#legend li")).to_have_count(count)
 
 
 def test_the_keyboard_alone_sends_a_goal(page: BrowserPage) -> None:
