@@ -39,6 +39,17 @@ def test_filter(chosen: TopicFilter, accepted: set[str]) -> None:
     assert {name for name in names if chosen.accepts(name)} == accepted
 
 
+def test_filter_by_type() -> None:
+    topics = {"/a": "x/msg/A", "/b": "x/msg/B", "/_c": "x/msg/A"}
+
+    def chosen(wanted: TopicFilter) -> set[str]:
+        return {name for name, kind in topics.items() if wanted.accepts(name, kind)}
+
+    assert chosen(TopicFilter(types=["x/msg/A"])) == {"/a"}
+    assert chosen(TopicFilter(types=["x/msg/A"], topics=["b"])) == {"/a", "/b"}
+    assert chosen(TopicFilter(exclude_types=["x/msg/A"])) == {"/b"}
+
+
 def test_reorder_sorts_what_came_before_the_last_tick() -> None:
     order = Reorder()
     for time in (3, 5, 1):

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -170,6 +171,17 @@ def test_the_network_is_chosen() -> None:
         assert bash(f". {WORKSPACE}/env.sh && {show}", env).stdout == f"{chosen}\n"
     own = {**os.environ, "FASTRTPS_DEFAULT_PROFILES_FILE": "/my.xml", "BICYCLE_NETWORK": "lan"}
     assert bash(f". {WORKSPACE}/env.sh && {show}", own).stdout.endswith(" /my.xml\n")
+
+
+def test_a_lost_message_is_asked_for_at_once_on_both_networks() -> None:
+    times = []
+    for network in ("local", "lan"):
+        tree = ElementTree.parse(WORKSPACE / f"fastdds_{network}.xml")
+        found = [ElementTree.tostring(node) for node in tree.iter() if node.tag.endswith("}times")]
+        assert len(found) == 2
+        times.append(found)
+    assert times[0] == times[1]
+    assert b"<ns0:nanosec>10000000</ns0:nanosec>" in times[0][0]
 
 
 def test_sourcing_twice_from_anywhere_changes_nothing(tmp_path: Path) -> None:

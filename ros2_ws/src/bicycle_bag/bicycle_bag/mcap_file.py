@@ -10,6 +10,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from bicycle_bag.metadata import NO_START, BagMetadata, FileInformation, Topic
 from bicycle_bag.qos import dump_profiles
+from bicycle_bag.syncing import Syncer
 
 COMPRESSIONS = {
     "zstd": CompressionType.ZSTD,
@@ -50,11 +51,17 @@ class McapFile:
             index_types=IndexType.ALL,
         )
         self._writer.start(profile="ros2", library="bicycle_bag")
+        self._syncer = Syncer(self._stream.fileno())
 
     @property
     def size(self) -> int:
         """Bytes written so far, without the chunk in the making."""
         return self._stream.tell()
+
+    @property
+    def slowest_sync(self) -> float:
+        """s, longest that the disk took so far to sync what was written."""
+        return self._syncer.slowest
 
     @property
     def first_ns(self) -> int:
@@ -92,21 +99,24 @@ class McapFile:
         self._writer.add_metadata("rosbag2", metadata.to_record())
 
     def flush(self) -> None:
-        """Pack the chunk in the making and hand all to the disk, as safe as it can make it."""
+        """Pack the chunk in the making, give all to the kernel, and have it synced soon."""
         self._writer.flush()  # type: ignore[no-untyped-call]
-        os.fdatasync(self._stream.fileno())
+        self._syncer.ask()
 
     def finish(self) -> None:
         """Write index and footer and close the file."""
         try:
             self._writer.finish()  # type: ignore[no-untyped-call]
             self._stream.flush()
+            self._syncer.close()
             os.fsync(self._stream.fileno())
         finally:
-            self._stream.close()
+            self.abandon()
 
     def abandon(self) -> None:
         """Close the file as it is, after an error."""
+        with contextlib.suppress(OSError):
+            self._syncer.close()
         with contextlib.suppress(OSError):
             self._stream.close()
 

@@ -32,6 +32,8 @@ class TopicFilter:
         exclude_regex: Leave out names in which this is found.
         exclude_topics: Names to leave out.
         hidden: Choose hidden topics like others.
+        types: Choose topics of these types.
+        exclude_types: Leave out topics of these types.
 
     Raises:
         BagError: A pattern is not a regular expression.
@@ -42,6 +44,8 @@ class TopicFilter:
     exclude_regex: str = ""
     exclude_topics: Collection[str] = ()
     hidden: bool = False
+    types: Collection[str] = ()
+    exclude_types: Collection[str] = ()
     _listed: frozenset[str] = field(init=False, repr=False)
     _excluded: frozenset[str] = field(init=False, repr=False)
 
@@ -54,9 +58,9 @@ class TopicFilter:
         object.__setattr__(self, "_listed", frozenset(map(absolute, self.topics)))
         object.__setattr__(self, "_excluded", frozenset(map(absolute, self.exclude_topics)))
 
-    def accepts(self, name: str) -> bool:
-        """Whether a topic of this full name is chosen."""
-        if name in self._excluded:
+    def accepts(self, name: str, type_name: str = "") -> bool:
+        """Whether a topic of this full name and type is chosen."""
+        if name in self._excluded or type_name in self.exclude_types:
             return False
         if name in self._listed:
             return True
@@ -64,6 +68,8 @@ class TopicFilter:
             return False
         if is_hidden(name) and not self.hidden:
             return False
+        if type_name in self.types:
+            return True
         if self.regex:
             return re.search(self.regex, name) is not None
-        return not self._listed
+        return not (self._listed or self.types)

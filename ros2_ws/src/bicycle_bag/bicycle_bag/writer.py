@@ -41,8 +41,12 @@ class BagWriter:
         compression: ``zstd``, ``lz4`` or ``none``, applied to each chunk.
         split_bytes: Begin a new file beyond this size; 0 never does.
         split_seconds: Begin a new file when one spans this log time; 0 never does.
-        custom_data: Free texts for ``metadata.yaml``.
+        custom_data: Free texts for ``metadata.yaml``; may be changed until the end.
         chunk_bytes: Size at which a chunk is packed and written.
+
+    Attributes:
+        slowest_sync: s, longest that the disk took for it in the files finished so far; a power
+            cut loses so much more.
 
     Raises:
         BagError: The directory exists or cannot be created, or an option is out of range.
@@ -74,6 +78,7 @@ class BagWriter:
         self._definitions: dict[str, str] = {}
         self._done: list[FileInformation] = []
         self._counts: dict[str, int] = {}
+        self.slowest_sync = 0.0
         self._create_directory()
         with _disk_errors(self.path):
             self._file = self._open_file()
@@ -164,6 +169,7 @@ class BagWriter:
     def _finish_file(self) -> None:
         self._file.add_metadata(self._metadata(self._file))
         self._file.finish()
+        self.slowest_sync = max(self.slowest_sync, self._file.slowest_sync)
         self._done.append(self._file.information)
         for name, count in self._file.counts.items():
             self._counts[name] = self._counts.get(name, 0) + count

@@ -6,14 +6,11 @@ import argparse
 import os
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
-from typing import Any
 
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.subscription import Subscription
 from rclpy.utilities import remove_ros_args
 
 from bicycle_bag import __version__
@@ -21,16 +18,11 @@ from bicycle_bag.arguments import OneLineParser
 from bicycle_bag.errors import BagError
 from bicycle_bag.mcap_file import COMPRESSIONS
 from bicycle_bag.metadata import BagMetadata, Topic
-from bicycle_bag.nodes.session import (
-    Stop,
-    heartbeat,
-    message_class,
-    offered,
-    ros_node,
-    subscription_profile,
-)
+from bicycle_bag.nodes.recorded_topic import RecordedTopic
+from bicycle_bag.nodes.session import Stop, heartbeat, offered, ros_node
 from bicycle_bag.ordering import Reorder
-from bicycle_bag.qos import QosProfile, adapt
+from bicycle_bag.qos import QosProfile
+from bicycle_bag.qos_overrides import read_overrides
 from bicycle_bag.reader import BagMessage
 from bicycle_bag.schemas import Schemas
 from bicycle_bag.selection import TopicFilter
@@ -39,76 +31,25 @@ from bicycle_bag.writer import BagWriter
 DISCOVERY_SECONDS = 0.1
 # How often a topic already recorded is asked for publishers of weaker quality.
 RECHECK_POLLS = 10
-QUEUE = 1000
-
-
-class RecordedTopic:
-    """One subscription and what it has heard."""
-
-    def __init__(self, node: Node, topic: Topic, order: Reorder) -> None:
-        self.topic = topic
-        self.lost = 0
-        self._node = node
-        self._order = order
-        self._class = message_class(topic.type)
-        self._last_sequence = 0
-        self.reliable, self.transient_local = adapt(topic.qos)
-        self._subscription = self._subscribe()
-
-    def _subscribe(self) -> Subscription:
-        return self._node.create_subscription(
-            self._class,
-            self.topic.name,
-            self._on_message,
-            subscription_profile(self.reliable, self.transient_local, QUEUE),
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-            raw=True,
-        )
-
-    def hear(self, offers: Sequence[QosProfile]) -> None:
-        """Subscribe anew if a publisher has come that the present subscription cannot hear."""
-        if not offers:
-            return
-        reliable, transient_local = adapt(offers)
-        reliable = reliable and self.reliable
-        transient_local = transient_local and self.transient_local
-        if (reliable, transient_local) != (self.reliable, self.transient_local):
-            self.drain()
-            self.reliable, self.transient_local = reliable, transient_local
-            self._node.destroy_subscription(self._subscription)
-            self._subscription = self._subscribe()
-            self._node.get_logger().info(f"subscribed to {self.topic.name} anew, asking for less")
-
-    def drain(self) -> None:
-        """Take all that has arrived; one turn of the executor for each would be too slow."""
-        with self._subscription.handle:
-            while (taken := self._subscription.handle.take_message(self._class, True)) is not None:
-                self._take(*taken)
-
-    def _on_message(self, data: bytes, info: dict[str, Any]) -> None:
-        self._take(data, info)
-        self.drain()
-
-    def _take(self, data: bytes, info: dict[str, Any]) -> None:
-        self._count_lost(info["publication_sequence_number"])
-        received, sent = info["received_timestamp"], info["source_timestamp"]
-        self._order.push(BagMessage(self.topic.name, self.topic.type, received, sent, data))
-
-    def _count_lost(self, sequence: int | None) -> None:
-        if sequence is None:
-            return
-        # Several publishers number their messages independently: only one can be followed.
-        gap = self._last_sequence and sequence > self._last_sequence + 1
-        if gap and self._subscription.get_publisher_count() == 1:
-            self.lost += sequence - self._last_sequence - 1
-        self._last_sequence = sequence
+# s; beyond this a power cut would have cost more than a second.
+SLOW_SYNC = 0.4
+# How often a loss is told.
+TELL_POLLS = 10
 
 
 class Recorder:
     """Discovers topics, subscribes and hands what arrives to the writer, sorted by time."""
 
-    def __init__(self, node: Node, writer: BagWriter, chosen: TopicFilter) -> None:
+    def __init__(
+        self,
+        node: Node,
+        writer: BagWriter,
+        chosen: TopicFilter,
+        overrides: Mapping[str, QosProfile],
+    ) -> None:
         self.topics: dict[str, RecordedTopic] = {}
+        self._overrides = overrides
+        self._told: dict[str, int] = {}
         self._node = node
         self._writer = writer
         self._chosen = chosen
@@ -128,7 +69,7 @@ class Recorder:
         """Look for new topics and write what has come."""
         self._polls += 1
         for name, types in self._node.get_topic_names_and_types():
-            if name in self._refused or not self._chosen.accepts(name):
+            if name in self._refused or not self._chosen.accepts(name, types[0]):
                 continue
             if name not in self.topics:
                 self._add(name, types)
@@ -136,13 +77,28 @@ class Recorder:
                 self.topics[name].hear(self._offers(name))
         self._write(self._order.tick())
         self._writer.flush_if_due()
+        if self._polls % TELL_POLLS == 0:
+            self._tell_lost()
 
     def finish(self) -> BagMetadata:
         """Take what has arrived meanwhile and close the bag."""
         for topic in self.topics.values():
             topic.drain()
         self._write(self._order.rest())
+        self._tell_lost()
+        self._writer.custom_data["lost_messages"] = str(self.lost)
         return self._writer.close()
+
+    def _tell_lost(self) -> None:
+        """Warn of each topic that has lost messages since the last time."""
+        for name, topic in self.topics.items():
+            new = topic.lost - self._told.get(name, 0)
+            if new:
+                self._told[name] = topic.lost
+                self._node.get_logger().warning(
+                    f"{new} messages of {name} lost: too many for this recorder or the network; "
+                    "record fewer topics, or best effort ones apart"
+                )
 
     def _offers(self, name: str) -> list[QosProfile]:
         publishers = self._node.get_publishers_info_by_topic(name)
@@ -160,7 +116,8 @@ class Recorder:
             offers = tuple(offered(publisher.qos_profile) for publisher in publishers)
             topic = Topic(name, types[0], offers, type_hash)
             definition = self._schemas.definition(types[0])
-            recorded = RecordedTopic(self._node, topic, self._order)
+            override = self._overrides.get(name)
+            recorded = RecordedTopic(self._node, topic, self._order, override)
         except BagError as error:
             self._refused.add(name)
             self._node.get_logger().warning(f"{name} is not recorded: {error}")
@@ -185,14 +142,18 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     add = parser.add_argument
     name = datetime.now().strftime("rosbag2_%Y_%m_%d-%H_%M_%S")
     add("-o", "--output", default=name, help="directory to create (%(default)s)")
-    add("--topics", nargs="+", default=[], help="record these (all but hidden ones)")
+    add("-a", "--all", action="store_true", help="record all topics but hidden ones, as it does")
+    add("--topics", nargs="+", default=[], help="record these")
+    add("--topic-types", nargs="+", default=[], help="record topics of these types")
     add("-e", "--regex", default="", help="record topics in whose name this is found")
     add("-x", "--exclude", "--exclude-regex", default="", help="leave out topics that match")
     add("--exclude-topics", nargs="+", default=[], help="leave out these")
+    add("--exclude-topic-types", nargs="+", default=[], help="leave out topics of these types")
     add("--include-hidden-topics", action="store_true", help="record hidden topics too")
     add("--compression", default="zstd", choices=list(COMPRESSIONS), help="(%(default)s)")
     add("-b", "--max-bag-size", type=int, default=0, help="bytes until a new file begins (never)")
     add("-d", "--max-bag-duration", type=float, default=0.0, help="s until a new file (never)")
+    add("--qos-profile-overrides-path", default="", metavar="FILE", help="YAML, as ros2 bag's")
     add("--custom-data", nargs="+", default=[], metavar="KEY=VALUE", help="for metadata.yaml")
     return parser.parse_args(arguments)
 
@@ -229,7 +190,10 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
         options.exclude,
         options.exclude_topics,
         options.include_hidden_topics,
+        options.topic_types,
+        options.exclude_topic_types,
     )
+    overrides = read_overrides(options.qos_profile_overrides_path)
     data = custom_data(options.custom_data)
     heart = heartbeat()
     with ros_node("bicycle_recorder", ros_arguments) as node:
@@ -243,12 +207,17 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
         began = time.monotonic()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        recorder = Recorder(node, writer, chosen)
+        recorder = Recorder(node, writer, chosen, overrides)
         print(f"recording into {options.output}; Ctrl-C ends it", flush=True)
         while not stop.requested:
             executor.spin_once(timeout_sec=DISCOVERY_SECONDS)
             heart.beat()
         bag = recorder.finish()
+        if writer.slowest_sync > SLOW_SYNC:
+            node.get_logger().warning(
+                f"the disk took up to {writer.slowest_sync:.1f} s to take what was written: a "
+                "power cut would have cost so much more than a second; record onto a faster one"
+            )
         executor.shutdown()
     return (
         f"recorded {bag.message_count} messages of {len(bag.topics)} topics in "

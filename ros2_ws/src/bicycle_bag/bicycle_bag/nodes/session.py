@@ -124,6 +124,21 @@ def subscription_profile(reliable: bool, transient_local: bool, depth: int) -> Q
     )
 
 
+def overridden_profile(wanted: qos.QosProfile, queue: int) -> QoSProfile:
+    """A subscription as the user wants it; a depth of 0 takes `queue`."""
+    return QoSProfile(
+        history=HistoryPolicy[wanted.history.upper()],
+        depth=wanted.depth or queue,
+        reliability=ReliabilityPolicy[wanted.reliability.upper()],
+        durability=DurabilityPolicy[wanted.durability.upper()],
+        deadline=Duration(nanoseconds=wanted.deadline),
+        lifespan=Duration(nanoseconds=wanted.lifespan),
+        liveliness=LivelinessPolicy[wanted.liveliness.upper()],
+        liveliness_lease_duration=Duration(nanoseconds=wanted.liveliness_lease_duration),
+        avoid_ros_namespace_conventions=wanted.avoid_ros_namespace_conventions,
+    )
+
+
 def publisher_profile(recorded: Sequence[qos.QosProfile], depth: int, latched: int) -> QoSProfile:
     """The recorded offer if all publishers agreed, as rosbag2 replays it, else the default.
 

@@ -1,0 +1,61 @@
+"""The file of ``--qos-profile-overrides-path``, as ``ros2 bag record`` takes it."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+from bicycle_bag import yaml_text
+from bicycle_bag.errors import BagError
+from bicycle_bag.qos import QosProfile, from_yaml_map
+from bicycle_bag.selection import absolute
+
+DEFAULT = QosProfile(history="keep_last", depth=10)
+"""What a topic's entry leaves open: ROS's default profile."""
+KNOWN = tuple(field.name for field in fields(QosProfile))
+
+
+def read_overrides(path: str) -> dict[str, QosProfile]:
+    """The profiles to subscribe with, by the topics' full names; none without a path.
+
+    Raises:
+        BagError: The file cannot be read, or an entry is not a QoS profile.
+    """
+    if not path:
+        return {}
+    try:
+        entries = yaml_text.load(Path(path).read_text())
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "no text"
+        raise BagError(f"cannot read {path}: {reason}") from None
+    except yaml_text.YAMLError as error:
+        raise BagError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(entries, dict):
+        raise BagError(f"{path} must hold topics with a QoS profile each, such as /odom: {{...}}")
+    return {absolute(str(topic)): _profile(path, topic, entry) for topic, entry in entries.items()}
+
+
+def _profile(path: str, topic: object, entry: Any) -> QosProfile:
+    """One topic's profile.
+
+    Raises:
+        BagError: It is not one.
+    """
+    if not isinstance(entry, dict):
+        raise BagError(f"{path}: {topic} must have a QoS profile, not {entry!r}")
+    for name in entry:
+        if name not in KNOWN:
+            raise BagError(f"{path}: {topic} has {name!r}; a profile has {', '.join(KNOWN)}")
+    try:
+        given = from_yaml_map(entry)
+    except (ValueError, TypeError, KeyError) as error:
+        raise BagError(f"{path}: {topic}: {error}") from None
+    named = {name: getattr(given, name) for name in entry}
+    profile = replace(DEFAULT, **named)
+    if isinstance(profile.depth, bool) or not isinstance(profile.depth, int) or profile.depth < 0:
+        raise BagError(f"{path}: {topic}: depth is {profile.depth!r}: give a whole number")
+    for name in ("history", "reliability", "durability", "liveliness"):
+        if getattr(profile, name) == "unknown":
+            raise BagError(f"{path}: {topic}: {name} is unknown: nobody can subscribe with that")
+    return profile

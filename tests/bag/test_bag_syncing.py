@@ -1,0 +1,112 @@
+"""A disk that takes its time, and one that is really full."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import subprocess
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from bicycle_bag import repair, syncing
+from bicycle_bag.errors import BagError
+from bicycle_bag.metadata import Topic
+from bicycle_bag.reader import BagReader
+from bicycle_bag.writer import BagWriter
+
+TOPIC = Topic("/numbers", "x/msg/Numbers")
+MESSAGE = b"\0\1\0\0" + bytes(512)
+
+
+def opened(path: Path) -> BagWriter:
+    writer = BagWriter(path, compression="none", chunk_bytes=1000)
+    writer.add_topic(TOPIC, "float64[64] values\n")
+    return writer
+
+
+def write_on(writer: BagWriter, most: int) -> None:
+    """Write numbered messages and flush after each."""
+    for number in range(most):
+        writer.write("/numbers", MESSAGE, number, number)
+        writer.flush()
+
+
+def test_a_slow_disk_keeps_no_message_out_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    released, began = threading.Event(), threading.Event()
+
+    def stuck(descriptor: int) -> None:
+        began.set()
+        assert released.wait(60.0)
+
+    monkeypatch.setattr(syncing.os, "fdatasync", stuck)
+    writer = opened(tmp_path / "bag")
+    writer.flush()
+    assert began.wait(60.0)
+    for time in range(50):
+        writer.write("/numbers", MESSAGE, time, time)
+    writer.flush()
+    # What a killed process leaves behind is what the kernel has.
+    shutil.copytree(tmp_path / "bag", tmp_path / "killed")
+    released.set()
+    writer.close()
+    assert BagReader(tmp_path / "bag").message_count == 50
+    (tmp_path / "killed" / "bag_0.mcap").rename(tmp_path / "killed" / "killed_0.mcap")
+    assert repair.repair(tmp_path / "killed").messages == 50
+
+
+def test_a_sync_that_fails_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    failed = threading.Event()
+
+    def broken(descriptor: int) -> None:
+        failed.set()
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    monkeypatch.setattr(syncing.os, "fdatasync", broken)
+    writer = opened(tmp_path / "bag")
+    writer.flush()
+    assert failed.wait(60.0)
+    with pytest.raises(BagError, match=r"Input/output error.*check the disk"):
+        write_on(writer, 10**6)
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 256 KiB."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    words = ["mount", "-t", "tmpfs", "-o", "size=256k", "small", str(place)]
+    if os.geteuid() != 0 or shutil.which("mount") is None:
+        pytest.skip("a small disk needs root and mount")
+    done = subprocess.run(words, capture_output=True, text=True)
+    if done.returncode:
+        pytest.skip(f"no small disk: {done.stderr.strip()}")
+    yield place
+    subprocess.run(["umount", "--lazy", str(place)], check=True)
+
+
+def test_a_disk_that_is_really_full(disk: Path) -> None:
+    ballast = disk / "ballast"
+    ballast.write_bytes(bytes(120_000))
+    writer = opened(disk / "bag")
+    with pytest.raises(BagError, match=r"No space left on device.*free some space") as told:
+        write_on(writer, 1000)
+    assert "\n" not in str(told.value)
+    # 512 bytes each, and the chunk that was being packed is lost.
+    room = (256 * 1024 - len(ballast.read_bytes())) // 600
+    # Repair writes a new file beside the old one: on the full disk it says so and changes nothing.
+    before = (disk / "bag" / "bag_0.mcap").read_bytes()
+    with pytest.raises(BagError, match="No space left on device"):
+        repair.repair(disk / "bag")
+    assert (disk / "bag" / "bag_0.mcap").read_bytes() == before
+    ballast.unlink()
+    report = repair.repair(disk / "bag")
+    assert room / 2 <= report.messages <= 1.2 * room
+    assert [message.log_time_ns for message in BagReader(disk / "bag").messages()] == list(
+        range(report.messages)
+    )

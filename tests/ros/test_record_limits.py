@@ -1,0 +1,121 @@
+"""The recorder beyond its limits: too many messages, a slow disk, a full one; and its QoS file."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from node_process import NodeProcess
+from probe import Probe
+from rclpy.qos import ReliabilityPolicy
+
+from bicycle_bag import columns, repair
+from bicycle_bag.reader import BagReader
+
+pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
+
+TALKER = Path(__file__).with_name("talker.py")
+RECORDER = "bicycle_bag.nodes.recorder_node"
+STATE = "/bicycle/state"
+EPISODE = "/bicycle/episode"
+SLOW_DISK = (
+    "import os, sys, time; os.fdatasync = lambda descriptor: time.sleep(4.0)\n"
+    f"from {RECORDER} import main; sys.exit(main(sys.argv[1:]))"
+)
+Start = Callable[..., NodeProcess]
+
+
+def start_talker(start_node: Start, *options: object) -> NodeProcess:
+    return start_node(sys.executable, [TALKER, *options])
+
+
+def test_losses_are_told_and_counted_to_the_message(start_node: Start, tmp_path: Path) -> None:
+    narrow = tmp_path / "qos.yaml"
+    narrow.write_text(f"{STATE}: {{history: keep_last, depth: 5, reliability: reliable}}\n")
+    bag = tmp_path / "bag"
+    recorder = start_node(
+        RECORDER,
+        ["--output", bag, "--qos-profile-overrides-path", narrow, "--topics", STATE, EPISODE],
+    )
+    recorder.wait_for_line("recording into")
+    count = 3000
+    talker = start_talker(start_node, "--count", count, "--hz", 1000)
+    talker.wait_for_line("step 500$")
+    recorder.send_signal(signal.SIGSTOP)
+    talker.wait_for_line("step 1500$")
+    recorder.send_signal(signal.SIGCONT)
+    talker.wait_for_line("said", 60.0)
+    assert recorder.stop() == 0, recorder.output
+    reader = BagReader(bag)
+    lost = count - reader.counts[STATE]
+    assert lost > 0
+    assert f", {lost} lost on the way" in recorder.lines[-1]
+    assert reader.metadata.custom_data["lost_messages"] == str(lost)
+    told = re.findall(rf"(\d+) messages of {STATE} lost: too many", recorder.output)
+    assert sum(map(int, told)) == lost
+
+
+def test_it_subscribes_as_the_file_says_and_to_the_types_asked_for(
+    start_node: Start, tmp_path: Path, ros_domain: int
+) -> None:
+    chosen = tmp_path / "qos.yaml"
+    chosen.write_text("bicycle/state: {reliability: best_effort}\n")
+    words = ["--output", tmp_path / "bag", "--qos-profile-overrides-path", chosen]
+    words += ["--topic-types", "bicycle_msgs/msg/BicycleState", "--all"]
+    recorder = start_node(RECORDER, words)
+    recorder.wait_for_line("recording into")
+    start_node(sys.executable, [TALKER, "--count", "100000"])
+    recorder.wait_for_line(f"recording {STATE}")
+    probe = Probe(ros_domain)
+    found = probe.spin_until(lambda: probe.node.get_subscriptions_info_by_topic(STATE))
+    assert [end.qos_profile.reliability for end in found] == [ReliabilityPolicy.BEST_EFFORT]
+    probe.close()
+    assert recorder.stop() == 0
+    assert set(BagReader(tmp_path / "bag").topics) == {STATE}
+
+
+def test_killed_while_the_disk_is_slow_it_loses_no_more_than_a_second(
+    start_node: Start, tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag"
+    recorder = start_node(sys.executable, ["-c", SLOW_DISK, "--output", bag])
+    recorder.wait_for_line("recording into")
+    start_talker(start_node, "--count", 5000, "--hz", 200).wait_for_line("step 800$", 60.0)
+    recorder.kill()
+    repair.repair(bag)
+    steps = list(columns.load(bag, STATE)["step"])
+    assert steps == list(range(len(steps)))
+    assert len(steps) >= 800 - 200
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Path]:
+    """A file system of 256 KiB."""
+    place = tmp_path / "disk"
+    place.mkdir()
+    words = ["mount", "-t", "tmpfs", "-o", "size=256k", "small", str(place)]
+    if os.geteuid() != 0 or subprocess.run(words, capture_output=True).returncode:
+        pytest.skip("a small disk needs root and leave to mount")
+    yield place
+    subprocess.run(["umount", "--lazy", str(place)], check=True)
+
+
+def test_on_a_full_disk_the_recorder_ends_with_one_line(start_node: Start, disk: Path) -> None:
+    recorder = start_node(RECORDER, ["--output", disk / "bag", "--compression", "none"])
+    recorder.wait_for_line("recording into")
+    talker = start_talker(start_node, "--count", 100000, "--hz", 2000)
+    assert recorder.wait(60.0) == 1
+    assert recorder.lines[-1].endswith("then recover what was recorded with record.sh --repair")
+    assert "free some space" in recorder.lines[-1]
+    assert "Traceback" not in recorder.output
+    talker.kill()
+    elsewhere = disk.parent / "bag"
+    shutil.copytree(disk / "bag", elsewhere)
+    assert repair.repair(elsewhere).messages > 300
