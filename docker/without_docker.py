@@ -109,14 +109,14 @@ def build(target: str) -> dict[str, object]:
     print(f"building {target} ...", flush=True)
     began = time.monotonic()
     call(*words, ".", cwd=ROOT)
-    return {"build (s)": round(time.monotonic() - began, 1), "bytes": size(target)}
+    return {"build (s)": round(time.monotonic() - began, 1), "size": size(target)}
 
 
-def size(target: str) -> int:
-    """Bytes of an image, its base among them."""
+def size(target: str) -> str:
+    """How large an image is, its base with it."""
     found = json.loads(call("buildah", "images", "--json"))
     name = IMAGE.format(target=target)
-    return next(int(image["size"]) for image in found if name in (image.get("names") or []))
+    return next(str(image["size"]) for image in found if name in (image.get("names") or []))
 
 
 def inside(made: str, words: Sequence[str], **variables: str) -> list[str]:
@@ -136,6 +136,21 @@ def ride() -> dict[str, Any]:
         user = call(*inside(made, ["id", "--user"])).strip()
         python = call(*inside(made, ["python3", "-V"])).strip()
     return {"user": int(user), "python": python, "summary": summary}
+
+
+def node_below(pid: int) -> int:
+    """The node among what a process has started: buildah would not pass a signal on.
+
+    Raises:
+        TrialError: there is none.
+    """
+    family = [pid]
+    for member in family:
+        for thread in Path(f"/proc/{member}/task").iterdir():
+            family += map(int, (thread / "children").read_text().split())
+        if Path(f"/proc/{member}/cmdline").read_text().startswith("/opt/bicycle/.venv/bin/python"):
+            return member
+    raise TrialError("the node of a service is gone")
 
 
 class Service:
@@ -178,9 +193,9 @@ class Service:
         return round(time.monotonic() - self._began, 1)
 
     def stop(self) -> int:
-        """End it with the compose file's signal; its exit status."""
+        """End its node with the compose file's signal; its exit status."""
         if self._process.poll() is None:
-            os.killpg(self._process.pid, signal.SIGINT)
+            os.kill(node_below(self._process.pid), signal.SIGINT)
         return self._process.wait(20.0)
 
 
@@ -211,6 +226,8 @@ def serve(names: Sequence[str]) -> dict[str, Any]:
                 found["exit status"][service.name] = service.stop()
         found["recorder"] = (folder / "recorder.log").read_text().splitlines()[-1]
         found["whole bags in the volume"] = len(list(folder.glob("bags/*/metadata.yaml")))
+    if any(found["exit status"].values()) or found["whole bags in the volume"] != 1:
+        raise TrialError(f"the services did not end in good order: {found}")
     return found
 
 
