@@ -83,6 +83,14 @@ def ride(folder: Path) -> Path:
     return folder / "bag"
 
 
+def lost_by_topic(printed: str) -> dict[str, int]:
+    """What the recorder warned of."""
+    told: dict[str, int] = {}
+    for count, topic in re.findall(r"(\d+) messages of (\S+) lost: too many", printed):
+        told[topic] = told.get(topic, 0) + int(count)
+    return told
+
+
 def record(bag: Path, rate: float, seconds: float, folder: Path) -> dict[str, Any]:
     """One turn of publisher and recorder."""
     words = [sys.executable, "-m", "bicycle_bag.nodes.recorder_node", "--output", str(folder)]
@@ -109,7 +117,7 @@ def record(bag: Path, rate: float, seconds: float, folder: Path) -> dict[str, An
         "recorded": recorded,
         "lost, as the recorder counts": lost,
         "unaccounted": sent["sent"] - recorded - lost,
-        "warnings": printed.count(" lost: too many"),
+        "lost by topic": lost_by_topic(printed),
         "publisher to recorder p50, p99, largest (ms)": [
             round(late[int(q * (len(late) - 1))], 1) for q in (0.5, 0.99, 1.0)
         ],

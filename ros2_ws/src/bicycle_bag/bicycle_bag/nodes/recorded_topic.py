@@ -16,7 +16,7 @@ from bicycle_bag.ordering import Reorder
 from bicycle_bag.qos import QosProfile, adapt
 from bicycle_bag.reader import BagMessage
 
-QUEUE = 1000
+QUEUE = 10_000
 
 
 class RecordedTopic:
