@@ -1,4 +1,4 @@
-"""One command for every state: goals, the policy in charge, exploration, and its fallback."""
+"""One command for every state: goals, the policy in charge, its fallback, exploration."""
 
 from __future__ import annotations
 
@@ -11,11 +11,31 @@ import numpy as np
 from bicycle_controller.controllers import Controller
 from bicycle_controller.goals import Event, GoalTracker, Pose
 from bicycle_controller.noise import Noise
-from bicycle_sim.simulator import Command, Snapshot
+from bicycle_controller.safety import Reason, Safety, stopping_pedal
+from bicycle_sim.simulator import Command, Snapshot, Source
 from bicycle_sim.transitions import observation
 
 TIMES_KEPT = 4000
 """Answers whose computing times are kept: 100 s at 40 Hz."""
+
+
+@dataclass(frozen=True)
+class HandOver:
+    """Who drives from one state on."""
+
+    episode: int
+    step: int
+    """Of the state that is answered so."""
+    reason: Reason
+    """Why the fallback drives; NONE when the policy drives again."""
+    stop: bool
+    """Whether the bicycle is stopped, until a new goal comes."""
+    policy: str
+    """Id of what drives."""
+    count: int
+    """Times that the fallback took over so far."""
+    message: str
+    """One line."""
 
 
 @dataclass(frozen=True)
@@ -28,6 +48,8 @@ class Answer:
     """What has become of goals."""
     warning: str = ""
     """One line for the log; empty unless something has just gone wrong."""
+    hand_over: HandOver | None = None
+    """Told once when the safety layer changes who drives."""
 
 
 class Driver:
@@ -35,6 +57,8 @@ class Driver:
 
     Attributes:
         policy: in charge; may be replaced between two answers.
+        fallback: drives where the policy may not; may be replaced too.
+        safety: judges every state; may be replaced too.
         limits: (3,) largest |T| (N m), |d| (m), |F| (N) that are sent; infinite where unknown.
         answered: states answered.
         missed: steps that were never seen.
@@ -52,6 +76,7 @@ class Driver:
         noise: Noise | None = None,
         fallback: Controller | None = None,
         take_over: bool = True,
+        safety: Safety | None = None,
     ) -> None:
         """Begin before the first state.
 
@@ -63,6 +88,8 @@ class Driver:
             noise: exploration in normalised actions of one bicycle; none by default.
             fallback: answers where the policy fails; zero input without one.
             take_over: whether a bicycle that is found riding is ridden on, to the goal it had.
+            safety: of one bicycle: hands over to the fallback before it is too late; without
+                one the fallback answers only what the policy cannot.
         """
         self.name = name
         self.policy = policy
@@ -71,7 +98,10 @@ class Driver:
         self.answered = self.missed = self.handed_over = 0
         self.times: deque[float] = deque(maxlen=TIMES_KEPT)
         self._noise = noise
-        self._fallback = fallback
+        self.fallback = fallback
+        self.safety = safety
+        self._judged = policy
+        self._stopped_for: int | None = None
         self._take_over = take_over
         self._last: tuple[int, int] | None = None
         self._command: Command | None = None
@@ -85,7 +115,7 @@ class Driver:
         """
         started = time.perf_counter()
         found_riding = self._last is None and snapshot.step > 0
-        self._count(snapshot)
+        steps = self._count(snapshot)
         again = self._last == (snapshot.episode, snapshot.step)
         pose = _pose(snapshot, simulated_time)
         if found_riding and self._take_over and not snapshot.fallen:
@@ -94,22 +124,31 @@ class Driver:
         if again and self._command is not None:
             return Answer(self._command, events)
         self._last = (snapshot.episode, snapshot.step)
-        self._command, warning = None, ""
+        self._command, warning, hand_over = None, "", None
         if self.tracker.steers and not snapshot.fallen:
-            self._command, warning = self._decide(snapshot, pose)
+            self._command, warning, hand_over = self._decide(snapshot, pose, steps)
             self.answered += 1
             self.times.append(time.perf_counter() - started)
-        return Answer(self._command, events, warning)
+        return Answer(self._command, events, warning, hand_over)
 
-    def _count(self, snapshot: Snapshot) -> None:
-        """Notice steps that were skipped, and start anew with a new episode."""
+    def _count(self, snapshot: Snapshot) -> int:
+        """Notice steps that were skipped, and start anew with a new episode.
+
+        Returns:
+            Steps since the last state, at least 1.
+        """
         if self._last is None:
-            return
+            return 1
         episode, step = self._last
         if snapshot.episode == episode:
             self.missed += max(0, snapshot.step - step - 1)
-        elif self._noise is not None:
+            return max(1, snapshot.step - step)
+        self._stopped_for = None
+        if self._noise is not None:
             self._noise.reset(np.array([True]))
+        if self.safety is not None:
+            self.safety.reset()
+        return 1
 
     def _ride_on(self, snapshot: Snapshot) -> None:
         """Take a riding bicycle over from a controller that is gone."""
@@ -117,24 +156,19 @@ class Driver:
         if snapshot.goal is not None and self.tracker.waiting == 0:
             self.tracker.replace([snapshot.goal])
 
-    def _decide(self, snapshot: Snapshot, pose: Pose) -> tuple[Command, str]:
-        """The command for a state, and a line if the policy has just begun to fail."""
+    def _decide(
+        self, snapshot: Snapshot, pose: Pose, steps: int
+    ) -> tuple[Command, str, HandOver | None]:
+        """The command for a state, a line if the policy begins to fail, and who drives now."""
         seen = observation(snapshot, self.tracker.heading_error(pose))[None]
-        speed = np.array([snapshot.speed])
-        action, trouble = _act(self.policy, seen, speed)
-        in_charge, warning = self.policy.policy_id, ""
-        if action is None:
-            self.handed_over += 1
-            in_charge = self._fallback.policy_id if self._fallback else "none"
-            if not self.failing:
-                warning = f"policy {self.policy.policy_id} {trouble}: {in_charge} takes over"
-            action = _act(self._fallback, seen, speed)[0] if self._fallback else None
-            action = np.zeros(3) if action is None else action
-        self.failing = bool(trouble)
+        action, in_charge, warning, hand_over = self._choose(snapshot, seen)
         if self._noise is not None:
             known = np.where(np.isfinite(self.limits), self.limits, 0.0)
             action = action + self._noise.sample()[0] * known
-        torque, displacement, pedal = np.clip(action, -self.limits, self.limits)
+        action = np.clip(action, -self.limits, self.limits)
+        if self.safety is not None:
+            action = self.safety.limit(action[None], steps)[0]
+        torque, displacement, pedal = action
         goal = self.tracker.active
         command = Command(
             episode=snapshot.episode,
@@ -147,7 +181,106 @@ class Driver:
             controller=self.name,
             policy=in_charge,
         )
-        return command, warning
+        return command, warning, hand_over
+
+    def _choose(
+        self, snapshot: Snapshot, seen: np.ndarray
+    ) -> tuple[np.ndarray, str, str, HandOver | None]:
+        """The action (3,), who chose it, and what is to be told."""
+        speed = np.array([snapshot.speed])
+        before = self._driven_by_fallback
+        may = self.safety is None or self._judge(self.safety, snapshot, seen, speed)
+        action, trouble = _act(self.policy, seen, speed) if may else (None, "")
+        if trouble and self.safety is not None:
+            self.safety.fail(np.array([True]))
+        warning = ""
+        if trouble and not self.failing:
+            warning = f"policy {self.policy.policy_id} {trouble}: {self._fallback_id} takes over"
+        self.failing = bool(trouble)
+        if action is None:
+            self.handed_over += 1
+            given = _act(self.fallback, seen, speed)[0] if self.fallback else None
+            action = np.zeros(3) if given is None else given
+            if self._stopped_for is not None:
+                action[2] = stopping_pedal(snapshot.speed)
+            in_charge = self._fallback_id
+        else:
+            in_charge = self.policy.policy_id
+        told = self._tell(snapshot, trouble) if before != self._driven_by_fallback else None
+        return action, in_charge, "" if told else warning, told
+
+    @property
+    def driving(self) -> str:
+        """Id of what drives instead of the policy; empty where that drives itself."""
+        return self._fallback_id if self._driven_by_fallback else ""
+
+    def safety_facts(self) -> dict[str, int]:
+        """What the safety layer has done so far, by name."""
+        if self.safety is None:
+            return {}
+        return {
+            "hand-overs": int(self.safety.hand_overs[0]),
+            "commands cut in their change": int(self.safety.limited[0]),
+        }
+
+    @property
+    def _fallback_id(self) -> str:
+        return self.fallback.policy_id if self.fallback else "none"
+
+    @property
+    def _driven_by_fallback(self) -> bool:
+        """Whether the safety layer keeps the policy out."""
+        return self.safety is not None and (
+            bool(self.safety.reason[0]) or self._stopped_for is not None
+        )
+
+    def _judge(
+        self, safety: Safety, snapshot: Snapshot, seen: np.ndarray, speed: np.ndarray
+    ) -> bool:
+        """Whether the policy may answer a state."""
+        if self.policy is not self._judged:
+            self._judged = self.policy
+            safety.reset()
+        goal = self.tracker.active
+        if self._stopped_for is not None and goal and goal.goal_id != self._stopped_for:
+            self._stopped_for = None
+        reason = safety.judge(seen, speed, np.array([_lateness(snapshot)]))[0]
+        return not reason and self._stopped_for is None
+
+    def _tell(self, snapshot: Snapshot, trouble: str) -> HandOver:
+        """What has just changed, and the end of the ride to the goal where a stop is wanted."""
+        assert self.safety is not None
+        reason = Reason(int(self.safety.reason[0]))
+        policy, fallback = self.policy.policy_id, self._fallback_id
+        text = f"calm again: policy {policy} drives"
+        if reason:
+            what = f"policy {policy} {trouble}" if trouble else self.safety.explain()
+            text = f"{what}: {fallback} takes over from policy {policy}"
+            if trouble:
+                text = f"{what}: {fallback} takes over"
+        if reason and self.safety.config.stop:
+            goal = self.tracker.active
+            self._stopped_for = goal.goal_id if goal else 0
+            self.tracker.cancel("the safety layer stops the bicycle")
+            text += ", rides straight on and slows down: send a new goal to go on"
+        return HandOver(
+            episode=snapshot.episode,
+            step=snapshot.step,
+            reason=reason,
+            stop=self._stopped_for is not None,
+            policy=fallback if reason else policy,
+            count=int(self.safety.hand_overs[0]),
+            message=text,
+        )
+
+
+def _lateness(snapshot: Snapshot) -> float:
+    """Steps that the command which led to a state was late by; infinite where none did."""
+    if snapshot.command_source == Source.ZERO:
+        return np.inf
+    if snapshot.command_source == Source.INITIAL:
+        return 0.0
+    return float(snapshot.step - 1 - snapshot.command_step)
 
 
 def _act(policy: Controller, seen: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray | None, str]:

@@ -17,6 +17,12 @@ from bicycle_sim.geometry import heading_error, wrap_angle
 Point = tuple[float, float]
 """(x, y), m."""
 
+NO_GOALS = "an empty path came"
+"""Why goals are cancelled, unless `GoalTracker.cancel` says otherwise."""
+
+MOST_TOLD = 10_000
+"""Goals that gave way before a state came, whose end is told; of a flood, the last ones."""
+
 PROGRESS = 0.1
 """m that the closest approach must improve by for an orbit to count as getting nearer."""
 
@@ -134,6 +140,7 @@ class GoalTracker:
         self._incoming: list[Goal] | None = None
         self._superseded: list[Goal] = []
         self._announced = False
+        self._why_none = NO_GOALS
         self._queue: deque[Goal] = deque()
         self._pursuit: _Pursuit | None = None
         self._held_heading: float | None = None
@@ -162,10 +169,16 @@ class GoalTracker:
 
     def replace(self, points: Sequence[Point]) -> list[Goal]:
         """Ride to these points, in order, instead of all goals so far; none means stop aiming."""
-        self._superseded += self._incoming or []
+        self._superseded = (self._superseded + (self._incoming or []))[-MOST_TOLD:]
         self._incoming = self._numbered(points)
         self._announced = False
+        self._why_none = NO_GOALS
         return self._incoming
+
+    def cancel(self, why: str) -> None:
+        """Stop aiming and hold the heading, and say why."""
+        self.replace([])
+        self._why_none = why
 
     def append(self, points: Sequence[Point]) -> list[Goal]:
         """Ride to these points, in order, after all goals so far."""
@@ -225,7 +238,7 @@ class GoalTracker:
             events = self._drop(Status.REPLACED, Status.REPLACED, "a newer goal came")
         else:
             had_goals = self.has_goal
-            events = self._drop(Status.CANCELLED, Status.CANCELLED, "an empty path came")
+            events = self._drop(Status.CANCELLED, Status.CANCELLED, self._why_none)
             if had_goals:
                 self.hold(pose.heading)
         self._queue.extend(incoming)

@@ -20,6 +20,7 @@ import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
+from functools import cache
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
@@ -115,6 +116,26 @@ TUNED = {
     ),
 }
 """Tunings by name; `lqr-20cm` needs a scenario that allows its displacement of 20 cm."""
+
+
+@cache
+def _tuned(name: str, physics: Physics) -> LqrController:
+    """The controller of a tuning's name; its gains take a moment, so it is kept."""
+    return LqrController(TUNED[name], physics)
+
+
+def fitting(limits: Sequence[float] | np.ndarray, physics: Physics) -> LqrController:
+    """The controller that uses what the limits (3,) on |T|, |d| and |F| allow.
+
+    What is not known to be allowed, for its limit is infinite, is not used.
+    """
+    _, displacement, pedal = limits
+    name = "lqr"
+    if math.inf > displacement >= TUNED["lqr-displacement"].displacement_limit:
+        name += "-displacement"
+    if math.inf > pedal >= TUNED["lqr-pedal"].pedal_limit:
+        name += "-pedal"
+    return _tuned(name, physics)
 
 
 class LqrController:

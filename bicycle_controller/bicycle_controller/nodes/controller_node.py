@@ -22,13 +22,15 @@ from bicycle_controller.controllers import Controller
 from bicycle_controller.driver import Driver
 from bicycle_controller.goals import Event, GoalTracker, Point, Status
 from bicycle_controller.nodes.controller_settings import ControllerSettings
-from bicycle_controller.nodes.loading import Loading
+from bicycle_controller.nodes.loading import Loading, Making
+from bicycle_controller.nodes.messages import from_event, from_hand_over
 from bicycle_controller.policy import PolicyError, load_controller
 from bicycle_sim.nodes import convert, interfaces
 from bicycle_sim.nodes.interfaces import Topic, advertise, listen, serve
 from bicycle_sim.nodes.params import declare
 from bicycle_sim.nodes.report import OK, WARN, percentiles, status
 from bicycle_sim.nodes.runner import UserError, run
+from bicycle_sim.parameters import Physics
 from bicycle_sim.settings import describe
 
 NAME = "bicycle_controller"
@@ -49,6 +51,7 @@ class ControllerNode(Node):
         """
         super().__init__(NAME)
         self._settings = declare(self, ControllerSettings)
+        self._physics, self._making = Physics(), Making()
         self._driver = self._make_driver()
         self._simulator_limits = NO_LIMITS
         self._bad_states = 0
@@ -59,6 +62,7 @@ class ControllerNode(Node):
             interfaces.COMMAND,
             interfaces.GOAL_STATUS,
             interfaces.ACTIVE_GOAL,
+            interfaces.HAND_OVER,
             interfaces.DIAGNOSTICS,
         )
         # Before the goals: what a reset cancels are the goals from before it.
@@ -74,17 +78,19 @@ class ControllerNode(Node):
     def _make_driver(self) -> Driver:
         settings = self._settings
         try:
-            policy, fallback = load_controller(settings.policy), settings.make_fallback()
+            policy = load_controller(settings.policy)
         except PolicyError as error:
             raise UserError(str(error)) from None
+        own = limits_of(policy)
         return Driver(
             f"{self.get_fully_qualified_name()}.{os.getpid()}.{secrets.token_hex(2)}",
             policy,
             GoalTracker(settings.goal_radius or 1.0, settings.goal_timeout, settings.orbit_turns),
-            limits_of(policy),
+            own,
             settings.make_noise(),
-            fallback,
+            settings.make_fallback(own, self._physics),
             settings.take_over,
+            settings.make_safety(self._physics),
         )
 
     def close(self) -> None:
@@ -99,6 +105,7 @@ class ControllerNode(Node):
     def _on_state(self, message: BicycleState) -> None:
         """Answer the newest state."""
         self._heard = time.monotonic()
+        self._take_fallback()
         try:
             snapshot = convert.to_snapshot(message)
         except ValueError as error:
@@ -115,6 +122,9 @@ class ControllerNode(Node):
             self._publish(interfaces.COMMAND, convert.from_command(answer.command, now))
         if answer.warning:
             self._warn(answer.warning)
+        if answer.hand_over is not None:
+            self._publish(interfaces.HAND_OVER, from_hand_over(answer.hand_over, stamp))
+            self._warn(f"at step {snapshot.step} {answer.hand_over.message}")
         for event in answer.events:
             self._on_event(event)
 
@@ -127,7 +137,7 @@ class ControllerNode(Node):
     def _on_episode(self, info: EpisodeInfo) -> None:
         """Keep to the simulator's limits and goal radius."""
         try:
-            scenario, _ = convert.to_setting(info)
+            scenario, physics = convert.to_setting(info)
         except (ValueError, TypeError) as error:
             self._warn(f"episode info ignored: {error}; are both of one version?")
             return
@@ -135,6 +145,7 @@ class ControllerNode(Node):
             self._driver.tracker.radius = scenario.goal_radius
         self._simulator_limits = scenario.action_limits
         self._limit()
+        self._suit(physics)
 
     def _limit(self) -> None:
         """Send nothing that the simulator would refuse."""
@@ -147,6 +158,27 @@ class ControllerNode(Node):
                 f"{_shown(self._simulator_limits)}: its commands are cut; choose a scenario "
                 "that suits it"
             )
+
+    def _suit(self, physics: Physics) -> None:
+        """Have the fallback and the safety layer know the bicycle that is ridden."""
+        settings, limits = self._settings, self._driver.limits
+        # Its gains take long enough to be missed by a bicycle that is riding already.
+        self._making.begin(lambda: settings.make_fallback(limits, physics))
+        if physics == self._physics:
+            return
+        try:
+            self._driver.safety = settings.make_safety(physics)
+            self._physics = physics
+        except (ValueError, ArithmeticError, TypeError) as error:
+            self._warn(f"the safety layer stays as it was, for this bicycle has none: {error}")
+
+    def _take_fallback(self) -> None:
+        """Use the fallback that has become ready."""
+        for made in self._making.ready():
+            if isinstance(made, Exception):
+                self._warn(f"no LQR for this bicycle, the fallback stays as it was: {made}")
+            else:
+                self._driver.fallback = made
 
     def _on_goal_pose(self, message: PoseStamped) -> None:
         self._take(message.header.frame_id, [message])
@@ -182,22 +214,11 @@ class ControllerNode(Node):
     def _on_event(self, event: Event) -> None:
         """Publish what has become of a goal."""
         header = convert.to_header(self.get_clock().now().nanoseconds)
-        point = convert.to_point(event.goal.point)
-        message = GoalStatus(
-            header=header,
-            goal_id=int(event.goal.goal_id),
-            status=int(event.status),
-            position=point,
-            distance=float(event.distance),
-            elapsed=float(event.elapsed),
-            path_length=float(event.path_length),
-            remaining=int(event.remaining),
-            message=event.message,
-        )
+        message = from_event(event, header)
         self._publish(interfaces.GOAL_STATUS, message)
         if event.status is Status.ACTIVE:
             pose = PoseStamped(header=header)
-            pose.pose.position = point
+            pose.pose.position = message.position
             self._publish(interfaces.ACTIVE_GOAL, pose)
         x, y = event.goal.point
         name = event.status.name.lower().replace("_", " ")
@@ -232,7 +253,9 @@ class ControllerNode(Node):
         silence = time.monotonic() - self._heard
         if silence > SILENCE:
             text = f"no state for {silence:.0f} s: is the simulator running on this domain?"
-        bad = self._state_was_bad or driver.failing or silence > SILENCE
+        if driver.driving:
+            text = f"{driver.driving} drives, not {driver.policy.policy_id}"
+        bad = self._state_was_bad or driver.failing or bool(driver.driving) or silence > SILENCE
         name = f"{self.get_fully_qualified_name().lstrip('/')}: policy"
         values: dict[str, object] = {
             "policy": driver.policy.policy_id,
@@ -240,6 +263,7 @@ class ControllerNode(Node):
             "answered": driver.answered,
             "missed steps": driver.missed,
             "answers by the fallback": driver.handed_over,
+            **driver.safety_facts(),
             "bad states": self._bad_states,
             "goals waiting": driver.tracker.waiting,
             **percentiles(list(driver.times), "answer"),

@@ -9,7 +9,9 @@ import numpy as np
 from bicycle_controller.config import NoiseConfig
 from bicycle_controller.controllers import Controller
 from bicycle_controller.noise import Noise
-from bicycle_controller.policy import DEFAULT_POLICY, LQR, load_controller
+from bicycle_controller.policy import DEFAULT_POLICY, LQR
+from bicycle_controller.safety import Safety, SafetyConfig
+from bicycle_sim.parameters import Physics
 from bicycle_sim.settings import parameter
 
 
@@ -22,8 +24,33 @@ class ControllerSettings:
         f"what rides: a policy file, a shipped policy's name, or one of {', '.join(LQR)}",
     )
     fallback: str = parameter(
-        "lqr", "what rides where the policy fails: lqr, or zero input", choices=("lqr", "zero")
+        "lqr",
+        "what rides where the policy may not: the LQR that uses what the simulator allows, or "
+        "zero input",
+        choices=("lqr", "zero"),
     )
+    safety: str = parameter(
+        "ride",
+        "outside the envelope the fallback drives, and rides on to the goal; or straight on and "
+        "slowly until a new goal comes; or no layer",
+        choices=("ride", "stop", "none"),
+    )
+    safety_envelope: float = parameter(
+        1.0, "share of the extrapolated lean from which the fallback can still save", 0.1, 10.0
+    )
+    safety_lean: float = parameter(0.5, "rad, largest lean left to the policy", 0.01, 1.6)
+    safety_lean_rate: float = parameter(0.5, "rad/s, largest lean rate left to it", 0.01, 100.0)
+    safety_slowest: float = parameter(1.1, "m/s, lowest speed left to it", 0.01, 100.0)
+    safety_fastest: float = parameter(5.5, "m/s, highest speed left to it", 0.01, 100.0)
+    safety_stale: int = parameter(
+        10, "steps that the command which led to a state may be late by", 1, 1_000_000
+    )
+    safety_hold: float = parameter(
+        1.0, "simulated s that the fallback drives at least; doubled if needed again", 0.025, 60.0
+    )
+    safety_torque_rate: float = parameter(200.0, "N m/s, largest change of T", 0.1, 1e6)
+    safety_displacement_rate: float = parameter(20.0, "m/s, largest change of d", 0.001, 1e6)
+    safety_pedal_rate: float = parameter(10000.0, "N/s, largest change of F", 0.1, 1e6)
     exploration: str = parameter(
         "none", "noise on the actions, to record data with", choices=("none", "ou", "gaussian")
     )
@@ -51,6 +78,32 @@ class ControllerSettings:
         config = NoiseConfig(self.exploration, self.exploration_sigma, self.exploration_theta)
         return Noise(config, 1, 3, np.random.default_rng(self.seed))
 
-    def make_fallback(self) -> Controller | None:
-        """What rides where the policy fails."""
-        return load_controller(self.fallback) if self.fallback == "lqr" else None
+    def make_fallback(self, limits: np.ndarray, physics: Physics) -> Controller | None:
+        """What rides where the policy may not, within limits (3,) on |T|, |d| and |F|."""
+        if self.fallback != "lqr":
+            return None
+        # Imported here: it needs scipy, which a policy does without.
+        from bicycle_controller.lqr import fitting
+
+        return fitting(limits, physics)
+
+    def make_safety(self, physics: Physics) -> Safety | None:
+        """The layer between policy and bicycle."""
+        if self.safety == "none":
+            return None
+        config = SafetyConfig(
+            envelope=self.safety_envelope,
+            lean=self.safety_lean,
+            lean_rate=self.safety_lean_rate,
+            slowest=self.safety_slowest,
+            fastest=self.safety_fastest,
+            oldest=float(self.safety_stale),
+            hold=self.safety_hold,
+            rates=(
+                self.safety_torque_rate,
+                self.safety_displacement_rate,
+                self.safety_pedal_rate,
+            ),
+            stop=self.safety == "stop",
+        )
+        return Safety(config, physics)

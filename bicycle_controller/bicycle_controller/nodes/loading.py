@@ -1,12 +1,39 @@
-"""Load a policy beside the control loop."""
+"""Load a policy, or make a fallback, beside the control loop."""
 
 from __future__ import annotations
 
+import queue
 import threading
-from collections.abc import Generator
+from collections.abc import Callable, Generator, Iterator
 
 from bicycle_controller.controllers import Controller
 from bicycle_controller.policy import PolicyError, load_controller
+
+Made = Controller | Exception | None
+"""What a thread made, or why it could not."""
+
+
+class Making:
+    """Controllers made in threads of their own; the loop's thread picks up what is ready."""
+
+    def __init__(self) -> None:
+        self._ready: queue.SimpleQueue[Made] = queue.SimpleQueue()
+
+    def begin(self, make: Callable[[], Controller | None]) -> None:
+        """Make one; what cannot be computed is ready as the exception that says so."""
+
+        def work() -> None:
+            try:
+                self._ready.put(make())
+            except (ValueError, ArithmeticError, TypeError) as error:
+                self._ready.put(error)
+
+        threading.Thread(target=work, daemon=True).start()
+
+    def ready(self) -> Iterator[Made]:
+        """All that is ready and was not picked up yet."""
+        while not self._ready.empty():
+            yield self._ready.get()
 
 
 class Loading:

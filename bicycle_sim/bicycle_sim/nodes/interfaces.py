@@ -16,6 +16,7 @@ from bicycle_msgs.msg import (
     BicycleState,
     EpisodeInfo,
     GoalStatus,
+    HandOver,
     LoopTiming,
     Push,
     TrainerStatus,
@@ -98,6 +99,7 @@ GOAL_POSE = _topic("goal_pose", PoseStamped)
 GOAL_PATH = _topic("goal_path", Path)
 ACTIVE_GOAL = _topic("bicycle/active_goal", PoseStamped, depth=1, latched=True)
 GOAL_STATUS = _topic("bicycle/goal_status", GoalStatus, depth=10, latched=True)
+HAND_OVER = _topic("bicycle/hand_over", HandOver, depth=10, latched=True)
 TRAINER = _topic("bicycle/trainer", TrainerStatus, depth=1, latched=True)
 
 TOPICS: tuple[Topic, ...] = (
@@ -117,6 +119,7 @@ TOPICS: tuple[Topic, ...] = (
     GOAL_PATH,
     ACTIVE_GOAL,
     GOAL_STATUS,
+    HAND_OVER,
     TRAINER,
 )
 """All of them."""

@@ -26,6 +26,7 @@ RECORDED = (
     interfaces.PUSHED,
     interfaces.EPISODE,
     interfaces.GOAL_STATUS,
+    interfaces.HAND_OVER,
 )
 """What a bag of a ride must not miss the beginning of."""
 

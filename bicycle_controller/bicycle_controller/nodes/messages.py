@@ -1,0 +1,41 @@
+"""What the controller tells of goals and of who drives, as messages."""
+
+from __future__ import annotations
+
+from bicycle_msgs.msg import GoalStatus
+from bicycle_msgs.msg import HandOver as HandOverMessage
+from builtin_interfaces.msg import Time
+from std_msgs.msg import Header
+
+from bicycle_controller.driver import HandOver
+from bicycle_controller.goals import Event
+from bicycle_sim.nodes import convert
+
+
+def from_event(event: Event, header: Header) -> GoalStatus:
+    """What has become of a goal."""
+    return GoalStatus(
+        header=header,
+        goal_id=int(event.goal.goal_id),
+        status=int(event.status),
+        position=convert.to_point(event.goal.point),
+        distance=float(event.distance),
+        elapsed=float(event.elapsed),
+        path_length=float(event.path_length),
+        remaining=int(event.remaining),
+        message=event.message,
+    )
+
+
+def from_hand_over(told: HandOver, stamp: Time) -> HandOverMessage:
+    """Who drives from the state of that stamp on."""
+    return HandOverMessage(
+        header=Header(stamp=stamp),
+        episode=int(told.episode),
+        step=int(told.step),
+        reason=int(told.reason),
+        stop=bool(told.stop),
+        policy=str(told.policy),
+        hand_overs=int(told.count),
+        message=told.message,
+    )

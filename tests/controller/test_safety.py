@@ -1,0 +1,342 @@
+"""The layer between policy and bicycle: when it takes over, when it gives back, what it saves."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from faulty import FAULTS, ride
+
+from bicycle_controller import safety
+from bicycle_controller.driver import Driver, HandOver
+from bicycle_controller.goals import GoalTracker, Status
+from bicycle_controller.lqr import LqrController, fitting
+from bicycle_controller.nodes.controller_settings import ControllerSettings
+from bicycle_controller.policy import load_controller
+from bicycle_controller.safety import (
+    ENVELOPE,
+    ENVELOPE_SPEEDS,
+    STOP_SPEED,
+    Reason,
+    Safety,
+    SafetyConfig,
+    unstable_mode,
+)
+from bicycle_sim.dynamics import State, step
+from bicycle_sim.linear import eigenvalues
+from bicycle_sim.parameters import Physics
+from bicycle_sim.scenario import Region, named
+from bicycle_sim.simulator import Command, Simulator, Source, Start
+
+SHIPPED = {
+    "fixed-speed": "random-start-random-goal",
+    "small-displacement": "random-small-displacement",
+    "learned-speed": "learned-speed",
+}
+STEERING = ("not a number", "constant full", "random", "bang-bang at 40 Hz", "bang-bang at 1 Hz")
+NONE = np.zeros(1)
+SPEED = np.array([2.75])
+
+
+def state(lean: float = 0.0, lean_rate: float = 0.0) -> np.ndarray:
+    return np.array([[0.0, 0.0, lean, lean_rate, 0.0, 0.0]])
+
+
+def upright() -> np.ndarray:
+    return state()
+
+
+class Faulty:
+    """One bicycle's policy that fails when the test says so."""
+
+    policy_id = "faulty"
+
+    def __init__(self, *action: float) -> None:
+        self.sound = LqrController()
+        self.action: tuple[float, ...] | None = action or None
+
+    def act(self, observation: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        return (
+            self.sound.act(observation, speed) if self.action is None else np.array([self.action])
+        )
+
+
+# The measure.
+
+
+@pytest.mark.parametrize("speed", [1.0, 2.0, 2.75, 5.0])
+def test_the_extrapolated_lean_grows_as_the_unstable_pole_says(speed: float) -> None:
+    """Over one step without input it grows by the pole's factor, from any small state."""
+    physics, layer = Physics(), Safety()
+    small = np.array([1e-5, -2e-5, 1.5e-5, 3e-5])
+    lean, lean_rate, steer, steer_rate = (np.array([value]) for value in small)
+    still, v = np.zeros(1), np.array([speed])
+    before = State(
+        lean, lean_rate, still, steer, steer_rate, still, still, still + 1.111, still, still, v
+    )
+    after = step(before, still, still, still, physics)
+
+    def seen(one: State) -> np.ndarray:
+        return np.stack(
+            [one.steer_angle, one.steer_rate, one.lean_angle, one.lean_rate, still, still], axis=1
+        )
+
+    growth = layer.extrapolated_lean(seen(after), v) / layer.extrapolated_lean(seen(before), v)
+    pole = eigenvalues(speed, physics)[0].real
+    assert growth[0] == pytest.approx(math.exp(pole * 0.025), rel=0.03)
+
+
+def test_a_lean_at_rest_is_its_own_extrapolated_lean() -> None:
+    assert Safety().extrapolated_lean(state(0.2), SPEED)[0] == pytest.approx(0.2)
+    assert unstable_mode(2.0, Physics.named("corrected")).shape == (4,)
+
+
+# Taking over and giving back.
+
+
+@pytest.mark.parametrize(
+    ("observation", "speed", "age", "reason"),
+    [
+        (state(), 2.75, 0.0, Reason.NONE),
+        (state(0.45), 2.75, 0.0, Reason.NONE),
+        (state(0.47), 2.75, 0.0, Reason.EXTRAPOLATED_LEAN),
+        (state(0.2), 1.2, 0.0, Reason.EXTRAPOLATED_LEAN),
+        (state(0.55, -0.3), 2.75, 0.0, Reason.LEAN),
+        (state(-0.51, 0.52), 2.75, 0.0, Reason.LEAN_RATE),
+        (state(), 1.0, 0.0, Reason.TOO_SLOW),
+        (state(), 6.0, 0.0, Reason.TOO_FAST),
+        (state(), 2.75, 10.0, Reason.NONE),
+        (state(), 2.75, 11.0, Reason.STALE),
+        (state(), 2.75, math.inf, Reason.STALE),
+        (state(math.nan), 2.75, 0.0, Reason.EXTRAPOLATED_LEAN),
+    ],
+)
+def test_it_takes_over_beyond_each_limit(
+    observation: np.ndarray, speed: float, age: float, reason: Reason
+) -> None:
+    layer = Safety()
+    assert layer.judge(observation, np.array([speed]), np.array([age]))[0] == reason
+    assert layer.hand_overs[0] == (reason is not Reason.NONE)
+
+
+def test_it_gives_back_after_the_hold_and_only_to_a_calm_bicycle() -> None:
+    layer = Safety()
+    layer.judge(state(0.47), SPEED, NONE)
+    for _ in range(200):  # within the envelope, but not calm
+        assert layer.judge(state(0.3), SPEED, NONE)[0] == Reason.EXTRAPOLATED_LEAN
+    held = 0
+    while layer.judge(upright(), SPEED, NONE)[0]:
+        held += 1
+    assert held == 19, "half a second of calm, the hold is over already"
+
+
+def test_at_the_edge_of_the_envelope_it_does_not_chatter() -> None:
+    """A state that trembles about the limit changes hands once, not at every step."""
+    layer, changes, last = Safety(), 0, 0
+    for index in range(400):
+        reason = int(layer.judge(state(0.46 + 0.01 * (-1) ** index), SPEED, NONE)[0])
+        changes += reason != last
+        last = reason
+    assert changes == 1
+
+
+def test_a_policy_that_fails_again_waits_twice_as_long_each_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(safety, "LONGEST_HOLD", 4.0)
+    layer, held = Safety(), []
+    for _ in range(5):
+        layer.judge(state(0.47), SPEED, NONE)
+        count = 1
+        while layer.judge(upright(), SPEED, NONE)[0]:
+            count += 1
+        held.append(count)
+    assert held == [40, 80, 160, 160, 160]
+    for _ in range(400):
+        layer.judge(upright(), SPEED, NONE)
+    layer.judge(state(0.47), SPEED, NONE)
+    count = 1
+    while layer.judge(upright(), SPEED, NONE)[0]:
+        count += 1
+    assert count == 40, "trusted again after 10 s"
+
+
+def test_changes_of_the_command_are_limited_by_the_time_that_passed() -> None:
+    layer = Safety(SafetyConfig(rates=(20.0, 4.0, 1000.0)))
+    first = np.array([[0.1, 0.0, 0.0]])
+    assert (layer.limit(first) == first).all()
+    cut = layer.limit(np.array([[2.0, -0.2, 100.0]]))
+    np.testing.assert_allclose(cut, [[0.6, -0.1, 25.0]])
+    np.testing.assert_allclose(layer.limit(np.array([[2.0, -0.2, 100.0]]), 2), [[1.6, -0.2, 75]])
+    assert layer.limited[0] == 2
+    layer.reset()
+    full = np.array([[2.0, -0.2, 100.0]])
+    assert (layer.limit(full) == full).all(), "a new episode begins with any command"
+
+
+@pytest.mark.parametrize("name", ["envelope", "lean", "hold", "slowest"])
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
+def test_a_limit_that_makes_no_sense_is_refused(name: str, value: float) -> None:
+    with pytest.raises(ValueError, match=f"{name} must be finite and above zero"):
+        SafetyConfig(**{name: value})
+
+
+# Ordinary rides are untouched.
+
+
+def commands(actor: str, layer: Safety | None, seed: int, steps: int = 700) -> list[Command]:
+    """What a ride of one bicycle is steered by, through the driver that the node uses."""
+    scenario = named(SHIPPED[actor])
+    simulator = Simulator(scenario, seed=seed)
+    simulator.reset()
+    rider = Driver(
+        "me",
+        load_controller(actor),
+        GoalTracker(),
+        scenario.action_limits,
+        fallback=fitting(scenario.action_limits, Physics()),
+        safety=layer,
+    )
+    here = (simulator.snapshot.rear_x, simulator.snapshot.rear_y)
+    goals = here + np.random.default_rng(seed).uniform(-15, 15, (20, 2))
+    rider.tracker.replace([(float(x), float(y)) for x, y in goals])
+    given = []
+    for _ in range(steps):
+        now = simulator.snapshot
+        answer = rider.answer(now, now.step * 0.025)
+        assert answer.command is not None
+        assert answer.hand_over is None
+        given.append(answer.command)
+        simulator.step(answer.command)
+    return given
+
+
+@pytest.mark.parametrize("actor", SHIPPED)
+def test_the_layer_changes_no_bit_of_an_ordinary_ride(actor: str) -> None:
+    layer = ControllerSettings().make_safety(Physics())
+    assert layer is not None
+    assert commands(actor, layer, seed=3) == commands(actor, None, seed=3)
+    assert layer.limited[0] == layer.hand_overs[0] == 0
+
+
+def test_the_envelope_is_given_for_rising_speeds_and_widens() -> None:
+    assert (np.diff(ENVELOPE_SPEEDS) > 0).all()
+    assert (np.diff(ENVELOPE) >= 0).all()
+
+
+# Faulty policies.
+
+
+@pytest.mark.parametrize("actor", SHIPPED)
+@pytest.mark.parametrize("fault", STEERING)
+def test_with_the_layer_a_faulty_policy_stays_upright(actor: str, fault: str) -> None:
+    """The rates over long rides, to the goal, are in tests/benchmarks/results/safety.json."""
+    near = Region((0.0, 0.0), (30.0, 30.0))
+    scenario = replace(named(SHIPPED[actor]), start=near, goal=near, max_steps=320)
+    policy, layer = load_controller(actor), Safety(count=16)
+    fallback = fitting(scenario.action_limits, Physics())
+    guarded = ride(policy, FAULTS[fault], scenario, 16, 5, layer, fallback)
+    assert guarded.fallen.sum() == 0
+    assert (guarded.hand_overs > 0).all()
+    if fault != "not a number":
+        bare = ride(policy, FAULTS[fault], scenario, 16, 5)
+        assert bare.fallen.sum() >= 14
+
+
+# What the driver makes of it.
+
+
+def driver(policy: object, **changes: object) -> tuple[Driver, Simulator]:
+    scenario = replace(named("learned-speed"), start_speed=2.5)
+    simulator = Simulator(scenario)
+    simulator.reset(Start(0.0, 0.0, 0.0, 2.5))
+    config = SafetyConfig(**changes)  # type: ignore[arg-type]
+    limits = scenario.action_limits
+    made = Driver(
+        "me",
+        policy,  # type: ignore[arg-type]
+        GoalTracker(),
+        limits,
+        fallback=fitting(limits, Physics()),
+        safety=Safety(config),
+    )
+    made.tracker.replace([(0.0, 60.0)])
+    return made, simulator
+
+
+def drive(made: Driver, simulator: Simulator, steps: int) -> tuple[list[HandOver], list[Status]]:
+    told, events = [], []
+    for _ in range(steps):
+        now = simulator.snapshot
+        answer = made.answer(now, now.step * 0.025)
+        events += [event.status for event in answer.events]
+        if answer.hand_over is not None:
+            told.append(answer.hand_over)
+        simulator.step(answer.command)
+    return told, events
+
+
+def test_each_change_of_hands_is_told_once_with_its_reason() -> None:
+    policy = Faulty()
+    made, simulator = driver(policy)
+    assert drive(made, simulator, 40) == ([], [Status.ACTIVE])
+    policy.action = (2.0, 0.0, 0.0)
+    (taken,), _ = drive(made, simulator, 30)
+    assert taken.reason is Reason.EXTRAPOLATED_LEAN
+    assert "rad is beyond" in taken.message
+    assert taken.policy == made.driving == fitting(made.limits, Physics()).policy_id
+    assert taken.step > 40
+    policy.action = None
+    (given,), _ = drive(made, simulator, 200)
+    assert (given.reason, given.policy, made.driving) == (Reason.NONE, "faulty", "")
+    assert given.count == 1
+    assert not simulator.snapshot.fallen
+
+
+def test_a_policy_that_gives_no_number_is_told_once_and_tried_again() -> None:
+    made, simulator = driver(Faulty(math.nan, 0.0, 0.0))
+    told, _ = drive(made, simulator, 100)
+    assert [one.reason for one in told] == [Reason.POLICY, Reason.NONE, Reason.POLICY][: len(told)]
+    assert "not finite" in told[0].message
+    assert made.handed_over == 100, "no step went without the fallback's answer"
+
+
+def test_a_commanded_stop_slows_down_and_waits_for_a_new_goal() -> None:
+    policy = Faulty(2.0, 0.0, 0.0)
+    made, simulator = driver(policy, stop=True)
+    told, events = drive(made, simulator, 600)
+    assert [one.stop for one in told] == [True]
+    assert "send a new goal" in told[0].message
+    assert events == [Status.ACTIVE, Status.CANCELLED]
+    assert simulator.snapshot.speed == pytest.approx(STOP_SPEED, abs=0.05)
+    assert not simulator.snapshot.fallen
+    policy.action = None
+    made.tracker.replace([(20.0, 80.0)])
+    (given,), _ = drive(made, simulator, 40)
+    assert (given.reason, given.stop) == (Reason.NONE, False)
+
+
+def test_a_new_policy_and_a_new_episode_are_trusted_at_once() -> None:
+    made, simulator = driver(Faulty(2.0, 0.0, 0.0))
+    drive(made, simulator, 30)
+    assert made.driving
+    made.policy = Faulty()
+    drive(made, simulator, 1)
+    assert not made.driving
+    made.policy = Faulty(2.0, 0.0, 0.0)
+    drive(made, simulator, 40)
+    simulator.reset(Start(0.0, 0.0, 0.0, 2.5))
+    made.tracker.replace([(0.0, 60.0)])
+    drive(made, simulator, 1)
+    assert not made.driving
+
+
+def test_a_step_without_command_is_stale() -> None:
+    made, simulator = driver(Faulty())
+    drive(made, simulator, 5)
+    simulator.step(None)
+    assert simulator.snapshot.command_source is Source.ZERO
+    (taken,), _ = drive(made, simulator, 1)
+    assert taken.reason is Reason.STALE
