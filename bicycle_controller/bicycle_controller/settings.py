@@ -6,6 +6,7 @@ Unknown keys and values of the wrong kind are errors of one line that name the f
 from __future__ import annotations
 
 import dataclasses
+import math
 import types
 import typing
 from collections.abc import Iterable
@@ -179,6 +180,8 @@ def _coerce(hint: Any, value: Any, name: str) -> Any:
 
 
 def _scalar(kind: type, value: Any, name: str) -> Any:
+    if kind is float and isinstance(value, float) and not math.isfinite(value):
+        raise ValueError(f"{name} must be a finite number, not {value!r}")
     if isinstance(value, kind) and not (isinstance(value, bool) and kind is not bool):
         return value
     if kind in (int, float) and isinstance(value, (int, float, str)) and not _is_bool(value):
@@ -186,7 +189,7 @@ def _scalar(kind: type, value: Any, name: str) -> Any:
             number = float(value)
         except ValueError:
             number = float("nan")
-        if kind is float and number == number:
+        if kind is float and math.isfinite(number):
             return number
         if kind is int and number.is_integer():
             return int(number)

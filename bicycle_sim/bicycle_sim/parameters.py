@@ -105,7 +105,8 @@ class Physics:
     """Which bicycle is integrated: the constants and the corrections, all off by default.
 
     Raises:
-        ValueError: on a displacement noise below zero or not finite.
+        ValueError: on a displacement noise below zero or not finite, or an option that is
+            neither true nor false.
     """
 
     constants: Constants = field(default_factory=Constants)
@@ -119,6 +120,10 @@ class Physics:
     """m, half width of uniform noise on the displacement (row 21; 0.02 in Randlov & Alstrom)."""
 
     def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(item.default, bool) and not isinstance(value, bool):
+                raise ValueError(f"{item.name} must be true or false, not {value!r}")
         if not (math.isfinite(self.displacement_noise) and self.displacement_noise >= 0):
             raise ValueError(
                 f"displacement_noise must be zero or more metres, not {self.displacement_noise!r}"

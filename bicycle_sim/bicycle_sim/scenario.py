@@ -94,7 +94,10 @@ class Scenario:
                 math.isfinite(value) and value > 0,
                 f"{name} must be above zero and finite, not {value!r}",
             )
-        require(self.max_steps >= 1, f"max_steps must be at least 1, not {self.max_steps!r}")
+        require(
+            isinstance(self.max_steps, int) and self.max_steps >= 1,
+            f"max_steps must be at least 1 and a whole number, not {self.max_steps!r}",
+        )
         if self.speed_limits is not None:
             low, high = self.speed_limits
             require(

@@ -5,7 +5,11 @@ from __future__ import annotations
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterUninitializedException,
+)
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
@@ -48,7 +52,7 @@ def _declare_one(node: Node, item: Parameter, given: dict[str, RosParameter]) ->
         node.declare_parameter(item.name, item.default, _descriptor(item))
         value = node.get_parameter(item.name).value
         item.check(value)
-    except InvalidParameterTypeException:
+    except (InvalidParameterTypeException, ParameterUninitializedException):
         wanted = type(item.default).__name__
         raise UserError(
             f"parameter {item.name} must be a {wanted}, such as {item.default!r}, "

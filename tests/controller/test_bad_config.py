@@ -1,0 +1,118 @@
+"""Every key of a run's configuration, misspelt, of the wrong kind and beyond reason: one line.
+
+The keys come from the dataclasses, so a new field is covered when it is there.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from bicycle_controller import settings
+from bicycle_controller.config import RunConfig
+from bicycle_controller.policy import load_controller
+from bicycle_controller.rides import Disturbance
+from bicycle_controller.safety import SafetyConfig
+from bicycle_sim.config import reject_unknown
+from bicycle_sim.parameters import Constants, Physics
+from bicycle_sim.scenario import Scenario, named
+
+PRESETS = [settings.preset(name) for name in settings.preset_names()]
+
+
+def leaves(value: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    """Every field of nested dataclasses, with its value."""
+    for item in dataclasses.fields(value):
+        inner = getattr(value, item.name)
+        if dataclasses.is_dataclass(inner):
+            yield from leaves(inner, (*path, item.name))
+        else:
+            yield (*path, item.name), inner
+
+
+def found() -> dict[tuple[str, ...], Any]:
+    """Every field that any preset has, with a value."""
+    return {path: value for preset in PRESETS for path, value in leaves(preset)}
+
+
+def nested(path: tuple[str, ...], value: Any) -> Any:
+    for part in reversed(path):
+        value = {part: value}
+    return value
+
+
+def base(path: tuple[str, ...]) -> RunConfig:
+    """A preset that has the field, or one beside it."""
+    beside = len(path) - 1
+    return next(
+        preset
+        for preset in PRESETS
+        if any(other[:beside] == path[:beside] for other, _ in leaves(preset))
+    )
+
+
+def refused(path: tuple[str, ...], value: Any) -> str:
+    tree = settings._merge(dataclasses.asdict(base(path)), nested(path, value))
+    line = ""
+    try:
+        settings.build(tree)
+    except ValueError as error:
+        line = str(error)
+    assert line, f"{'.'.join(path)} = {value!r} was let in"
+    assert "\n" not in line
+    return line
+
+
+def wrong(value: Any) -> Iterator[Any]:
+    """What a field with such a value cannot be."""
+    yield {"a": 1}
+    if isinstance(value, bool):
+        yield from ("maybe", 3, 0.5, [True], None)
+    elif isinstance(value, str):
+        yield from (3, 0.5, True, ["a"], None)
+    elif isinstance(value, (int, float)):
+        yield from ("many", True, [1], math.nan, math.inf, -math.inf, ".nan")
+    elif isinstance(value, tuple):
+        yield from (3, "text", ["a", "b"], [math.nan] * len(value), [[1]] * len(value))
+
+
+@pytest.mark.parametrize("path", found(), ids=".".join)
+def test_no_wrong_kind_of_value_gets_in(path: tuple[str, ...]) -> None:
+    for value in wrong(found()[path]):
+        refused(path, value)
+
+
+@pytest.mark.parametrize("path", found(), ids=".".join)
+def test_a_misspelt_key_names_the_field(path: tuple[str, ...]) -> None:
+    name = path[-1]
+    wanted = re.escape(repr(name))
+    line = refused((*path[:-1], name[:-1] + "_" + name[-1]), 1)
+    assert re.search(f"did you mean {wanted}", line), line
+
+
+@pytest.mark.parametrize("kind", [Scenario, Physics, Constants, Disturbance, SafetyConfig])
+def test_no_number_that_is_none_gets_into_what_is_simulated(kind: type) -> None:
+    sound = named("learned-speed") if kind is Scenario else kind()
+    for path, value in leaves(sound):
+        if len(path) > 1 or isinstance(value, (bool, str)) or value is None:
+            continue
+        for bad in (math.nan, math.inf, -math.inf):
+            other = (bad,) * len(value) if isinstance(value, tuple) else bad
+            with pytest.raises(ValueError, match=r"must|needs|lie"):
+                dataclasses.replace(sound, **{path[0]: other})
+    with pytest.raises(ValueError, match="did you mean"):
+        reject_unknown(kind, {dataclasses.fields(kind)[0].name + "s": 1})
+
+
+@pytest.mark.parametrize(
+    "name", ["", " ", ".", "/", "..", "\0", "a\nb", "x" * 5000, "/dev/null", "/proc/self/mem", "~"]
+)
+def test_no_name_of_a_policy_is_more_than_one_line(name: str) -> None:
+    with pytest.raises(ValueError, match=r".") as caught:
+        load_controller(name)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,124 @@
+"""Every parameter of every node at wrong types and beyond its range: one line and status 2.
+
+The cases come from the settings classes, so a new parameter is covered when it is there. Each
+node is started as a user starts it, by its command line, but in this process.
+"""
+
+from __future__ import annotations
+
+import importlib
+import signal
+from collections.abc import Iterator
+
+import pytest
+
+from bicycle_bringup.foxglove_settings import FoxgloveSettings
+from bicycle_controller.nodes.controller_settings import ControllerSettings
+from bicycle_controller.nodes.trainer_settings import TrainerSettings
+from bicycle_sim.nodes.params import declare
+from bicycle_sim.nodes.runner import run
+from bicycle_sim.nodes.sim_settings import SimSettings
+from bicycle_sim.settings import Parameter, parameters_of
+
+pytestmark = pytest.mark.ros
+
+SETTINGS = (SimSettings, ControllerSettings, TrainerSettings, FoxgloveSettings)
+NODES = {
+    SimSettings: ("bicycle_sim.nodes.sim_node", "SimNode"),
+    ControllerSettings: ("bicycle_controller.nodes.controller_node", "ControllerNode"),
+    TrainerSettings: ("bicycle_controller.nodes.trainer_node", "TrainerNode"),
+}
+
+
+@pytest.fixture(autouse=True)
+def signals_as_they_were() -> Iterator[None]:
+    kept = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in kept.items():
+        signal.signal(number, handler)
+
+
+def wrong(item: Parameter) -> Iterator[str]:
+    """Values, as a user writes them, that a parameter cannot have."""
+    default = item.default
+    yield from ("[1, 2]", "[]")
+    if isinstance(default, bool):
+        yield from ("3", "maybe")
+        return
+    if isinstance(default, str):
+        yield from ("3", "true", ".nan")
+        yield from ("nonsense", "'3'", "Ä") if item.choices else ()
+        return
+    yield from ("true", "nonsense", ".nan", "-.inf")
+    if isinstance(default, int):
+        yield "1.5"
+    if item.low is not None and item.high is not None:
+        below, above = (item.low - 1, item.high * 2 + 1)
+        yield from (
+            (str(below), str(above))
+            if isinstance(default, int)
+            else (
+                f"{float(below):.6f}",
+                f"{float(above):.6f}",
+                str(int(above)),
+            )
+        )
+
+
+def refused(capfd: pytest.CaptureFixture[str], make: object, *words: str) -> str:
+    """The one line with which a node refuses to start."""
+    status = run("node", make, args=["node", "--ros-args", *words])  # type: ignore[arg-type]
+    printed = capfd.readouterr().err
+    own = [line for line in printed.splitlines() if line.startswith("node: ")]
+    assert status == 2, f"{words}: {printed}"
+    assert len(own) == 1, f"{words}: {printed}"
+    assert "Traceback" not in printed
+    return own[0]
+
+
+@pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize("kind", SETTINGS, ids=lambda kind: kind.__name__)
+def test_no_wrong_value_of_any_parameter_gets_in(
+    kind: type, capfd: pytest.CaptureFixture[str]
+) -> None:
+    import rclpy
+    from rclpy.node import Node
+
+    def make() -> Node:
+        made = Node("node", enable_rosout=False, start_parameter_services=False)
+        try:
+            declare(made, kind)
+        finally:
+            made.destroy_node()
+        rclpy.try_shutdown()
+        raise AssertionError("let in")
+
+    for item in parameters_of(kind):
+        for value in wrong(item):
+            line = refused(capfd, make, "-p", f"{item.name}:={value}")
+            assert item.name in line, line
+        line = refused(capfd, make, "-p", f"{item.name}s:=1")
+        assert f"did you mean {item.name!r}" in line, line
+
+
+@pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize("kind", NODES, ids=lambda kind: kind.__name__)
+def test_the_nodes_themselves_refuse_so(kind: type, capfd: pytest.CaptureFixture[str]) -> None:
+    module, name = NODES[kind]
+    make = getattr(importlib.import_module(module), name)
+    item = next(found for found in parameters_of(kind) if found.choices)
+    assert item.name in refused(capfd, make, "-p", f"{item.name}:=nonsense")
+    assert "unknown parameter" in refused(capfd, make, "-p", "nonsense:=1")
+
+
+@pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize(
+    "words", [("-p", "x"), ("-p", "x:=["), ("--params-file", "/none.yaml"), ("--what",), ("-p",)]
+)
+def test_ros_arguments_that_cannot_be_read_are_one_line(
+    words: tuple[str, ...], capfd: pytest.CaptureFixture[str]
+) -> None:
+    def make() -> object:
+        raise AssertionError("let in")
+
+    refused(capfd, make, *words)
