@@ -29,6 +29,9 @@ ENVELOPE = (0.12, 0.17, 0.25, 0.38, 0.46, 0.50, 0.50)
 
 SPEEDS = np.linspace(1.0, 5.0, 81)
 """m/s, for which the unstable mode is computed."""
+SLOWEST, SPACING = float(SPEEDS[0]), float(SPEEDS[1] - SPEEDS[0])
+MODE_ORDER = np.array([2, 3, 0, 1])
+"""Where lean, lean rate, steering and steering rate stand in an observation."""
 
 TRUST = 10.0
 """s of riding after which a hand-over no longer counts against the next one."""
@@ -126,7 +129,10 @@ class Safety:
         self.reason = np.zeros(count, dtype=np.int64)
         self.hand_overs = np.zeros(count, dtype=np.int64)
         self.limited = np.zeros(count, dtype=np.int64)
-        self._values = self._limits = np.zeros((len(WATCHED), count))
+        fixed = self.config
+        limits = (0.0, fixed.lean, fixed.lean_rate, fixed.slowest, fixed.fastest, fixed.oldest)
+        self._values = np.zeros((len(WATCHED), count))
+        self._limits = np.array(limits)[:, None].repeat(count, axis=1)
         self.reset()
 
     def reset(self) -> None:
@@ -148,11 +154,9 @@ class Safety:
             observation: (N, 6), see `bicycle_sim.task.OBSERVATION_FIELDS`.
             speed: (N,) m/s.
         """
-        nearest = np.rint((speed - SPEEDS[0]) / (SPEEDS[1] - SPEEDS[0])).astype(np.intp)
+        nearest = np.rint((speed - SLOWEST) / SPACING).astype(np.intp)
         mode = self._mode.take(nearest, axis=0, mode="clip")
-        steer, steer_rate, lean, lean_rate = observation[:, :4].T
-        state = np.stack((lean, lean_rate, steer, steer_rate), axis=1)
-        return np.asarray(np.abs((mode * state).sum(axis=1)))
+        return np.asarray(np.abs((mode * observation[:, MODE_ORDER]).sum(axis=1)))
 
     def judge(self, observation: np.ndarray, speed: np.ndarray, age: np.ndarray) -> np.ndarray:
         """Look at new states, one step after the last ones.
@@ -206,6 +210,8 @@ class Safety:
         what, unit = _WORDS[reason]
         row = WATCHED.index(reason)
         value, limit = self._values[row, index], self._limits[row, index]
+        if reason is Reason.STALE and math.isinf(value):
+            return "no command led to the state"
         return f"{what} {value:.3g} {unit} is beyond {limit:.3g} {unit}"
 
     def _take_over(self, taken: np.ndarray, reason: np.ndarray) -> None:
@@ -222,15 +228,13 @@ class Safety:
 
     def _measure(self, observation: np.ndarray, speed: np.ndarray, age: np.ndarray) -> np.ndarray:
         """Every one of WATCHED as a share of its limit, (6, N)."""
-        config = self.config
-        envelope = config.envelope * np.interp(speed, ENVELOPE_SPEEDS, ENVELOPE)
-        lean, lean_rate = np.abs(observation[:, 2]), np.abs(observation[:, 3])
-        extrapolated = self.extrapolated_lean(observation, speed)
-        one = np.ones_like(speed)
-        self._values = np.stack((extrapolated, lean, lean_rate, speed, speed, age))
-        limits = (config.lean, config.lean_rate, config.slowest, config.fastest, config.oldest)
-        self._limits = np.stack((envelope, *(limit * one for limit in limits)))
-        shares = self._values / self._limits
+        values, limits = self._values, self._limits
+        limits[0] = self.config.envelope * np.interp(speed, ENVELOPE_SPEEDS, ENVELOPE)
+        values[0] = self.extrapolated_lean(observation, speed)
+        np.abs(observation[:, 2:4].T, out=values[1:3])
+        values[3:5] = speed
+        values[5] = age
+        shares = values / limits
         shares[3] = 1.0 / shares[3]
         return np.asarray(shares)
 

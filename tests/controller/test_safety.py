@@ -340,3 +340,4 @@ def test_a_step_without_command_is_stale() -> None:
     assert simulator.snapshot.command_source is Source.ZERO
     (taken,), _ = drive(made, simulator, 1)
     assert taken.reason is Reason.STALE
+    assert taken.message.startswith("no command led to the state: lqr-")

@@ -15,6 +15,7 @@ from probe import Probe
 
 from bicycle_bag.reader import BagReader
 from bicycle_controller.policy import Policy, load_policy, save_policy
+from bicycle_controller.safety import Reason
 from bicycle_sim.nodes.interfaces import DIAGNOSTICS, GOAL_POSE, GOAL_STATUS, HAND_OVER, STATE
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
@@ -29,6 +30,11 @@ def probe(ros_domain: int) -> Iterator[Probe]:
     made = Probe(ros_domain, STATE, GOAL_STATUS, HAND_OVER, DIAGNOSTICS)
     yield made
     made.close()
+
+
+def test_the_reasons_are_the_message_s() -> None:
+    for reason in Reason:
+        assert getattr(HandOver, reason.name) == reason
 
 
 def full_torque(path: Path) -> Path:

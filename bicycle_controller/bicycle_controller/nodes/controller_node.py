@@ -233,6 +233,7 @@ class ControllerNode(Node):
             policy = await Loading(request.path)
             self._driver.policy = policy
             self._limit()
+            self._suit(self._physics)
             response.success, response.message = True, f"{policy.policy_id} is in charge"
         except PolicyError as error:
             kept = self._driver.policy.policy_id

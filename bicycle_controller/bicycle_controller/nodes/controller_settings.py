@@ -14,6 +14,9 @@ from bicycle_controller.safety import Safety, SafetyConfig
 from bicycle_sim.parameters import Physics
 from bicycle_sim.settings import parameter
 
+SAFE = SafetyConfig()
+"""The defaults of the safety layer."""
+
 
 @dataclass(frozen=True)
 class ControllerSettings:
@@ -36,21 +39,34 @@ class ControllerSettings:
         choices=("ride", "stop", "none"),
     )
     safety_envelope: float = parameter(
-        1.0, "share of the extrapolated lean from which the fallback can still save", 0.1, 10.0
+        SAFE.envelope,
+        "share of the extrapolated lean from which the fallback can still save",
+        0.1,
+        10.0,
     )
-    safety_lean: float = parameter(0.5, "rad, largest lean left to the policy", 0.01, 1.6)
-    safety_lean_rate: float = parameter(0.5, "rad/s, largest lean rate left to it", 0.01, 100.0)
-    safety_slowest: float = parameter(1.1, "m/s, lowest speed left to it", 0.01, 100.0)
-    safety_fastest: float = parameter(5.5, "m/s, highest speed left to it", 0.01, 100.0)
+    safety_lean: float = parameter(SAFE.lean, "rad, largest lean left to the policy", 0.01, 1.6)
+    safety_lean_rate: float = parameter(
+        SAFE.lean_rate, "rad/s, largest lean rate left to it", 0.01, 100.0
+    )
+    safety_slowest: float = parameter(SAFE.slowest, "m/s, lowest speed left to it", 0.01, 100.0)
+    safety_fastest: float = parameter(SAFE.fastest, "m/s, highest speed left to it", 0.01, 100.0)
     safety_stale: int = parameter(
-        10, "steps that the command which led to a state may be late by", 1, 1_000_000
+        int(SAFE.oldest),
+        "steps that the command which led to a state may be late by",
+        1,
+        1_000_000,
     )
     safety_hold: float = parameter(
-        1.0, "simulated s that the fallback drives at least; doubled if needed again", 0.025, 60.0
+        SAFE.hold,
+        "simulated s that the fallback drives at least; doubled if needed again",
+        0.025,
+        60.0,
     )
-    safety_torque_rate: float = parameter(200.0, "N m/s, largest change of T", 0.1, 1e6)
-    safety_displacement_rate: float = parameter(20.0, "m/s, largest change of d", 0.001, 1e6)
-    safety_pedal_rate: float = parameter(10000.0, "N/s, largest change of F", 0.1, 1e6)
+    safety_torque_rate: float = parameter(SAFE.rates[0], "N m/s, largest change of T", 0.1, 1e6)
+    safety_displacement_rate: float = parameter(
+        SAFE.rates[1], "m/s, largest change of d", 0.001, 1e6
+    )
+    safety_pedal_rate: float = parameter(SAFE.rates[2], "N/s, largest change of F", 0.1, 1e6)
     exploration: str = parameter(
         "none", "noise on the actions, to record data with", choices=("none", "ou", "gaussian")
     )
