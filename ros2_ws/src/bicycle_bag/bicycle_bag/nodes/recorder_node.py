@@ -19,7 +19,7 @@ from bicycle_bag.errors import BagError
 from bicycle_bag.mcap_file import COMPRESSIONS
 from bicycle_bag.metadata import BagMetadata, Topic
 from bicycle_bag.nodes.recorded_topic import RecordedTopic
-from bicycle_bag.nodes.session import Stop, heartbeat, offered, ros_node
+from bicycle_bag.nodes.session import Stop, offered, ros_node
 from bicycle_bag.ordering import Reorder
 from bicycle_bag.qos import QosProfile
 from bicycle_bag.qos_overrides import read_overrides
@@ -27,6 +27,7 @@ from bicycle_bag.reader import BagMessage
 from bicycle_bag.schemas import Schemas
 from bicycle_bag.selection import TopicFilter
 from bicycle_bag.writer import BagWriter
+from bicycle_sim.nodes.runner import UserError, made_heartbeat
 
 DISCOVERY_SECONDS = 0.1
 # How often a topic already recorded is asked for publishers of weaker quality.
@@ -182,6 +183,7 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
 
     Raises:
         BagError: An option is wrong, the directory exists, or the disk fails.
+        UserError: The heartbeat's file cannot be written.
     """
     stop = Stop()
     chosen = TopicFilter(
@@ -195,7 +197,7 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
     )
     overrides = read_overrides(options.qos_profile_overrides_path)
     data = custom_data(options.custom_data)
-    heart = heartbeat()
+    heart = made_heartbeat()
     with ros_node("bicycle_recorder", ros_arguments) as node:
         writer = BagWriter(
             options.output,
@@ -231,7 +233,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parse(remove_ros_args(words)[1:])
     try:
         print(record(options, words), flush=True)
-    except BagError as error:
+    except (BagError, UserError) as error:
         print(f"bicycle_record: {error}", file=sys.stderr)
         return 1
     return 0

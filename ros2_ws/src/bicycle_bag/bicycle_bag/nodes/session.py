@@ -23,8 +23,7 @@ from rclpy.qos import (
 
 from bicycle_bag import qos
 from bicycle_bag.errors import BagError
-from bicycle_sim.nodes.heartbeat import Heartbeat
-from bicycle_sim.nodes.runner import UserError, made_heartbeat, start_ros
+from bicycle_sim.nodes.runner import UserError, start_ros
 
 
 class Stop:
@@ -69,18 +68,6 @@ def ros_node(name: str, arguments: Sequence[str]) -> Iterator[Node]:
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
-
-
-def heartbeat() -> Heartbeat:
-    """What a supervisor watches.
-
-    Raises:
-        BagError: Its file cannot be written.
-    """
-    try:
-        return made_heartbeat()
-    except UserError as error:
-        raise BagError(str(error)) from None
 
 
 def message_class(type_name: str) -> type[Any]:
