@@ -18,6 +18,8 @@ COLOURS = {
     "ppo": "#8a4fa3",
     "fast": "#0b8457",
     "fixed-speed": "#0b8457",
+    "small-displacement": "#c0392b",
+    "learned-speed": "#c0392b",
 }
 LABELS = {
     "paper": "DDPG, tables 2 and 3",
@@ -26,6 +28,8 @@ LABELS = {
     "ppo": "PPO",
     "fast": "ours (fast)",
     "fixed-speed": "ours, shipped",
+    "small-displacement": "ours, shipped",
+    "learned-speed": "ours, shipped",
     "lqr": "LQR",
     "lqr-20cm": "LQR with d",
     "lqr-displacement": "LQR with d",
