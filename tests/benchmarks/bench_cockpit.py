@@ -22,22 +22,17 @@ import os
 import re
 import signal
 import socket
-import subprocess
 import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import aiohttp
-import numpy as np
 import rclpy
-from bicycle_msgs.msg import LoopTiming
-from geometry_msgs.msg import PoseStamped
+from loop_ear import Ear, percentiles, start, stop
 from machine import machine
-from rclpy.executors import SingleThreadedExecutor
 
 from bicycle_controller.run_folder import origin
-from bicycle_sim.nodes.interfaces import GOAL_POSE, TIMING
 
 RESULTS = Path(__file__).parent / "results" / "cockpit.json"
 PORT = 8799
@@ -46,43 +41,6 @@ READERS = 3
 START = 4.0
 """s for cockpit and pages to come up before a turn counts."""
 KINDS = ("no cockpit", "no page", "four pages, one stalled")
-
-
-class Ear:
-    """Hears timing and sends the bicycle on its way."""
-
-    def __init__(self) -> None:
-        rclpy.init(args=[])
-        self.node = rclpy.create_node("ear")
-        self.executor = SingleThreadedExecutor()
-        self.executor.add_node(self.node)
-        self.timing: list[LoopTiming] = []
-        self.node.create_subscription(LoopTiming, TIMING.name, self.timing.append, 1000)
-        self.goals = self.node.create_publisher(PoseStamped, GOAL_POSE.name, GOAL_POSE.publish)
-
-    def listen(self, seconds: float) -> None:
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            self.executor.spin_once(timeout_sec=0.05)
-
-    def send_far_goal(self) -> None:
-        while self.goals.get_subscription_count() == 0:
-            self.listen(0.1)
-        goal = PoseStamped()
-        goal.header.frame_id = "odom"
-        goal.pose.position.x = 9000.0
-        self.goals.publish(goal)
-
-
-def start(*command: str) -> subprocess.Popen[str]:
-    words = [sys.executable, *command]
-    return subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
-
-
-def stop(process: subprocess.Popen[str]) -> str:
-    """End a process; returns what it printed."""
-    process.send_signal(signal.SIGINT)
-    return process.communicate(timeout=15.0)[0]
 
 
 async def read() -> None:
@@ -136,39 +94,20 @@ def turn(ear: Ear, seconds: float, kind: str) -> dict[str, Any]:
         pages = [start(__file__, "--page", "read") for _ in range(READERS)]
         pages.append(start(__file__, "--page", "stall"))
         ear.listen(START)
-    ear.timing.clear()
-    ear.listen(seconds)
-    timing = list(ear.timing)
+    found = ear.hear(seconds)
     if pages:
         lost = asyncio.run(dropped())
     frames = [int(text) for text in map(stop, pages) if re.fullmatch(r"\d+\s*", text)]
     if cockpit is not None:
         stop(cockpit)
-    return {
-        "lateness": [message.lateness for message in timing],
-        "jitter": [abs(message.period - 0.025) for message in timing],
-        "latency": [message.latency for message in timing],
-        "dropped": timing[-1].dropped_steps - timing[0].dropped_steps if timing else 0,
-        "frames": frames,
-        "lost": lost,
-        "load": os.getloadavg()[0],
-    }
+    return {**found, "frames": frames, "lost": lost}
 
 
 def summary(turns: list[dict[str, Any]]) -> dict[str, Any]:
-    """Percentiles over all turns of a kind, ms."""
-    result: dict[str, Any] = {"steps": sum(len(found["lateness"]) for found in turns)}
-    for name in ("jitter", "lateness", "latency"):
-        values = np.concatenate([np.array(found[name]) for found in turns]) * 1e3
-        values = values[np.isfinite(values)]
-        for label, share in (("p50", 0.5), ("p99", 0.99), ("p999", 0.999)):
-            result[f"{name}_{label}_ms"] = round(float(np.quantile(values, share)), 3)
-        per_turn = [np.nanquantile(np.array(found[name]) * 1e3, 0.99) for found in turns]
-        result[f"{name}_p99_ms_of_each_turn"] = [round(float(value), 3) for value in per_turn]
-    result["dropped_steps"] = int(sum(found["dropped"] for found in turns))
+    """Percentiles over all turns of a kind, ms, and what came of the frames."""
+    result = percentiles(turns)
     result["frames_of_each_reader"] = [found["frames"] for found in turns]
     result["frames_dropped_for_the_stalled"] = [found["lost"] for found in turns]
-    result["load_of_each_turn"] = [round(found["load"], 1) for found in turns]
     return result
 
 

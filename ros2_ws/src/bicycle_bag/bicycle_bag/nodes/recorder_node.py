@@ -9,6 +9,7 @@ import time
 from collections.abc import Mapping, Sequence
 from datetime import datetime, timezone
 
+from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
@@ -58,7 +59,8 @@ class Recorder:
         self._order = Reorder()
         self._refused: set[str] = set()
         self._polls = 0
-        node.create_timer(DISCOVERY_SECONDS, self.poll)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(DISCOVERY_SECONDS, self.poll, clock=steady)
         self.poll()
 
     @property

@@ -1,0 +1,126 @@
+"""Whatever is killed, in whatever order, at whatever moment: it rides again."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from chaos import Chaos
+from geometry_msgs.msg import PoseStamped
+from node_process import NodeProcess
+from probe import Probe
+from std_msgs.msg import String
+
+from bicycle_bag.reader import BagReader
+from bicycle_sim.nodes.interfaces import COMMAND, GOAL_POSE, STATE, TIMING, Topic
+
+pytestmark = pytest.mark.ros
+
+ROOT = Path(__file__).parents[2]
+SOURCES = [
+    *(ROOT / "bicycle_sim").rglob("bicycle_sim/**/*.py"),
+    *(ROOT / "bicycle_controller").rglob("bicycle_controller/**/*.py"),
+    *(ROOT / "ros2_ws" / "src").glob("*/bicycle_*/**/*.py"),
+]
+STRIKES = 4
+
+
+@pytest.mark.parametrize("seed", [1])
+def test_after_each_strike_it_rides_again(ros_domain: int, tmp_path: Path, seed: int) -> None:
+    """The long form is `tests/ros/chaos.py`; its figures are in docs/reliability.md."""
+    chaos = Chaos(ros_domain, tmp_path, seed)
+    try:
+        killed = [name for _ in range(STRIKES) for name in chaos.strike()["killed"]]
+    finally:
+        chaos.close()
+    assert set(killed) == {"simulator", "controller", "recorder"}
+    assert chaos.orphans == []
+
+
+# Clocks.
+
+LATE = Topic("late", String, GOAL_POSE.publish, GOAL_POSE.subscribe)
+
+
+def calls(name: str) -> Iterator[tuple[Path, ast.Call]]:
+    """Every call of a function or method of that name."""
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            named = isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
+            if named and node.func.attr == name:
+                yield path, node
+
+
+def test_every_timer_takes_the_steady_clock() -> None:
+    made = list(calls("create_timer"))
+    assert len(made) >= 10
+    wrong = [
+        f"{path.relative_to(ROOT)}:{call.lineno}"
+        for path, call in made
+        if not any(
+            word.arg == "clock" and "steady" in ast.unparse(word.value).lower()
+            for word in call.keywords
+        )
+    ]
+    assert wrong == []
+
+
+FAKE = next(Path("/usr/lib").glob("*/faketime/libfaketimeMT.so.1"), None)
+
+
+@pytest.mark.skipif(FAKE is None, reason="no libfaketime: apt-get install libfaketime")
+def test_jumps_of_the_systems_clock_do_not_matter(
+    ros_domain: int, tmp_path: Path, start_node: Callable[..., NodeProcess]
+) -> None:
+    """An hour forward and two days back while it rides: no step is dropped, none without command.
+
+    The middleware is jumped with the nodes, for the library stands between them and the clock. A
+    recorder rides along; a topic that comes up after the jumps is recorded too.
+    """
+    offset = tmp_path / "offset"
+    offset.write_text("+0\n")
+    env = {
+        "LD_PRELOAD": str(FAKE),
+        "FAKETIME_TIMESTAMP_FILE": str(offset),
+        "FAKETIME_NO_CACHE": "1",
+        "FAKETIME_DONT_FAKE_MONOTONIC": "1",
+    }
+    probe = Probe(ros_domain, STATE, COMMAND, TIMING)
+    try:
+        sim = start_node("bicycle_sim.nodes.sim_node", [], env)
+        sim.wait_for_line("episode 1 waits")
+        words = ["--ros-args", "-p", "policy:=lqr"]
+        start_node("bicycle_controller.nodes.controller_node", words, env)
+        bag = ["--output", str(tmp_path / "bag")]
+        recorder = start_node("bicycle_bag.nodes.recorder_node", bag, env)
+        recorder.wait_for_line("recording")
+        goal = PoseStamped()
+        goal.header.frame_id, goal.pose.position.x = "odom", 9000.0
+        probe.say(GOAL_POSE, goal)
+        probe.spin_until(lambda: probe[STATE] and probe[STATE][-1].step > 60)
+        stamps = [probe[COMMAND][-1].header.stamp.sec]
+        for jump in ("+1h", "-2d", "+0"):
+            begun = probe[STATE][-1].step
+            offset.write_text(f"{jump}\n")
+            probe.spin_until(lambda begun=begun: probe[STATE][-1].step > begun + 60)
+            stamps.append(probe[COMMAND][-1].header.stamp.sec)
+            if jump == "-2d":
+                probe.say(LATE, String(data="after the jump"))
+        last = probe[STATE][-1].step
+        assert recorder.stop() == 0
+    finally:
+        probe.close()
+    jumps = [after - before for before, after in pairwise(stamps)]
+    assert jumps[0] > 3500, "the clock was not moved"
+    assert jumps[1] < -170_000
+    assert not probe[STATE][-1].fallen
+    assert {state.command_source for state in probe[STATE] if state.step > 40} <= {1, 2}
+    assert "no valid command" not in sim.output
+    recorded = [message.topic for message in BagReader(tmp_path / "bag").messages()]
+    assert recorded.count(f"/{LATE.name}") == 1
+    assert recorded.count(f"/{STATE.name}") >= last
+    # A jump that counted as waiting would have dropped an hour of periods.
+    assert probe[TIMING][-1].dropped_steps < 400
