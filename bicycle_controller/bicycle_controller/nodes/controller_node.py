@@ -28,6 +28,7 @@ from bicycle_controller.policy import PolicyError, load_controller
 from bicycle_sim.nodes import convert, interfaces
 from bicycle_sim.nodes.interfaces import Topic, advertise, listen, serve
 from bicycle_sim.nodes.params import declare
+from bicycle_sim.nodes.realtime import Priority
 from bicycle_sim.nodes.report import OK, WARN, percentiles, status
 from bicycle_sim.nodes.runner import UserError, run
 from bicycle_sim.parameters import Physics
@@ -51,7 +52,7 @@ class ControllerNode(Node):
         """
         super().__init__(NAME)
         self._settings = declare(self, ControllerSettings)
-        self._physics, self._making = Physics(), Making()
+        self._physics, self._making, self._priority = Physics(), Making(), Priority()
         self._driver = self._make_driver()
         self._simulator_limits = NO_LIMITS
         self._bad_states = 0
@@ -146,6 +147,10 @@ class ControllerNode(Node):
         self._simulator_limits = scenario.action_limits
         self._limit()
         self._suit(physics)
+        wanted = self._settings.realtime_priority if info.pace == "realtime" else 0
+        told = self._priority.take(wanted)
+        if told:
+            self.get_logger().info(told)
 
     def _limit(self) -> None:
         """Send nothing that the simulator would refuse."""

@@ -11,6 +11,7 @@ from bicycle_controller.controllers import Controller
 from bicycle_controller.noise import Noise
 from bicycle_controller.policy import DEFAULT_POLICY, LQR
 from bicycle_controller.safety import Safety, SafetyConfig
+from bicycle_sim.nodes.realtime import priority_parameter
 from bicycle_sim.parameters import Physics
 from bicycle_sim.settings import parameter
 
@@ -85,6 +86,7 @@ class ControllerSettings:
         2.0, "full turns without an approach after which a goal is missed", 0.5, 100.0
     )
     take_over: bool = parameter(True, "ride on a bicycle that is found riding, to the goal it had")
+    realtime_priority: int = priority_parameter()
     diagnostics_period: float = parameter(1.0, "s", 0.1, 3600.0)
 
     def make_noise(self) -> Noise | None:

@@ -23,6 +23,7 @@ from bicycle_sim.nodes import convert, interfaces, views
 from bicycle_sim.nodes.busy import refuse_second_simulator
 from bicycle_sim.nodes.interfaces import STATE_PERIOD, Topic, advertise, listen, serve
 from bicycle_sim.nodes.params import declare
+from bicycle_sim.nodes.realtime import Priority
 from bicycle_sim.nodes.runner import UserError, run
 from bicycle_sim.nodes.sim_report import SimReport
 from bicycle_sim.nodes.sim_settings import SimSettings
@@ -70,6 +71,9 @@ class SimNode(Node):
         )
         self._listen()
         self._start_timers()
+        told = Priority().take(self._settings.loop_priority())
+        if told:
+            self.get_logger().info(told)
         self._begin(self._settings.make_start(), self._settings.seed)
 
     def _make_loop(self) -> Loop:

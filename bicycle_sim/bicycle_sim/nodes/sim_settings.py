@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 from bicycle_sim.geometry import yaw_to_heading
 from bicycle_sim.loop import LoopOptions
+from bicycle_sim.nodes.realtime import priority_parameter
 from bicycle_sim.parameters import Physics
 from bicycle_sim.scenario import SCENARIOS, Scenario, named
 from bicycle_sim.settings import parameter
@@ -24,6 +25,7 @@ class SimSettings:
     real_time_factor: float = parameter(
         1.0, "simulated seconds in a second, in real time", 0.01, 100.0
     )
+    realtime_priority: int = priority_parameter()
     scenario: str = parameter(
         "random-start-random-goal",
         "limits, start speed and goal radius of the paper's experiment",
@@ -101,6 +103,11 @@ class SimSettings:
             return None
         heading = float(yaw_to_heading(self.start_yaw))
         return Start(self.start_x, self.start_y, heading, self.speed_or_default(self.start_speed))
+
+    def loop_priority(self) -> int:
+        """Real-time priority of the loop: none where it may take a whole processor to itself."""
+        paced = self.pace == "realtime" and self.real_time_factor <= 1.0
+        return self.realtime_priority if paced else 0
 
     def speed_or_default(self, speed: float) -> float:
         """The speed, or the scenario's start speed for a negative one; m/s."""

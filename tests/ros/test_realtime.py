@@ -1,0 +1,94 @@
+"""The loop's nodes ask for real-time priority, and ride on without it."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from geometry_msgs.msg import PoseStamped
+from node_process import NodeProcess
+from probe import Probe
+
+from bicycle_sim.nodes.interfaces import GOAL_POSE, STATE
+from bicycle_sim.nodes.sim_settings import SimSettings
+
+pytestmark = pytest.mark.ros
+
+Start = Callable[..., NodeProcess]
+SIMULATOR = "bicycle_sim.nodes.sim_node"
+CONTROLLER = "bicycle_controller.nodes.controller_node"
+ORDINARY = {(os.SCHED_OTHER, 0)}
+
+
+def permitted() -> bool:
+    """Whether this user may have real-time priority."""
+    child = os.fork()
+    if child == 0:
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+        except OSError:
+            os._exit(1)
+        os._exit(0)
+    return os.waitpid(child, 0)[1] == 0
+
+
+def schedules(process: NodeProcess) -> set[tuple[int, int]]:
+    """Policy and priority of each thread."""
+    threads = [int(task.name) for task in Path(f"/proc/{process.pid}/task").iterdir()]
+    return {
+        (os.sched_getscheduler(thread), os.sched_getparam(thread).sched_priority)
+        for thread in threads
+    }
+
+
+def ride(probe: Probe) -> None:
+    """Some steps towards a goal."""
+    goal = PoseStamped()
+    goal.header.frame_id, goal.pose.position.x = "odom", 9000.0
+    probe.say(GOAL_POSE, goal)
+    probe.spin_until(lambda: probe[STATE] and probe[STATE][-1].step > 20)
+
+
+@pytest.mark.skipif(not permitted(), reason="this user may not have real-time priority")
+@pytest.mark.parametrize(("pace", "expected"), [("realtime", 7), ("lockstep", 0)])
+def test_all_threads_have_the_priority_in_real_time_only(
+    ros_domain: int, start_node: Start, pace: str, expected: int
+) -> None:
+    """In lock-step the loop may take a whole processor, and must leave it to others."""
+    ours = ["--ros-args", "-p", "realtime_priority:=7", "-p"]
+    probe = Probe(ros_domain, STATE)
+    try:
+        sim = start_node(SIMULATOR, [*ours, f"pace:={pace}"])
+        controller = start_node(CONTROLLER, [*ours, "policy:=lqr"])
+        ride(probe)
+        wanted = {(os.SCHED_FIFO, expected)} if expected else ORDINARY
+        assert schedules(sim) == wanted
+        assert schedules(controller) == wanted
+    finally:
+        probe.close()
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can take the permission from a node")
+def test_without_permission_it_says_so_and_rides(ros_domain: int, start_node: Start) -> None:
+    powerless = ["--bounding-set=-sys_nice", "--inh-caps=-sys_nice", sys.executable, "-m"]
+    probe = Probe(ros_domain, STATE)
+    try:
+        nodes = [
+            start_node("/usr/bin/setpriv", [*powerless, module])
+            for module in (SIMULATOR, CONTROLLER)
+        ]
+        ride(probe)
+        for node in nodes:
+            node.wait_for_line("real-time priority 10 is not permitted.*ulimit -r")
+            assert schedules(node) == ORDINARY
+    finally:
+        probe.close()
+
+
+def test_faster_than_real_time_it_asks_for_none() -> None:
+    assert SimSettings(realtime_priority=7).loop_priority() == 7
+    assert SimSettings(realtime_priority=7, real_time_factor=2.0).loop_priority() == 0
+    assert SimSettings(realtime_priority=0).loop_priority() == 0
