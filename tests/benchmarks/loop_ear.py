@@ -49,6 +49,7 @@ class Ear:
 
     def hear(self, seconds: float) -> dict[str, Any]:
         """The loop's timing over a while, and the load that others put on the machine."""
+        self.listen(1.0)  # what waited while nobody listened
         self.timing.clear()
         self.listen(seconds)
         timing = list(self.timing)
