@@ -44,6 +44,9 @@ SAMPLES = 200
 """How often memory is read in a whole run."""
 LOOK = 0.05
 """s between two looks at the bicycle in lock-step: to hear every state would slow it down."""
+START = 60.0
+"""s that a process may take to come up on a machine that has much else to do."""
+ADDRESS = r"http://127\.0\.0\.1:\d+"
 RECORDED = [f"/{topic.name}" for topic in (STATE, COMMAND, EPISODE, GOAL_STATUS, TIMING)]
 
 
@@ -71,7 +74,7 @@ class Soak:
         if cockpit:
             self._start_cockpit()
         for name in (STATE.name, COMMAND.name, TIMING.name):
-            self.nodes["recorder"].wait_for_line(f"recording /{name}")
+            self.nodes["recorder"].wait_for_line(f"recording /{name}", START)
         self.probe.publisher(GOAL_POSE)
 
     def _start(self, name: str, module: str, words: Sequence[str] = ()) -> None:
@@ -82,9 +85,10 @@ class Soak:
 
     def _start_cockpit(self) -> None:
         self._start("cockpit", "bicycle_cockpit.nodes.cockpit", ["--no-ride", "--port", "0"])
-        address = self.nodes["cockpit"].wait_for_line(r"http://127\.0\.0\.1:\d+")[0]
+        address = self.nodes["cockpit"].wait_for_line(ADDRESS, START)[0]
         page = Path(__file__).with_name("soak_page.py")
         self.nodes["page"] = NodeProcess([sys.executable, str(page), address])
+        self.nodes["page"].wait_for_line("open", START)
 
     def _on_state(self, state: BicycleState) -> None:
         if self.state is not None and state.episode != self.state.episode:

@@ -17,6 +17,7 @@ async def read(address: str) -> None:
     asyncio.get_running_loop().add_signal_handler(signal.SIGINT, asyncio.current_task().cancel)
     async with aiohttp.ClientSession() as session:
         page = await session.ws_connect(f"{address}/ws", origin=address, max_msg_size=0)
+        print("open", flush=True)
         async for message in page:
             json.loads(message.data)
     sys.exit("the cockpit closed the page")

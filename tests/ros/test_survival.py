@@ -15,6 +15,8 @@ from geometry_msgs.msg import PoseStamped
 from node_process import NodeProcess
 from probe import Probe
 from rclpy.serialization import deserialize_message
+from soak import Soak
+from soak_figures import bag_figures
 from std_msgs.msg import String
 
 from bicycle_bag.reader import BagReader
@@ -41,6 +43,32 @@ def test_after_each_strike_it_rides_again(ros_domain: int, tmp_path: Path, seed:
         chaos.close()
     assert set(killed) == {"simulator", "controller", "recorder"}
     assert chaos.orphans == []
+
+
+def test_a_long_ride_loses_no_step_and_keeps_nothing(ros_domain: int, tmp_path: Path) -> None:
+    """The long form is `tests/ros/soak.py`; its figures are in docs/reliability.md."""
+    steps = 800
+    soak = Soak(ros_domain, tmp_path, "lockstep")
+    try:
+        samples = soak.ride(steps)
+        statuses = soak.close()
+    finally:
+        soak.kill()
+    assert set(statuses) == {"simulator", "controller", "recorder", "cockpit", "page"}
+    assert set(statuses.values()) == {0}
+    found = bag_figures(soak.bag)
+    assert found["steps"] >= steps
+    assert found["states_missing"] == 0
+    assert found["messages_lost_by_the_recorders_count"] == "0"
+    assert found["verified"] == f"{found['steps']} states came out again, bit for bit"
+    settled, late = samples[len(samples) // 4 : -10], samples[-10:]
+    for name in statuses:
+        for what in ("files", "threads"):  # at times one is open for a moment
+            least, most = (
+                pick(sample[name][what] for sample in some)
+                for pick, some in ((min, late), (max, settled))
+            )
+            assert least <= most, f"{what} of {name}"
 
 
 # Clocks.
