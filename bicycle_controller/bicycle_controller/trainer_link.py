@@ -7,8 +7,10 @@ interpreter can hold up a callback; torch is imported there only.
 from __future__ import annotations
 
 import contextlib
+import ctypes
 import multiprocessing
 import os
+import signal
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,9 @@ NICE = 10
 """Added to the learning process's niceness: the loop and the controller come first."""
 PATIENCE = 1.5
 """s for the learning process to save and end."""
+
+SET_PARENT_DEATH_SIGNAL = 1
+"""PR_SET_PDEATHSIG of Linux' prctl(2)."""
 
 
 @dataclass(frozen=True)
@@ -104,10 +109,19 @@ class Link:
         return clean
 
 
+def _end_with_parent() -> None:
+    """Have the kernel send SIGTERM when the node is gone, killed while torch loads, say."""
+    parent = multiprocessing.parent_process()
+    ctypes.CDLL(None).prctl(SET_PARENT_DEATH_SIGNAL, signal.SIGTERM)
+    if parent is not None and os.getppid() != parent.pid:
+        os._exit(1)  # it went before the kernel was asked
+
+
 def _work(order: Order, inbox: Any, outbox: Any) -> None:
     """The learning process's beginning."""
     os.setsid()  # a terminal's Ctrl-C is for the node, which ends this process in its own time
     os.nice(NICE)
+    _end_with_parent()
     from bicycle_controller.trainer_process import work
 
     work(order, inbox, outbox)

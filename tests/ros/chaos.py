@@ -51,6 +51,7 @@ class Chaos:
         self.running: dict[str, NodeProcess] = {}
         self.starts: Counter[str] = Counter()
         self.orphans: list[int] = []
+        self.outlived = 0.0
         self.falls = 0
         self._asked = 0.0
         self.probe = Probe(domain, TRAINER)
@@ -163,9 +164,11 @@ class Chaos:
         children = children_of(victim.pid)
         victim.send_signal(signal.SIGKILL)
         victim._child.wait()
-        deadline = time.monotonic() + ALONE
-        while any(map(alive, children)) and time.monotonic() < deadline:
+        begun = time.monotonic()
+        while any(map(alive, children)) and time.monotonic() - begun < ALONE:
             self.listen(0.1)
+        if children:
+            self.outlived = max(self.outlived, time.monotonic() - begun)
         self.orphans += [pid for pid in children if alive(pid)]
         victim.kill()
 
@@ -219,6 +222,7 @@ def main() -> None:
                 },
                 "falls": chaos.falls,
                 "orphans": len(chaos.orphans),
+                "longest_that_a_child_outlived_its_parent_s": round(chaos.outlived, 1),
                 "load_at_end": os.getloadavg()[0],
             }
             args.out.write_text(json.dumps(about, indent=2) + "\n")

@@ -1,0 +1,47 @@
+"""The learning process and the node that started it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+PROGRAM = """
+import multiprocessing, os, time
+from bicycle_controller.trainer_link import _end_with_parent
+
+def learn():
+    _end_with_parent()
+    print(os.getpid(), flush=True)
+    time.sleep(3600.0)
+
+if __name__ == "__main__":
+    child = multiprocessing.get_context("spawn").Process(target=learn)
+    child.start()
+    child.join()
+"""
+PATIENCE = 60.0
+
+
+def alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def test_it_ends_with_a_killed_parent_whatever_it_does(tmp_path: Path) -> None:
+    """Asleep it asks nobody whether the parent lives, as while it loads torch."""
+    program = tmp_path / "program.py"
+    program.write_text(PROGRAM)
+    parent = subprocess.Popen([sys.executable, str(program)], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    child = int(parent.stdout.readline())
+    assert alive(child)
+    parent.kill()
+    parent.wait()
+    deadline = time.monotonic() + PATIENCE
+    while alive(child) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not alive(child)
