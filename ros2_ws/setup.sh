@@ -27,6 +27,7 @@ ws=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 # torch by itself, before any lock: its wheels differ by machine (CPU, each CUDA with its own
 # libraries), so a universal lock would force one machine's choice on all.
 torch=torch==2.13.0
+uv=uv==0.9.30
 venv=$(dirname "$ws")/.venv
 stamps=$venv/.bicycle
 sets=(ride)
@@ -82,13 +83,23 @@ make_venv() { # Every step may be interrupted: what is half done is seen and don
 }
 
 install_set() { # SET: the packages of one lock
-  local pip=("$venv/bin/python" -m pip install --no-input --disable-pip-version-check --progress-bar off)
   if [[ $1 != ride && $1 != foxglove ]]; then
-    stage "$torch" none "${pip[@]}" "$torch"
+    stage "$torch" none install "$torch"
   fi
-  # The locks are complete, so pip need not work out dependencies.
+  # The locks are complete, so nobody need work out dependencies.
   stage "Python packages: $1" "pip:$(grep -c == "$ws/requirements/$1.lock")" \
-    "${pip[@]}" --no-deps -r "$ws/requirements/$1.lock"
+    install --no-deps -r "$ws/requirements/$1.lock"
+}
+
+install() { # pip's words: with uv, which fetches many at once, or with pip where uv cannot
+  local pip=("$venv/bin/python" -m pip install --no-input --disable-pip-version-check --progress-bar off) settings
+  if settings=$("$venv/bin/python" "$ws/lib/pip_to_uv.py") &&
+    { [[ -x $venv/bin/uv ]] || "${pip[@]}" --only-binary :all: "$uv"; }; then
+    mapfile -t settings <<<"$settings"
+    env "${settings[@]}" "$venv/bin/uv" pip install --python "$venv/bin/python" "$@" && return
+    echo "uv could not; now with pip."
+  fi
+  "${pip[@]}" "$@"
 }
 
 build() { # Builds in place: Python packages run from their sources
@@ -96,8 +107,10 @@ build() { # Builds in place: Python packages run from their sources
   local cmake=(-DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=OFF)
   if [[ -z $native ]]; then
     export AMENT_PREFIX_PATH=$venv LD_LIBRARY_PATH=$venv/lib PATH=$venv/bin:$PATH VIRTUAL_ENV=$venv
-    cmake+=("-DCMAKE_PREFIX_PATH=$venv" "-DPython3_EXECUTABLE=$venv/bin/python")
+    cmake+=(-G Ninja "-DCMAKE_PREFIX_PATH=$venv" "-DPython3_EXECUTABLE=$venv/bin/python")
   fi
+  # Without it colcon adds -l: a busy machine would compile one file at a time.
+  export MAKEFLAGS=${MAKEFLAGS:--j$(nproc)}
   cd "$ws"
   stage "building the workspace" cmake \
     colcon --log-base /dev/null build "${options[@]}" --cmake-args "${cmake[@]}"

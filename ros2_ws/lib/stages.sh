@@ -99,7 +99,7 @@ python_in_use() { # What compiled code is bound to
   if [[ -n $native ]]; then
     echo "native $(python3 -V)"
   else
-    echo "$venv" && cat "$venv/pyvenv.cfg"
+    echo "$venv, built by ninja" && cat "$venv/pyvenv.cfg"
   fi
 }
 
@@ -130,10 +130,10 @@ progress() { # COUNTER LOG-OFFSET: how far the running stage is, from what it lo
       if tail -c "+$2" "$log" | grep -q '^Installing collected'; then
         echo "installing ${1#pip:}"
       else
-        echo "$seen of ${1#pip:}"
+        ((seen == 0)) || echo "$seen of ${1#pip:}" # uv tells none
       fi
       ;;
-    cmake) tail -c "+$2" "$log" | grep -oE '^\[ *[0-9]+%\]' | tail -n 1 | tr -d '[] ' || true ;;
+    cmake) tail -c "+$2" "$log" | grep -oE '^\[ *[0-9]+(%|/[0-9]+)\]' | tail -n 1 | tr -d '[] ' || true ;;
   esac
 }
 
