@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from bicycle_controller.one_bicycle import OneBicycle
 from bicycle_controller.policy_file import (
     MAX_FILE_BYTES,
     PolicyError,
@@ -93,7 +94,7 @@ class Policy:
         self._limits = np.array(info.action_limits)
         widths = [6, *(layer[0].shape[0] for layer in self._layers)]
         self._memory = [np.zeros(width * CHUNK, dtype=np.float32) for width in widths]
-        self._one = self._buffers(1)
+        self._one = OneBicycle(self._layers, self._scale[:, 0], self._limits, NORM_EPSILON)
 
     @property
     def name(self) -> str:
@@ -126,7 +127,7 @@ class Policy:
             raise ValueError(f"observation must have shape (N, 6), not {observation.shape}")
         count = len(observation)
         if count == 1:
-            return self._forward(observation, self._one)
+            return self._one(observation[0])[None]
         action = np.empty((count, 3))
         for first in range(0, count, CHUNK):
             rows = observation[first : first + CHUNK]
@@ -138,7 +139,7 @@ class Policy:
         return [flat[: flat.size // CHUNK * count].reshape(-1, count) for flat in self._memory]
 
     def _forward(self, observation: np.ndarray, buffers: list[np.ndarray]) -> np.ndarray:
-        """(n, 3) actions; bicycles are columns, so one bicycle is a matrix times a vector."""
+        """(n, 3) actions; bicycles are columns."""
         inputs = np.divide(observation.T, self._scale, out=buffers[0], casting="same_kind")
         for layer, outputs in zip(self._layers, buffers[1:], strict=True):
             np.dot(layer[0], inputs, out=outputs)
