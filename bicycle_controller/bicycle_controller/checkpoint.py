@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -47,6 +48,23 @@ def load(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path} has version {version}, not {VERSION}: resume it with its code")
     state: dict[str, Any] = _unpacked(found["state"])
     return state
+
+
+def restore(path: Path, take: Callable[[dict[str, Any]], None]) -> None:
+    """Give the state in a file to `take`.
+
+    Raises:
+        ValueError: as `load`, or the file lacks something that `take` looks for.
+    """
+    state = load(path)
+    try:
+        take(state)
+    except KeyError as error:
+        made = state.get("origin", {}).get("commit", "unknown")
+        raise ValueError(
+            f"{path} holds no {error}: it is of another version of this code (commit {made}): "
+            "resume it with its code, or delete it to start again from config.yaml"
+        ) from None
 
 
 def _packed(value: Any) -> Any:

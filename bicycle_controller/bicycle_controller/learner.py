@@ -192,12 +192,19 @@ class Learner:
         Raises:
             ValueError: when it cannot be read.
         """
-        state = checkpoint.load(path)
+        extra: dict[str, Any] = {}
+
+        def take(state: dict[str, Any]) -> None:
+            self._load_state_dict(state)
+            extra.update(state["extra"])
+
+        checkpoint.restore(path, take)
+        return extra
+
+    def _load_state_dict(self, state: dict[str, Any]) -> None:
         self.agent.load_state_dict(state["agent"])
         self.updates, self.refused = state["updates"], state["refused"]
         self.evaluation_due, self.q_policy = state["evaluation_due"], state["q_policy"]
         self.best = None if state["best"] is None else Score(**state["best"])
         self.log_bytes = state["log_bytes"]
         self.spent = (state["spent"][0], state["spent"][1])
-        extra: dict[str, Any] = state["extra"]
-        return extra

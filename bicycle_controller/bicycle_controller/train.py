@@ -86,7 +86,7 @@ def resume(
     files = RunFolder(folder)
     trainer = Trainer(files.resumed_config(list(overrides)), files)
     if files.checkpoint.exists():
-        trainer.load_state_dict(checkpoint.load(files.checkpoint))
+        checkpoint.restore(files.checkpoint, trainer.load_state_dict)
     return trainer.train(progress, stop)
 
 

@@ -245,6 +245,18 @@ def test_a_damaged_checkpoint_is_one_line_with_the_remedy(
     assert "\n" not in str(caught.value)
 
 
+def test_a_checkpoint_of_other_code_is_one_line_with_the_remedy(tmp_path: Path) -> None:
+    """Something was added to the state since; once this was a traceback."""
+    train.run(small_run("steps=400"), tmp_path / "run")
+    path = tmp_path / "run" / "checkpoint" / "state.pt"
+    state = checkpoint.load(path)
+    del state["collector"]["returns"]["shown"]
+    checkpoint.save(path, state)
+    with pytest.raises(ValueError, match=r"holds no 'shown'.*commit .*resume it with") as caught:
+        train.resume(tmp_path / "run")
+    assert "\n" not in str(caught.value)
+
+
 def test_a_checkpoint_runs_no_code(tmp_path: Path) -> None:
     class Evil:
         def __reduce__(self) -> Any:
