@@ -126,7 +126,7 @@ def step(
     free_angle = state.steer_angle + steer_rate * dt
     steer_angle = xp.clip(free_angle, -k.steer_stop, k.steer_stop)
     if physics.stop_absorbs_steering:
-        steer_rate = xp.where(free_angle == steer_angle, steer_rate, xp.zeros_like(steer_rate))
+        steer_rate = xp.where(free_angle == steer_angle, steer_rate, 0.0)
 
     moved = replace(
         state,
@@ -201,13 +201,14 @@ def _roll(state: State, curvature: Curvature, physics: Physics, xp: ModuleType) 
     k = physics.constants
     front_curvature, rear_curvature, _ = curvature
     travel = state.speed * k.time_step
+    half_travel = 0.5 * travel
     pointing = state.heading + state.steer_angle
     if physics.chord_follows_steering:
         front_side = rear_side = xp.sign(state.steer_angle)
     else:
         front_side, rear_side = xp.sign(pointing), xp.sign(state.heading)
-    front = pointing + front_side * _half_chord(travel, front_curvature, xp)
-    rear = state.heading + rear_side * _half_chord(travel, rear_curvature, xp)
+    front = pointing + front_side * _half_chord(half_travel, front_curvature, xp)
+    rear = state.heading + rear_side * _half_chord(half_travel, rear_curvature, xp)
     front_x = state.front_x - travel * xp.sin(front)
     front_y = state.front_y + travel * xp.cos(front)
     rear_x = state.rear_x - travel * xp.sin(rear)
@@ -216,7 +217,7 @@ def _roll(state: State, curvature: Curvature, physics: Physics, xp: ModuleType) 
     along_x, along_y = rear_x - front_x, rear_y - front_y
     distance = xp.sqrt(along_x * along_x + along_y * along_y)
     drifted = xp.abs(distance - k.wheelbase) > k.wheelbase_tolerance
-    stretch = xp.where(drifted, (k.wheelbase - distance) / distance, xp.zeros_like(distance))
+    stretch = xp.where(drifted, (k.wheelbase - distance) / distance, 0.0)
     rear_x = rear_x + along_x * stretch
     rear_y = rear_y + along_y * stretch
     return replace(
@@ -229,9 +230,9 @@ def _roll(state: State, curvature: Curvature, physics: Physics, xp: ModuleType) 
     )
 
 
-def _half_chord(travel: Array, curvature: Array, xp: ModuleType) -> Array:
-    """Half the angle that an arc of length `travel` turns by, at most pi/2 (eq. 1-2)."""
-    return xp.arcsin(xp.clip(0.5 * travel * curvature, -1.0, 1.0))
+def _half_chord(half_travel: Array, curvature: Array, xp: ModuleType) -> Array:
+    """Half the angle that an arc of twice `half_travel` turns by, at most pi/2 (eq. 1-2)."""
+    return xp.arcsin(xp.clip(half_travel * curvature, -1.0, 1.0))
 
 
 def fallen(lean_angle: Array, limit: float = math.pi / 6, xp: ModuleType = np) -> Array:

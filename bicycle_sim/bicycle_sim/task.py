@@ -119,13 +119,14 @@ class BicycleTask:
         """Put the M bicycles of `mask` (N,) upright at (M,) places with (M,) goals; m, rad."""
         speed = np.full(len(rear_x), self.scenario.start_speed)
         fresh = dynamics.upright(rear_x, rear_y, heading, speed, self.physics.constants)
+        placed = np.flatnonzero(mask)
         for name, values in vars(fresh).items():
             old = getattr(self.state, name).copy()
-            old[mask] = values
+            old[placed] = values
             setattr(self.state, name, old)
-        self.goal_x[mask] = goal_x
-        self.goal_y[mask] = goal_y
-        self.steps[mask] = 0
+        self.goal_x[placed] = goal_x
+        self.goal_y[placed] = goal_y
+        self.steps[placed] = 0
         # New arrays: the last Step still holds the old ones.
         self.fallen = self.fallen & ~mask
         self._frozen_reward = np.where(mask, 0.0, self._frozen_reward)
@@ -196,11 +197,13 @@ class BicycleTask:
             s.lean_acceleration,
             error,
         )
-        return np.stack(columns, axis=1)
+        # One column after the other in memory, which is how they come and how an actor takes them.
+        return np.array(columns).T
 
     def goal_distance(self) -> np.ndarray:
         """m from each rear contact to its goal, (N,) (row 26)."""
-        return np.hypot(self.goal_x - self.state.rear_x, self.goal_y - self.state.rear_y)
+        x, y = self.goal_x - self.state.rear_x, self.goal_y - self.state.rear_y
+        return np.sqrt(x * x + y * y)
 
     def snapshot(self) -> State:
         """A copy of every bicycle's state."""
