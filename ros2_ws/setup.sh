@@ -68,7 +68,7 @@ make_venv() { # Every step may be interrupted: what is half done is seen and don
   if [[ -e $venv && ! -f $venv/pyvenv.cfg && ! -d $stamps && -n $(ls -A "$venv") ]]; then
     die 3 "$venv is in the way and is not a virtual environment; move it and call again."
   fi
-  if [[ -f $stamps/venv.stamp ]] || { [[ -d $venv ]] && ! "$venv/bin/python" -m pip --version >/dev/null 2>&1; }; then
+  if [[ -f $stamps/venv.stamp ]] || { [[ -d $venv ]] && ! "$venv/bin/python" -c "" >/dev/null 2>&1; }; then
     rm -rf "$ws/build/old_venv"
     mv "$venv" "$ws/build/old_venv"
     stage "removing the old virtual environment" none rm -rf "$ws/build/old_venv"
@@ -78,7 +78,7 @@ make_venv() { # Every step may be interrupted: what is half done is seen and don
     echo "Using the virtual environment that is there: $venv"
   else
     [[ -n $python ]] || find_python || die 3 "no Python 3.10 to 3.13 to make it with; set PYTHON=/path/to/one."
-    stage "virtual environment ($("$python" -V 2>&1))" none "$python" -m venv "$venv"
+    stage "virtual environment ($("$python" -V 2>&1))" none "$python" -m venv --without-pip "$venv"
   fi
 }
 
@@ -92,14 +92,25 @@ install_set() { # SET: the packages of one lock
 }
 
 install() { # pip's words: with uv, which fetches many at once, or with pip where uv cannot
-  local pip=("$venv/bin/python" -m pip install --no-input --disable-pip-version-check --progress-bar off) settings
-  if settings=$("$venv/bin/python" "$ws/lib/pip_to_uv.py") &&
+  local pip settings
+  find_pip
+  pip+=(install --no-input --disable-pip-version-check --progress-bar off)
+  if settings=$("${pip[0]}" "$ws/lib/pip_to_uv.py") &&
     { [[ -x $venv/bin/uv ]] || "${pip[@]}" --only-binary :all: "$uv"; }; then
     mapfile -t settings <<<"$settings"
     env "${settings[@]}" "$venv/bin/uv" pip install --python "$venv/bin/python" "$@" && return
     echo "uv could not; now with pip."
   fi
   "${pip[@]}" "$@"
+}
+
+find_pip() { # Sets pip: the environment's, that of the Python it is made with, or a new one, which takes a while
+  pip=("$venv/bin/python" -m pip)
+  ! "${pip[@]}" --version || return 0
+  pip=("$("$venv/bin/python" -c 'import sys; print(sys._base_executable)')" -m pip --python "$venv/bin/python")
+  ! "${pip[@]}" --version || return 0
+  "$venv/bin/python" -m ensurepip
+  pip=("$venv/bin/python" -m pip)
 }
 
 build() { # Builds in place: Python packages run from their sources
