@@ -133,12 +133,15 @@ class Collector:
         }
         return np.column_stack([observation, *(values[name] for name in extras)])
 
-    def _spared(self, step: Step) -> np.ndarray:
+    def _spared(self, step: Step) -> np.ndarray | float:
         """The part of equation 20 that training does without, (N,)."""
-        return (1.0 - self.config.shaping.heading_share) * step.terms["heading_error"]
+        share = self.config.shaping.heading_share
+        return 0.0 if share == 1.0 else (1.0 - share) * step.terms["heading_error"]
 
-    def _progress(self, step: Step) -> np.ndarray:
+    def _progress(self, step: Step) -> np.ndarray | float:
         """What is taken off for progress missed, (N,), see `ShapingConfig`."""
+        if self.config.shaping.progress == 0.0:
+            return 0.0
         nearer = self.task.state.speed * np.cos(step.observation[:, 5])
         return self.config.shaping.progress * (nearer / self.top_speed - 1.0)
 
