@@ -15,7 +15,7 @@ from types import ModuleType
 from typing import NoReturn
 
 from bicycle_controller import __version__
-from bicycle_sim.config import nearest
+from bicycle_sim.config import empty_word, nearest
 
 COMMANDS = {
     "train": "learn to ride, or go on learning",
@@ -39,6 +39,8 @@ class Parser(argparse.ArgumentParser):
 
     def parse(self, arguments: list[str]) -> argparse.Namespace:
         """As `parse_args`, but names the option nearest to one that does not exist."""
+        if mistake := empty_word(arguments):
+            self.error(mistake)
         args, unknown = self.parse_known_args(arguments)
         if unknown:
             hint = nearest(unknown[0].partition("=")[0], self._option_string_actions)

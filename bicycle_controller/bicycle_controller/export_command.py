@@ -11,7 +11,7 @@ from typing import Any
 from bicycle_controller.card import card
 from bicycle_controller.policy import Policy, load_policy, save_policy, write_atomically
 from bicycle_controller.table import as_markdown
-from bicycle_sim.config import nearest
+from bicycle_sim.config import nearest, require
 
 FORMATS = ("safetensors", "onnx")
 EPILOG = """\
@@ -61,6 +61,7 @@ def run_command(args: argparse.Namespace) -> int:
         if name not in FORMATS:
             hint = nearest(name, FORMATS)
             raise ValueError(f"unknown format {name!r}{hint}; known: {', '.join(FORMATS)}")
+    require(args.seed >= 0, f"--seed must be zero or more, not {args.seed}")
     policy = source = load_policy(args.policy)
     if args.name is not None:
         policy = Policy(replace(source.info, name=args.name), source.tensors)

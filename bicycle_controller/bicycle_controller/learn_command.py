@@ -13,6 +13,7 @@ from bicycle_controller import dataset, learn, settings
 from bicycle_controller.cli import FAILED
 from bicycle_controller.config import RunConfig
 from bicycle_controller.dataset_report import as_text, report
+from bicycle_sim.config import require
 from bicycle_sim.scenario import named
 
 EPILOG = """\
@@ -88,6 +89,7 @@ def run_command(args: argparse.Namespace) -> int:
     if args.resume:
         _refuse_with_resume(args)
         return _told(learn.resume(args.out, progress), args, {})
+    require(args.least >= 0, f"--least must be zero or more, not {args.least}")
     if not args.bags:
         raise ValueError("name a bag, or a folder of bags, to learn from")
     config = config_of(args)

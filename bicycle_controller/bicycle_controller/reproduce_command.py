@@ -13,6 +13,8 @@ from bicycle_controller.reproduce.results import write_results
 from bicycle_controller.reproduce.runner import Options, redraw, reproduce
 from bicycle_sim.config import nearest, require
 
+MOST = 1_000_000
+"""Episodes, seeds and parallel runs."""
 EPILOG = """\
 FIGURE is 9 to 16, robustness, or all. Training runs are kept in OUT/runs: what was stopped, by
 Ctrl-C or kill -9, goes on when the same command is given again; what is done is not done again,
@@ -61,7 +63,8 @@ def run_command(args: argparse.Namespace) -> int:
     modes = _modes(args.physics)
     for name in ("episodes", "seeds", "parallel"):
         value = getattr(args, name)
-        require(value is None or value >= 1, f"--{name} must be at least 1, not {value}")
+        in_range = value is None or 1 <= value <= MOST
+        require(in_range, f"--{name} must be 1 to {MOST:,}, not {value}")
     options = Options(
         out=args.out,
         short=args.short,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
@@ -20,6 +19,10 @@ from bicycle_sim.task import OBSERVATION_FIELDS, BicycleTask, Step
 
 CHUNK = 16384
 """Rides that are simulated together, so that a million take no more memory than these."""
+MOST = 10_000_000
+"""Rides of one evaluation, whose figures are kept in memory."""
+LARGEST = 1e6
+"""Of any disturbance, in its own unit."""
 STARTS, NOISE = 0, 1
 """What a random stream is for; controllers meet the same starts and the same kind of noise."""
 
@@ -53,16 +56,17 @@ class Disturbance:
         require(len(noise) == 6, f"observation_noise needs 6 numbers, not {len(noise)}")
         for name in ("roll_kick", "kick_time", "initial_tilt", "displacement_noise"):
             value = getattr(self, name)
-            require(_size(value), f"{name} must be zero or more and finite, not {value!r}")
+            require(_size(value), f"{name} must be 0 to {LARGEST:g}, not {value!r}")
         for name, value in zip(OBSERVATION_FIELDS, noise, strict=True):
-            require(_size(value), f"noise on {name} must be zero or more, not {value!r}")
+            require(_size(value), f"noise on {name} must be 0 to {LARGEST:g}, not {value!r}")
+        require(self.speed is None or _size(self.speed), f"a speed of {self.speed} cannot be")
         whole = isinstance(self.action_delay, int) and 0 <= self.action_delay <= 1000
         require(whole, f"action_delay must be 0 to 1000 whole steps, not {self.action_delay!r}")
 
 
 def _size(value: Any) -> bool:
-    """Whether `value` is a finite number of zero or more."""
-    return isinstance(value, (int, float)) and math.isfinite(value) and value >= 0
+    """Whether `value` is a number of zero or more that squares do not make infinite."""
+    return isinstance(value, (int, float)) and 0 <= value <= LARGEST
 
 
 @dataclass(frozen=True)
@@ -130,6 +134,7 @@ def ride(
             not finite or not (N, 3).
     """
     require(count >= 1, f"an evaluation needs at least one episode, not {count}")
+    require(count <= MOST, f"an evaluation takes {MOST:,} episodes at most, not {count}")
     require(seed >= 0, f"a seed must be zero or more, not {seed}")
     trial = disturbance or Disturbance()
     if trial.speed is not None:

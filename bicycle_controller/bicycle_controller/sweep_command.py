@@ -11,6 +11,7 @@ from typing import Any
 from bicycle_controller import sweep
 from bicycle_sim.config import require
 
+MOST_SEEDS = 1000
 EPILOG = """\
 Every preset is trained on every scenario with every seed, as Ray tasks on this machine or on a
 cluster. A sweep that was stopped or killed goes on when the same command is given again: runs
@@ -61,7 +62,7 @@ def run_command(args: argparse.Namespace) -> int:
     Raises:
         ValueError: on a user's mistake, one line with the remedy.
     """
-    require(args.seeds >= 1, f"--seeds must be at least 1, not {args.seeds}")
+    require(1 <= args.seeds <= MOST_SEEDS, f"--seeds must be 1 to {MOST_SEEDS}, not {args.seeds}")
     require(args.episodes >= 1, f"--episodes must be at least 1, not {args.episodes}")
     require(args.parallel is None or args.parallel >= 1, "--parallel must be at least 1")
     named = [(name, getattr(args, name)) for name in ("steps", "device")]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import fields
 from typing import Any
 
@@ -12,6 +13,20 @@ def nearest(name: str, known: Iterable[str]) -> str:
     """` (did you mean 'x'?)` for the closest of `known`, or nothing."""
     found = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
     return f" (did you mean {found[0]!r}?)" if found else ""
+
+
+def empty_word(words: Sequence[str]) -> str:
+    """What is wrong with a command line that has an empty word or `--option=`; empty if nothing.
+
+    Most come of a shell's variable that is not set, and would be taken for the present folder.
+    """
+    for before, word in zip(["", *words], words, strict=False):
+        if word == "":
+            place = f"after {before}" if before else "of the command line"
+            return f"the word {place} is empty: give a value, or leave the option out"
+        if re.fullmatch(r"--[\w-]+=", word):
+            return f"{word} has no value: give one, or leave the option out"
+    return ""
 
 
 def reject_unknown(config: type, data: object) -> None:

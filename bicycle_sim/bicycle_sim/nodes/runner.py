@@ -118,16 +118,25 @@ def start_tool(name: str) -> None:
         raise SystemExit(2) from None
 
 
+def without_ros(words: Sequence[str]) -> list[str]:
+    """The words of a command line, with the program's name, that are not ROS's, without it.
+
+    Raises:
+        UserError: ROS cannot read them.
+    """
+    try:
+        return list(remove_ros_args(list(words))[1:])
+    except Exception as error:
+        raise UserError(f"cannot read the ROS arguments: {_first_line(error)}") from None
+
+
 def _understood(words: list[str], usage: str) -> bool:
     """Whether to go on: not after `--help`.
 
     Raises:
         UserError: on a word that belongs to nobody.
     """
-    try:
-        others = remove_ros_args(words)[1:]
-    except Exception as error:
-        raise UserError(f"cannot read the ROS arguments: {_first_line(error)}") from None
+    others = without_ros(words)
     if "--help" in others or "-h" in others:
         print(usage)
         return False

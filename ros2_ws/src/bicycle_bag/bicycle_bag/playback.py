@@ -13,6 +13,12 @@ from bicycle_bag.reader import BagMessage, BagReader
 from bicycle_bag.selection import absolute
 
 CLOCK = "/clock"
+SLOWEST, FASTEST = 1e-4, 1e4
+"""Bag seconds per second."""
+MOST_TICKS = 10_000.0
+"""Hz."""
+LONGEST_DELAY = 86_400.0
+"""s."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +31,7 @@ class PlayOptions:
         topics: Only these; all by default.
         clock_hz: How often per second to publish the time of the bag on ``/clock`` instead of
             the recorded one; 0 never does.
+        delay: s before the first message.
 
     Raises:
         BagError: A value is out of range.
@@ -34,14 +41,19 @@ class PlayOptions:
     start_offset: float = 0.0
     topics: Collection[str] = ()
     clock_hz: float = 0.0
+    delay: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (math.isfinite(self.rate) and self.rate > 0.0):
-            raise BagError(f"rate is {self.rate}: choose a number above 0, as 2 for twice as fast")
-        for name in ("start_offset", "clock_hz"):
+        if not SLOWEST <= self.rate <= FASTEST:
+            raise BagError(
+                f"rate is {self.rate}: choose {SLOWEST:g} to {FASTEST:g}, as 2 for twice as fast"
+            )
+        if not (math.isfinite(self.start_offset) and self.start_offset >= 0.0):
+            raise BagError(f"start offset is {self.start_offset}: choose 0 or more")
+        for name, most in (("clock_hz", MOST_TICKS), ("delay", LONGEST_DELAY)):
             value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0.0):
-                raise BagError(f"{name.replace('_', ' ')} is {value}: choose 0 or more")
+            if not 0.0 <= value <= most:
+                raise BagError(f"{name.replace('_', ' ')} is {value}: choose 0 to {most:g}")
 
 
 class ClockTick(NamedTuple):
@@ -67,7 +79,6 @@ class Playback:
         chosen = [absolute(name) for name in options.topics] or list(reader.topics)
         reader.require(chosen)
         self.topics = [name for name in chosen if not (options.clock_hz and name == CLOCK)]
-        self._start_ns = reader.starting_time_ns + int(options.start_offset * 1e9)
         if not any(reader.counts[name] for name in self.topics):
             raise BagError(f"{reader.path} has no message to play: choose other topics")
         if options.start_offset * 1e9 > reader.duration_ns:
@@ -75,6 +86,7 @@ class Playback:
                 f"the bag lasts {reader.duration_ns / 1e9:.1f} s: choose a smaller start offset "
                 f"than {options.start_offset}"
             )
+        self._start_ns = reader.starting_time_ns + int(options.start_offset * 1e9)
 
     @property
     def duration(self) -> float:

@@ -154,9 +154,13 @@ def find_files(path: Path, listed: bool = True) -> list[Path]:
     Raises:
         BagError: There is no bag there.
     """
-    if path.is_file():
+    try:
+        is_file, is_folder = path.is_file(), path.is_dir()
+    except OSError as error:
+        raise BagError(f"cannot open {path.name[:50]!r}... ({error.strerror})") from None
+    if is_file:
         return [path]
-    if not path.is_dir():
+    if not is_folder:
         raise BagError(f"there is no bag {path}: name a bag directory or a .mcap file")
     if listed and (path / metadata.FILE_NAME).is_file():
         return _listed_files(path)

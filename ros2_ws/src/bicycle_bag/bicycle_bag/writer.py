@@ -16,6 +16,7 @@ from bicycle_bag.metadata import BagMetadata, FileInformation, Topic
 # With the recorder's sorting, a killed recorder has lost 0.6 s at worst.
 FLUSH_SECONDS = 0.3
 MIN_SPLIT_BYTES = 1024
+MAX_SPLIT_SECONDS = 1e9
 
 
 @contextlib.contextmanager
@@ -67,8 +68,8 @@ class BagWriter:
             raise BagError(f"compression is {compression!r}: choose {', '.join(COMPRESSIONS)}")
         if 0 < split_bytes < MIN_SPLIT_BYTES or split_bytes < 0:
             raise BagError(f"split size is {split_bytes} bytes: choose 0 or >= {MIN_SPLIT_BYTES}")
-        if not split_seconds >= 0.0:
-            raise BagError(f"split time is {split_seconds} s: choose 0 or a positive number")
+        if not 0.0 <= split_seconds <= MAX_SPLIT_SECONDS:
+            raise BagError(f"split time is {split_seconds} s: choose 0 to {MAX_SPLIT_SECONDS:g}")
         self.custom_data = dict(custom_data or {})
         self._compression = compression
         self._chunk_bytes = chunk_bytes

@@ -28,6 +28,8 @@ CONFIGURED = ("simulator", "controller")
 """Those that have parameters."""
 
 MOST_GOALS = 10_000
+MOST_MINUTES = 10_000.0
+"""A week."""
 
 
 @dataclass(frozen=True)
@@ -118,8 +120,8 @@ def _checked(given: argparse.Namespace, workspace: Path) -> RideOptions:
     """
     if not 1 <= given.goals <= MOST_GOALS:
         raise ValueError(f"--goals is {given.goals}: choose 1 to {MOST_GOALS}")
-    if not (math.isfinite(given.minutes) and given.minutes >= 0):
-        raise ValueError(f"--minutes is {given.minutes}: choose a positive number")
+    if not 0 <= given.minutes <= MOST_MINUTES:
+        raise ValueError(f"--minutes is {given.minutes}: choose a number up to {MOST_MINUTES:g}")
     if given.seed < 0:
         raise ValueError(f"--seed is {given.seed}: choose zero or more")
     if not (math.isfinite(given.field) and 20.0 <= given.field <= 2000.0):

@@ -11,7 +11,6 @@ from pathlib import Path
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.utilities import remove_ros_args
 from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
@@ -20,6 +19,7 @@ from bicycle_bag.errors import BagError
 from bicycle_bag.nodes.session import Stop, message_class, publisher_profile, ros_node
 from bicycle_bag.playback import CLOCK, ClockTick, Playback, PlayOptions
 from bicycle_bag.reader import BagReader
+from bicycle_sim.nodes.runner import UserError, without_ros
 
 QUEUE = 1000
 LATCHED = 10
@@ -120,7 +120,9 @@ def play(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
         BagError: The bag is broken or has nothing to play, or an option is wrong.
     """
     stop = Stop()
-    chosen = PlayOptions(options.rate, options.start_offset, options.topics, options.clock)
+    chosen = PlayOptions(
+        options.rate, options.start_offset, options.topics, options.clock, options.delay
+    )
     reader = BagReader(options.bag)
     playback = Playback(reader, chosen)
     with ros_node("bicycle_player", ros_arguments) as node:
@@ -139,10 +141,10 @@ def play(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command ``bicycle_play``; returns its exit status."""
     words = list(sys.argv if arguments is None else ["bicycle_play", *arguments])
-    options = parse(remove_ros_args(words)[1:])
     try:
+        options = parse(without_ros(words))
         print(play(options, words), flush=True)
-    except BagError as error:
+    except (BagError, UserError) as error:
         print(f"bicycle_play: {error}", file=sys.stderr)
         return 1
     return 0

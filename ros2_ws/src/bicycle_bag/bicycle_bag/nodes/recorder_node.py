@@ -12,7 +12,6 @@ from datetime import datetime, timezone
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.utilities import remove_ros_args
 
 from bicycle_bag import __version__
 from bicycle_bag.arguments import OneLineParser
@@ -28,7 +27,7 @@ from bicycle_bag.reader import BagMessage
 from bicycle_bag.schemas import Schemas
 from bicycle_bag.selection import TopicFilter
 from bicycle_bag.writer import BagWriter
-from bicycle_sim.nodes.runner import UserError, made_heartbeat
+from bicycle_sim.nodes.runner import UserError, made_heartbeat, without_ros
 
 DISCOVERY_SECONDS = 0.1
 # How often a topic already recorded is asked for publishers of weaker quality.
@@ -232,8 +231,8 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command ``bicycle_record``; returns its exit status."""
     words = list(sys.argv if arguments is None else ["bicycle_record", *arguments])
-    options = parse(remove_ros_args(words)[1:])
     try:
+        options = parse(without_ros(words))
         print(record(options, words), flush=True)
     except (BagError, UserError) as error:
         print(f"bicycle_record: {error}", file=sys.stderr)

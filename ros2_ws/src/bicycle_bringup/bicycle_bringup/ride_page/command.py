@@ -106,6 +106,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BagError as error:
         print(f"report.sh: {error}", file=sys.stderr)
         return 1
+    except OSError as error:  # a name that is too long for the system, say
+        print(f"report.sh: cannot open a bag ({error.strerror})", file=sys.stderr)
+        return 1
     except KeyboardInterrupt:
         print("report.sh: interrupted; nothing was written", file=sys.stderr)
         return INTERRUPTED
