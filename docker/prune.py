@@ -88,6 +88,7 @@ def main() -> None:
         if found.read_text("INSTALLER")
     }
     gone = sorted(installed - kept - {"pip"})
+    subprocess.run([sys.executable, "-m", "ensurepip"], check=True, stdout=subprocess.DEVNULL)
     pip = [sys.executable, "-m", "pip", "uninstall", "--yes", "--quiet"]
     subprocess.run([*pip, *gone], check=True)
     subprocess.run([*pip, "pip"], check=True)
