@@ -1,4 +1,4 @@
-"""How long a newcomer waits: from `cockpit.sh` in a fresh clone to a bicycle that rides at a click.
+"""How long a newcomer waits: `cockpit.sh` in a fresh clone, then a click, until the bicycle rides.
 
 The repository is cloned into an empty folder, with an empty HOME, so nothing is set up and no
 package is in a cache; `ros2_ws/cockpit.sh` is started, the address that it prints is opened in
