@@ -96,6 +96,7 @@ class ControllerSettings:
         config = NoiseConfig(self.exploration, self.exploration_sigma, self.exploration_theta)
         return Noise(config, 1, 3, np.random.default_rng(self.seed))
 
+    @np.errstate(all="ignore")  # physics that cannot be are told by what comes out
     def make_fallback(self, limits: np.ndarray, physics: Physics) -> Controller | None:
         """What rides where the policy may not, within limits (3,) on |T|, |d| and |F|."""
         if self.fallback != "lqr":
@@ -105,6 +106,7 @@ class ControllerSettings:
 
         return fitting(limits, physics)
 
+    @np.errstate(all="ignore")
     def make_safety(self, physics: Physics) -> Safety | None:
         """The layer between policy and bicycle."""
         if self.safety == "none":
