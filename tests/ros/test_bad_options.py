@@ -17,7 +17,7 @@ pytestmark = pytest.mark.ros
 
 MAY_BE_NEGATIVE = {"x", "y"}
 HUGE = ("1" + 30 * "0", "1e300")
-ODD = ("/none/none", "/proc/none", "x" * 5000, "\udcff")
+ODD = ("/dev/null/none", "/proc/none", "x" * 5000, "\udcff")
 Refused = Callable[[list[str]], str]
 
 
