@@ -18,7 +18,7 @@ from bicycle_controller.episode_log import read_columns
 from bicycle_controller.evaluate import evaluate
 from bicycle_controller.policy import load_controller, load_policy
 from bicycle_controller.reproduce import experiment as experiments
-from bicycle_controller.reproduce import logs, riding, summary, training
+from bicycle_controller.reproduce import logs, riding, summary, training, words
 from bicycle_controller.reproduce.experiment import MODES, Length, build
 from bicycle_controller.reproduce.results import collect, render
 from bicycle_controller.reproduce.tables import interval, read_table, write_table
@@ -227,7 +227,9 @@ def test_training_summary_worked_by_hand() -> None:
             values = dict.fromkeys((*summary.MEASURES, *summary.TERMS), -float(at) + shift)
             rows.append(about | {"at": float(at), "episodes": 4} | values)
     (found,) = summary.training(rows)
-    assert (found["runs"], found["length"]) == (2, 10.0)
+    assert (found["runs"], found["length"], found["longest"]) == (2, 10.0, 10.0)
+    assert words.lengths(found) == "10"
+    assert words.lengths({"length": 150.0, "longest": 5000.0}) == "150 to 5,000"
     assert found["first"]["return"][0] == pytest.approx(0.0)
     assert found["last"]["return"][0] == pytest.approx(-9.0)
 

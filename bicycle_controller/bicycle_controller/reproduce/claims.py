@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from bicycle_controller.reproduce.experiment import Experiment
-from bicycle_controller.reproduce.words import number, percent
+from bicycle_controller.reproduce.words import lengths, number, percent
 
 Entry = dict[str, Any]
 Summary = dict[str, Any]
@@ -44,7 +44,7 @@ def _first(entries: list[Entry], **wanted: str) -> Entry | None:
 def _over(experiment: Experiment, entry: Entry) -> str:
     """Over what length an entry speaks."""
     full = experiment.full
-    text = f"{entry['runs']} × {number(entry['length'])} episodes"
+    text = f"{entry['runs']} × {lengths(entry)} episodes"
     return f"{text} of the paper's {number(full.episodes)}" if _short(experiment, entry) else text
 
 

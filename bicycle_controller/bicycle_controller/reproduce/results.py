@@ -14,7 +14,7 @@ from bicycle_controller.reproduce.claims import verdict
 from bicycle_controller.reproduce.experiment import MODES, Experiment
 from bicycle_controller.reproduce.pictures import PICTURE
 from bicycle_controller.reproduce.style import label
-from bicycle_controller.reproduce.words import mean, percent, rate
+from bicycle_controller.reproduce.words import lengths, mean, percent, rate
 
 HEAD = """\
 # The paper's experiments, reproduced
@@ -166,7 +166,7 @@ def _length(result: Result, row: dict[str, Any]) -> str:
     full = result.experiment.full
     most = next(arm.most_steps for arm in result.experiment.arms if arm.name == row["arm"])
     asked = min(full.episodes, most / result.experiment.limit) if most else full.episodes
-    text = f"{row['runs']} × {row['length']:,.0f}"
+    text = f"{row['runs']} × {lengths(row)}"
     short = row["length"] < 0.99 * asked or row["runs"] < full.seeds
     return f"{text} (short: {full.seeds} × {asked:,.0f})" if short else text
 

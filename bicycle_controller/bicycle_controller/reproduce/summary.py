@@ -42,7 +42,7 @@ def training(rows: list[Row]) -> list[dict[str, Any]]:
     """Each arm on each variant: `first` and `last` tenth of its runs, [mean, low, high].
 
     `return`, `steps` and so on are means per episode; the intervals are over the runs. `length`
-    is in full episodes, of the shortest run.
+    is in full episodes, of the shortest run, `longest` of the longest.
     """
     found = []
     for arm, role, variant in distinct(rows, "arm", "role", "variant"):
@@ -50,7 +50,7 @@ def training(rows: list[Row]) -> list[dict[str, Any]]:
         seeds = [seed for (seed,) in distinct(mine, "seed")]
         ends = [column(select(mine, seed=seed), "at").max() for seed in seeds]
         entry: dict[str, Any] = {"arm": arm, "role": role, "variant": variant}
-        entry |= {"runs": len(seeds), "length": float(min(ends))}
+        entry |= {"runs": len(seeds), "length": float(min(ends)), "longest": float(max(ends))}
         for part in ("first", "last"):
             entry[part] = {
                 name: interval([_tenth(select(mine, seed=seed), name, part) for seed in seeds])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 
 def percent(share: float) -> str:
@@ -35,3 +36,9 @@ def number(value: float) -> str:
     digits = 0 if size >= 100.0 else 1 if size >= 10.0 else 2
     text = f"{value:,.{digits}f}"
     return text.replace("-", "−")
+
+
+def lengths(entry: Mapping[str, Any]) -> str:
+    """How long an arm's runs are, in full episodes: one number, or from the shortest on."""
+    shortest, longest = f"{entry['length']:,.0f}", f"{entry['longest']:,.0f}"
+    return shortest if shortest == longest else f"{shortest} to {longest}"
