@@ -120,6 +120,8 @@ build() { # Builds in place: Python packages run from their sources
     export AMENT_PREFIX_PATH=$venv LD_LIBRARY_PATH=$venv/lib PATH=$venv/bin:$PATH VIRTUAL_ENV=$venv
     cmake+=(-G Ninja "-DCMAKE_PREFIX_PATH=$venv" "-DPython3_EXECUTABLE=$venv/bin/python")
   fi
+  # Generators and colcon's helpers start dozens of times: what they import need be compiled once.
+  unset PYTHONDONTWRITEBYTECODE
   # Without it colcon adds -l: a busy machine would compile one file at a time.
   export MAKEFLAGS=${MAKEFLAGS:--j$(nproc)}
   cd "$ws"
