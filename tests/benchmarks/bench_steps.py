@@ -163,15 +163,17 @@ def main() -> None:
         for name, (step, count) in contestants.items():
             rates[name].append(rate(step, count))
     medians = {name: statistics.median(found) for name, found in rates.items()}
-    together = [all_cores(4096) for _ in range(args.turns)]
+    together = {
+        count: [all_cores(count) for _ in range(args.turns)] for count in SIZES if count >= 4096
+    }
     result = {
         "command": shlex.join(["python", *sys.argv]),
         "commit": origin()["commit"],
         "machine": machine("numpy", "gymnasium", "stable-baselines3"),
         "steps_per_cpu_s": medians,
-        "all cores, 4096 each, steps_per_s": {
-            "median": statistics.median(together),
-            "best": max(together),
+        "all cores, steps_per_s": {
+            f"{count} each": {"median": statistics.median(found), "best": max(found)}
+            for count, found in together.items()
         },
         "ratios": {
             f"{count} bicycles, task over DummyVecEnv": medians[f"task, {count}"]
