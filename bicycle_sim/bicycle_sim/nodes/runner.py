@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -152,6 +153,9 @@ def _spin(words: list[str], make: Callable[[], Any], stop: _Stop) -> None:
     start_ros(words)
     heart = made_heartbeat()
     node = make()
+    # What is there now stays: searching it for garbage would stop the loop for tens of ms.
+    gc.collect()
+    gc.freeze()
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     steady = Clock(clock_type=ClockType.STEADY_TIME)
