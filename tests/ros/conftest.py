@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -20,6 +21,14 @@ def ros_environment() -> None:
     missing = [name for name in needed if importlib.util.find_spec(name) is None]
     if missing:
         pytest.fail(f"no {' and '.join(missing)} here: source ros2_ws/env.sh or use tests/run.sh")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def ordinary_priority() -> Iterator[None]:
+    """Nodes in the test's own process leave its priority alone: children would inherit it."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "sched_setscheduler", lambda *_: None)
+        yield
 
 
 @pytest.fixture
