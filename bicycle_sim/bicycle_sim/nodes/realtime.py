@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from pathlib import Path
 
@@ -39,7 +40,8 @@ class Priority:
         self._now = priority
         try:
             for thread in _THREADS.iterdir():
-                os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority))
+                with contextlib.suppress(ProcessLookupError):  # it has ended meanwhile
+                    os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority))
         except PermissionError:
             return (
                 f"real-time priority {priority} is not permitted, other programs may delay the "
