@@ -28,8 +28,7 @@ from pathlib import Path
 from typing import Any
 
 import aiohttp
-import rclpy
-from loop_ear import Ear, percentiles, start, stop
+from loop_ear import Ear, options, percentiles, ride, save, start, stop
 from machine import machine
 
 from bicycle_controller.run_folder import origin
@@ -112,37 +111,21 @@ def summary(turns: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--turns", type=int, default=3)
-    parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--out", type=Path, default=RESULTS)
+    parser = options(__doc__, RESULTS, 20.0)
     parser.add_argument("--page", choices=("read", "stall"), help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.page:
         os.nice(5)
         asyncio.run(read()) if args.page == "read" else stall()
         return
-    ear = Ear()
-    nodes = [
-        start("-m", "bicycle_sim.nodes.sim_node"),
-        start("-m", "bicycle_controller.nodes.controller_node"),
-    ]
     turns: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
-    try:
-        ear.send_far_goal()
-        ear.listen(4.0)
+    with ride() as ear:
         for _ in range(args.turns):
             for kind in KINDS:
                 turns[kind].append(turn(ear, args.seconds, kind))
-    finally:
-        for process in nodes:
-            stop(process)
-        rclpy.try_shutdown()
     result = {**origin(), "machine": machine("aiohttp")}
     result |= {kind: summary(found) for kind, found in turns.items()}
-    args.out.parent.mkdir(exist_ok=True)
-    args.out.write_text(json.dumps(result, indent=2) + "\n")
-    print(json.dumps(result, indent=2))
+    save(args.out, result)
 
 
 if __name__ == "__main__":

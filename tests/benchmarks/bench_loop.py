@@ -3,23 +3,20 @@
 Simulator and controller ride to a far goal in real time. In turns nothing else runs, or the
 trainer learns live at full speed, a recorder records every topic, and a cockpit serves four
 pages, one of which stalls (see bench_cockpit.py). Percentiles are over all steps of all turns
-of a kind; `added_p99_ms` is the difference that the issue bounds by 1 ms. It says so beside the
-load that others put on the machine. Two turns of each take some two and a half minutes.
+of a kind; `added_p99_ms` is what all of that adds. The load of the machine stands beside it. Three
+turns of each take some four minutes.
 
-    python tests/benchmarks/bench_loop.py [--turns 2] [--seconds 25] [--out FILE]
+    python tests/benchmarks/bench_loop.py [--turns 3] [--seconds 25] [--priority N] [--out FILE]
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import tempfile
 from pathlib import Path
 from typing import Any
 
-import rclpy
 from bench_cockpit import PORT, READERS
-from loop_ear import Ear, node, percentiles, start, stop, trainer
+from loop_ear import Ear, options, percentiles, ride, save, start, stop, trainer
 from machine import machine
 
 from bicycle_controller.run_folder import origin
@@ -53,25 +50,17 @@ def loaded(ear: Ear, seconds: float, folder: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--turns", type=int, default=2)
-    parser.add_argument("--seconds", type=float, default=25.0)
-    parser.add_argument("--out", type=Path, default=RESULTS)
+    parser = options(__doc__, RESULTS, 25.0)
+    parser.add_argument(
+        "--priority", type=int, help="real-time priority; the nodes' own unless set"
+    )
     args = parser.parse_args()
-    ear = Ear()
-    nodes = [node("bicycle_sim.nodes.sim_node"), node("bicycle_controller.nodes.controller_node")]
     alone, beside = [], []
-    try:
-        ear.send_far_goal()
-        ear.listen(4.0)
+    with ride(priority=args.priority) as ear:
         for _ in range(args.turns):
             alone.append(ear.hear(args.seconds))
             with tempfile.TemporaryDirectory() as folder:
                 beside.append(loaded(ear, args.seconds, Path(folder)))
-    finally:
-        for process in nodes:
-            stop(process)
-        rclpy.try_shutdown()
     result: dict[str, Any] = {**origin(), "machine": machine("torch", "aiohttp")}
     result["alone"] = percentiles(alone)
     result["trainer, recorder, four pages"] = percentiles(beside)
@@ -86,9 +75,7 @@ def main() -> None:
         )
         for name in ("jitter", "lateness", "latency")
     }
-    args.out.parent.mkdir(exist_ok=True)
-    args.out.write_text(json.dumps(result, indent=2) + "\n")
-    print(json.dumps(result, indent=2))
+    save(args.out, result)
 
 
 if __name__ == "__main__":

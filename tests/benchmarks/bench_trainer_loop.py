@@ -10,14 +10,11 @@ all turns of a kind. The load that others put on the machine is told beside them
 
 from __future__ import annotations
 
-import argparse
-import json
 import tempfile
 from pathlib import Path
 from typing import Any
 
-import rclpy
-from loop_ear import Ear, node, percentiles, stop, trainer
+from loop_ear import Ear, options, percentiles, ride, save, stop, trainer
 from machine import machine
 
 from bicycle_controller.run_folder import origin
@@ -48,33 +45,15 @@ def summary(turns: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--turns", type=int, default=3)
-    parser.add_argument("--seconds", type=float, default=30.0)
-    parser.add_argument("--out", type=Path, default=RESULTS)
-    args = parser.parse_args()
-    ear = Ear()
-    nodes = [
-        node("bicycle_sim.nodes.sim_node"),
-        node("bicycle_controller.nodes.controller_node", "policy:=lqr"),
-    ]
+    args = options(__doc__, RESULTS, 30.0).parse_args()
     turns: dict[str, list[dict[str, Any]]] = {"alone": [], "learning": []}
-    try:
-        ear.send_far_goal()
-        ear.listen(5.0)
-        with tempfile.TemporaryDirectory() as folder:
-            for index in range(args.turns):
-                turns["alone"].append(turn(ear, args.seconds, None))
-                turns["learning"].append(turn(ear, args.seconds, Path(folder) / str(index)))
-    finally:
-        for process in nodes:
-            stop(process)
-        rclpy.try_shutdown()
+    with ride("policy:=lqr") as ear, tempfile.TemporaryDirectory() as folder:
+        for index in range(args.turns):
+            turns["alone"].append(turn(ear, args.seconds, None))
+            turns["learning"].append(turn(ear, args.seconds, Path(folder) / str(index)))
     result = {**origin(), "machine": machine()}
     result |= {kind: summary(found) for kind, found in turns.items()}
-    args.out.parent.mkdir(exist_ok=True)
-    args.out.write_text(json.dumps(result, indent=2) + "\n")
-    print(json.dumps(result, indent=2))
+    save(args.out, result)
 
 
 if __name__ == "__main__":

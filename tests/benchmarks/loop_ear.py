@@ -1,12 +1,16 @@
-"""What the benchmarks of the 40 Hz loop share: nodes, an ear for their timing, percentiles."""
+"""What the benchmarks of the 40 Hz loop share: a ride, an ear for its timing, percentiles."""
 
 from __future__ import annotations
 
+import argparse
+import contextlib
+import json
 import os
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -68,6 +72,46 @@ class Ear:
         goal.header.frame_id = "odom"
         goal.pose.position.x = 9000.0
         self.goals.publish(goal)
+
+
+@contextlib.contextmanager
+def ride(*controller: str, priority: int | None = None) -> Iterator[Ear]:
+    """Simulator and controller on their way to a far goal, and an ear for them.
+
+    Args:
+        controller: its parameters, such as `policy:=lqr`.
+        priority: real-time priority of both; their own default for None.
+    """
+    shared = () if priority is None else (f"realtime_priority:={priority}",)
+    ear = Ear()
+    nodes = [
+        node("bicycle_sim.nodes.sim_node", *shared),
+        node("bicycle_controller.nodes.controller_node", *shared, *controller),
+    ]
+    try:
+        ear.send_far_goal()
+        ear.listen(5.0)
+        yield ear
+    finally:
+        for process in nodes:
+            stop(process)
+        rclpy.try_shutdown()
+
+
+def options(doc: str | None, results: Path, seconds: float) -> argparse.ArgumentParser:
+    """The options that these benchmarks have in common."""
+    parser = argparse.ArgumentParser(description=doc)
+    parser.add_argument("--turns", type=int, default=3)
+    parser.add_argument("--seconds", type=float, default=seconds, help="of a turn")
+    parser.add_argument("--out", type=Path, default=results)
+    return parser
+
+
+def save(out: Path, result: dict[str, Any]) -> None:
+    """Write the results, and print them."""
+    out.parent.mkdir(exist_ok=True)
+    out.write_text(json.dumps(result, indent=2) + "\n")
+    print(json.dumps(result, indent=2))
 
 
 def start(*words: str) -> subprocess.Popen[str]:
