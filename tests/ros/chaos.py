@@ -26,9 +26,8 @@ from typing import Any
 import numpy as np
 from bicycle_msgs.msg import BicycleState
 from domains import claimed_domain
-from geometry_msgs.msg import PoseStamped
-from node_process import NodeProcess
-from probe import Probe
+from node_process import NodeProcess, alive, children_of
+from probe import Probe, goal
 
 from bicycle_controller.run_folder import origin
 from bicycle_sim.nodes.interfaces import GOAL_POSE, STATE, TRAINER
@@ -112,11 +111,8 @@ class Chaos:
         if state is None or state.has_goal or now - self._asked < 1.0:
             return
         self._asked = now
-        goal = PoseStamped()
-        goal.header.frame_id = "odom"
-        goal.pose.position.x = state.rear_contact.x + self.chance.uniform(-60.0, 60.0)
-        goal.pose.position.y = state.rear_contact.y + self.chance.uniform(-60.0, 60.0)
-        self.goals.publish(goal)
+        at, (x, y) = state.rear_contact, (self.chance.uniform(-60.0, 60.0) for _ in "xy")
+        self.goals.publish(goal(at.x + x, at.y + y))
 
     def listen(self, seconds: float) -> None:
         end = time.monotonic() + seconds
@@ -176,19 +172,6 @@ class Chaos:
         for process in self.running.values():
             process.kill()
         self.probe.close()
-
-
-def children_of(pid: int) -> list[int]:
-    """Processes that a process has started."""
-    path = Path(f"/proc/{pid}/task/{pid}/children")
-    return [int(word) for word in path.read_text().split()] if path.exists() else []
-
-
-def alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
 
 
 def main() -> None:

@@ -153,3 +153,17 @@ class NodeProcess:
 
     def __exit__(self, *_: object) -> None:
         self.kill()
+
+
+def children_of(pid: int) -> list[int]:
+    """Processes that a process has started."""
+    path = Path(f"/proc/{pid}/task/{pid}/children")
+    return [int(word) for word in path.read_text().split()] if path.exists() else []
+
+
+def alive(pid: int) -> bool:
+    """Whether a process runs, which one that is only to be waited for does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (FileNotFoundError, ProcessLookupError):
+        return False

@@ -9,6 +9,7 @@ from typing import Any
 
 import rclpy
 from bicycle_msgs.msg import BicycleCommand, BicycleState
+from geometry_msgs.msg import PoseStamped
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
@@ -99,3 +100,11 @@ def command(state: BicycleState, **changes: Any) -> BicycleCommand:
     """A valid answer that keeps an upright bicycle upright, with `changes`."""
     values = {"episode": state.episode, "step": state.step, "controller": "probe", **changes}
     return BicycleCommand(**values)
+
+
+def goal(x: float, y: float, frame: str = "odom") -> PoseStamped:
+    """A goal at a place, m."""
+    made = PoseStamped()
+    made.header.frame_id = frame
+    made.pose.position.x, made.pose.position.y = float(x), float(y)
+    return made

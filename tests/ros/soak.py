@@ -29,9 +29,8 @@ from typing import Any
 
 from bicycle_msgs.msg import BicycleState
 from domains import claimed_domain
-from geometry_msgs.msg import PoseStamped
 from node_process import NodeProcess
-from probe import Probe
+from probe import Probe, goal
 from soak_figures import bag_figures, growth
 from tqdm import tqdm
 
@@ -106,11 +105,8 @@ class Soak:
         if state is None or state.has_goal or now - self._asked < 0.2:
             return
         self._asked = now
-        goal = PoseStamped()
-        goal.header.frame_id = "odom"
-        goal.pose.position.x = self.chance.uniform(-50.0, 50.0)
-        goal.pose.position.y = self.chance.uniform(-50.0, 50.0)
-        self.probe.say(GOAL_POSE, goal)
+        x, y = (self.chance.uniform(-50.0, 50.0) for _ in "xy")
+        self.probe.say(GOAL_POSE, goal(x, y))
 
     def ride(self, steps: int) -> list[dict[str, Any]]:
         """Ride for so many steps, or until Ctrl-C; what was sampled on the way."""

@@ -6,27 +6,18 @@ The cases come from the programs' own parsers, so that a new option is covered w
 from __future__ import annotations
 
 import argparse
-import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from programs import PROGRAMS, Accepted, Program, stop_before_work
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("signals_as_they_were")]
 
 MAY_BE_NEGATIVE = {"x", "y"}
 HUGE = ("1" + 30 * "0", "1e300")
 ODD = ("/dev/null/none", "/proc/none", "x" * 5000, "\udcff")
 Refused = Callable[[list[str]], str]
-
-
-@pytest.fixture(autouse=True)
-def signals_as_they_were() -> Iterator[None]:
-    kept = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in kept.items():
-        signal.signal(number, handler)
 
 
 @pytest.fixture(params=PROGRAMS, ids=lambda program: " ".join([program.name, *program.verb]))

@@ -7,7 +7,6 @@ node is started as a user starts it, by its command line, but in this process.
 from __future__ import annotations
 
 import importlib
-import signal
 from collections.abc import Iterator
 
 import pytest
@@ -20,7 +19,7 @@ from bicycle_sim.nodes.runner import run
 from bicycle_sim.nodes.sim_settings import SimSettings
 from bicycle_sim.settings import Parameter, parameters_of
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("signals_as_they_were")]
 
 SETTINGS = (SimSettings, ControllerSettings, TrainerSettings, FoxgloveSettings)
 NODES = {
@@ -28,14 +27,6 @@ NODES = {
     ControllerSettings: ("bicycle_controller.nodes.controller_node", "ControllerNode"),
     TrainerSettings: ("bicycle_controller.nodes.trainer_node", "TrainerNode"),
 }
-
-
-@pytest.fixture(autouse=True)
-def signals_as_they_were() -> Iterator[None]:
-    kept = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
-    yield
-    for number, handler in kept.items():
-        signal.signal(number, handler)
 
 
 def wrong(item: Parameter) -> Iterator[str]:

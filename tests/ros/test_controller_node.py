@@ -12,10 +12,9 @@ from typing import Any
 import pytest
 from bicycle_msgs.msg import BicycleState, EpisodeInfo, GoalStatus
 from bicycle_msgs.srv import LoadPolicy
-from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path as PathMessage
 from node_process import NodeProcess
-from probe import Probe
+from probe import Probe, goal
 
 from bicycle_sim.nodes import convert, interfaces
 from bicycle_sim.nodes.interfaces import COMMAND, GOAL_PATH, GOAL_POSE, GOAL_STATUS, STATE
@@ -64,13 +63,6 @@ def probe(ros_domain: int) -> Iterator[Probe]:
     made = Probe(ros_domain, STATE, COMMAND, GOAL_STATUS, interfaces.ACTIVE_GOAL)
     yield made
     made.close()
-
-
-def goal(x: float, y: float, frame: str = "odom") -> PoseStamped:
-    made = PoseStamped()
-    made.header.frame_id = frame
-    made.pose.position.x, made.pose.position.y = float(x), float(y)
-    return made
 
 
 def path(*points: tuple[float, float]) -> PathMessage:

@@ -8,9 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from geometry_msgs.msg import PoseStamped
 from node_process import NodeProcess
-from probe import Probe
+from probe import Probe, goal
 
 from bicycle_sim.nodes.interfaces import GOAL_POSE, STATE
 from bicycle_sim.nodes.sim_settings import SimSettings
@@ -46,9 +45,7 @@ def schedules(process: NodeProcess) -> set[tuple[int, int]]:
 
 def ride(probe: Probe) -> None:
     """Some steps towards a goal."""
-    goal = PoseStamped()
-    goal.header.frame_id, goal.pose.position.x = "odom", 9000.0
-    probe.say(GOAL_POSE, goal)
+    probe.say(GOAL_POSE, goal(9000.0, 0.0))
     probe.spin_until(lambda: probe[STATE] and probe[STATE][-1].step > 20)
 
 

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from bicycle_msgs.msg import GoalStatus, HandOver
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
 from node_process import NodeProcess
-from probe import Probe
+from probe import Probe, goal
 
 from bicycle_bag.reader import BagReader
 from bicycle_controller.policy import Policy, load_policy, save_policy
@@ -51,13 +50,6 @@ def start(start_node: StartNode, policy: Path, *more: str) -> None:
     start_node(SIM, ["--ros-args", "-p", "pace:=lockstep"]).wait_for_line("episode 1 waits")
     words = ["--ros-args", "-p", f"policy:={policy}", *more]
     start_node(CONTROLLER, words).wait_for_line("waits for a goal")
-
-
-def goal(x: float, y: float) -> PoseStamped:
-    made = PoseStamped()
-    made.header.frame_id = "odom"
-    made.pose.position.x, made.pose.position.y = x, y
-    return made
 
 
 def test_under_a_policy_that_is_garbage_the_goal_is_reached_and_each_hand_over_told(

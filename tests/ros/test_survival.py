@@ -11,9 +11,8 @@ from pathlib import Path
 
 import pytest
 from chaos import Chaos
-from geometry_msgs.msg import PoseStamped
 from node_process import NodeProcess
-from probe import Probe
+from probe import Probe, goal
 from rclpy.serialization import deserialize_message
 from soak import Soak
 from soak_figures import bag_figures
@@ -123,9 +122,7 @@ def test_jumps_of_the_systems_clock_do_not_matter(
         bag = ["--all", "--output", str(tmp_path / "bag")]
         recorder = start_node("bicycle_bag.nodes.recorder_node", bag, env)
         recorder.wait_for_line("recording")
-        goal = PoseStamped()
-        goal.header.frame_id, goal.pose.position.x = "odom", 9000.0
-        probe.say(GOAL_POSE, goal)
+        probe.say(GOAL_POSE, goal(9000.0, 0.0))
         probe.spin_until(lambda: probe[STATE] and probe[STATE][-1].step > 60)
         stamps = [probe[COMMAND][-1].header.stamp.sec]
         for jump in (3_600, -2 * 86_400, 0):

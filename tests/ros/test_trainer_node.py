@@ -10,9 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bicycle_msgs.msg import TrainerStatus
-from geometry_msgs.msg import PoseStamped
 from node_process import NodeProcess
-from probe import Probe
+from probe import Probe, goal
 
 from bicycle_controller.policy import Policy, PolicyInfo, load_policy, save_policy
 from bicycle_sim.nodes.interfaces import GOAL_POSE, TRAINER
@@ -120,10 +119,7 @@ def test_it_learns_live_saves_on_sigterm_and_goes_on(
     options = {"out": tmp_path / "run", "warm_up": 100, "overrides": SMALL}
     trainer = start_node(TRAINER_NODE, parameters(**options))
     trainer.wait_for_line("learns live in")
-    goal = PoseStamped()
-    goal.header.frame_id = "odom"
-    goal.pose.position.x = 5000.0
-    probe.say(GOAL_POSE, goal)
+    probe.say(GOAL_POSE, goal(5000.0, 0.0))
     status = wait_for(probe, lambda m: m.updates >= 200 and m.best_policy != "")
     assert status.mode == "live"
     assert status.transitions >= 100

@@ -7,6 +7,11 @@ import sys
 import time
 from pathlib import Path
 
+import pytest
+from node_process import alive
+
+pytestmark = pytest.mark.ros
+
 PROGRAM = """
 import multiprocessing, os, time
 from bicycle_controller.trainer_link import _end_with_parent
@@ -22,13 +27,6 @@ if __name__ == "__main__":
     child.join()
 """
 PATIENCE = 60.0
-
-
-def alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except (FileNotFoundError, ProcessLookupError):
-        return False
 
 
 def test_it_ends_with_a_killed_parent_whatever_it_does(tmp_path: Path) -> None:
