@@ -80,6 +80,8 @@ def curve(
 ) -> bool:
     """The mean of a column over the runs of `rows`, with its 95 % interval as a band.
 
+    Beyond the end of the shortest run the longer ones go on as thin lines, one each.
+
     Returns:
         Whether there was anything to draw.
     """
@@ -100,6 +102,9 @@ def curve(
     if len(runs) > 1:
         band = {"color": look["color"], "alpha": 0.18, "linewidth": 0}
         axes.fill_between(grid, spread[:, 1], spread[:, 2], **band)
+    alone = {name: value for name, value in look.items() if name != "label"}
+    for at, values in runs:
+        axes.plot(at[at >= end], values[at >= end], linewidth=0.7, **alone)
     return True
 
 
