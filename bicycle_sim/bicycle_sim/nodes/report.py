@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from statistics import quantiles
 
-import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -25,11 +26,12 @@ def status(
 
 def percentiles(samples: list[float], name: str) -> dict[str, float]:
     """Median and 99th percentile of samples in s, under `name`, in ms; nothing without any."""
-    finite = [value for value in samples if np.isfinite(value)]
+    finite = [1e3 * value for value in samples if math.isfinite(value)]
     if not finite:
         return {}
-    p50, p99 = np.percentile(finite, (50, 99)) * 1e3
-    return {f"{name} p50 (ms)": float(p50), f"{name} p99 (ms)": float(p99)}
+    # Not numpy's, which loads its masked arrays at the first call and holds up the ride by 0.1 s.
+    cuts = quantiles(finite if len(finite) > 1 else 2 * finite, n=100, method="inclusive")
+    return {f"{name} p50 (ms)": cuts[49], f"{name} p99 (ms)": cuts[98]}
 
 
 def _shown(value: object) -> str:
