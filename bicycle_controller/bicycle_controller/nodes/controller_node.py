@@ -6,12 +6,12 @@ import math
 import os
 import secrets
 import sys
+import threading
 import time
 from typing import Any
 
 import numpy as np
 from bicycle_msgs.msg import BicycleState, EpisodeInfo, GoalStatus
-from bicycle_msgs.srv import LoadPolicy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
@@ -22,15 +22,15 @@ from bicycle_controller.controllers import Controller
 from bicycle_controller.driver import Driver
 from bicycle_controller.goals import Event, GoalTracker, Point, Status
 from bicycle_controller.nodes.controller_settings import ControllerSettings
-from bicycle_controller.nodes.loading import Loading, Making
+from bicycle_controller.nodes.loading import Making, PolicyLoader
 from bicycle_controller.nodes.messages import from_event, from_hand_over
 from bicycle_controller.policy import PolicyError, load_controller
 from bicycle_sim.nodes import convert, interfaces
-from bicycle_sim.nodes.interfaces import Topic, advertise, listen, serve
+from bicycle_sim.nodes.interfaces import Topic, advertise, listen
 from bicycle_sim.nodes.params import declare
 from bicycle_sim.nodes.realtime import Priority
 from bicycle_sim.nodes.report import OK, WARN, percentiles, status
-from bicycle_sim.nodes.runner import UserError, run
+from bicycle_sim.nodes.runner import LOOP_EXECUTOR, UserError, run
 from bicycle_sim.parameters import Physics
 from bicycle_sim.settings import describe
 
@@ -54,6 +54,7 @@ class ControllerNode(Node):
         self._settings = declare(self, ControllerSettings)
         self._physics, self._making, self._priority = Physics(), Making(), Priority()
         self._driver = self._make_driver()
+        self._in_use = threading.Lock()
         self._simulator_limits = NO_LIMITS
         self._bad_states = 0
         self._heard = time.monotonic()
@@ -71,7 +72,7 @@ class ControllerNode(Node):
         listen(self, interfaces.STATE, self._on_state, depth=1)
         listen(self, interfaces.GOAL_POSE, self._on_goal_pose)
         listen(self, interfaces.GOAL_PATH, self._on_goal_path)
-        serve(self, interfaces.LOAD_POLICY, self._on_load_policy, aside=True)
+        self._loader = PolicyLoader(self, lambda: self._driver.policy.policy_id, self._swap)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self._settings.diagnostics_period, self._on_report, clock=steady)
         self.get_logger().info(f"{self._driver.policy.policy_id} waits for a goal")
@@ -95,7 +96,8 @@ class ControllerNode(Node):
         )
 
     def close(self) -> None:
-        """Nothing is left to do."""
+        """Load no more."""
+        self._loader.close()
 
     def _publish(self, topic: Topic, message: Any) -> None:
         self._publishers_by_name[topic.name].publish(message)
@@ -117,7 +119,8 @@ class ControllerNode(Node):
             return
         self._state_was_bad = False
         stamp = message.header.stamp
-        answer = self._driver.answer(snapshot, stamp.sec + stamp.nanosec * 1e-9)
+        with self._in_use:
+            answer = self._driver.answer(snapshot, stamp.sec + stamp.nanosec * 1e-9)
         if answer.command is not None:
             now = self.get_clock().now().to_msg()
             self._publish(interfaces.COMMAND, convert.from_command(answer.command, now))
@@ -144,9 +147,10 @@ class ControllerNode(Node):
             return
         if self._settings.goal_radius == 0:
             self._driver.tracker.radius = scenario.goal_radius
-        self._simulator_limits = scenario.action_limits
-        self._limit()
-        self._suit(physics)
+        with self._in_use:
+            self._simulator_limits = scenario.action_limits
+            self._limit()
+            self._suit(physics)
         wanted = self._settings.realtime_priority if info.pace == "realtime" else 0
         told = self._priority.take(wanted)
         if told:
@@ -230,22 +234,12 @@ class ControllerNode(Node):
         text = f"goal {event.goal.goal_id} ({x:g}, {y:g}) {name}: {event.message}"
         self.get_logger().info(text)
 
-    async def _on_load_policy(
-        self, request: LoadPolicy.Request, response: LoadPolicy.Response
-    ) -> LoadPolicy.Response:
-        """Load beside the loop, then swap between two steps."""
-        try:
-            policy = await Loading(request.path)
+    def _swap(self, policy: Controller) -> None:
+        """Ride with another policy from the next state on; called in another thread."""
+        with self._in_use:
             self._driver.policy = policy
             self._limit()
             self._suit(self._physics)
-            response.success, response.message = True, f"{policy.policy_id} is in charge"
-        except PolicyError as error:
-            kept = self._driver.policy.policy_id
-            response.success, response.message = False, f"{error}; {kept} stays in charge"
-        response.policy = str(self._driver.policy.policy_id)
-        self.get_logger().info(response.message)
-        return response
 
     def _on_report(self) -> None:
         array = DiagnosticArray(status=[self._status()])
@@ -295,7 +289,7 @@ def main() -> None:
         "Balances the bicycle and rides it to goals. Parameters and their defaults:\n"
         + describe(ControllerSettings)
     )
-    sys.exit(run(NAME, ControllerNode, usage))
+    sys.exit(run(NAME, ControllerNode, usage, executor=LOOP_EXECUTOR))
 
 
 if __name__ == "__main__":

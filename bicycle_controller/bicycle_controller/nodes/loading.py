@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import queue
 import threading
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Iterator
+
+from bicycle_msgs.srv import LoadPolicy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
 
 from bicycle_controller.controllers import Controller
 from bicycle_controller.policy import PolicyError, load_controller
+from bicycle_sim.nodes import interfaces
 
 Made = Controller | Exception | None
 """What a thread made, or why it could not."""
+
+LAST_LOAD = 1.0
+"""s that the end waits for a load under way."""
 
 
 class Making:
@@ -36,32 +45,67 @@ class Making:
             yield self._ready.get()
 
 
-class Loading:
-    """A load in its own thread; `await` it in a callback and the executor serves others."""
+class PolicyLoader:
+    """Answers `bicycle/load_policy` on a node and in a thread of its own, beside the loop."""
 
-    def __init__(self, name: str) -> None:
-        self._name = name
-        self._made: Controller | None = None
-        self._error = ""
-        self._thread = threading.Thread(target=self._load, daemon=True)
+    def __init__(
+        self, node: Node, present: Callable[[], str], swap: Callable[[Controller], None]
+    ) -> None:
+        """Begin to answer.
+
+        Args:
+            node: of the loop.
+            present: the id of the policy in charge.
+            swap: puts a policy in charge; called in the loader's thread.
+        """
+        self._present, self._swap = present, swap
+        self._node = Node(
+            f"{node.get_name()}_loader",
+            namespace=node.get_namespace(),
+            use_global_arguments=False,
+            start_parameter_services=False,
+        )
+        name = node.resolve_service_name(interfaces.LOAD_POLICY.name)
+        self._node.create_service(interfaces.LOAD_POLICY.type, name, self._on_load)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._thread = threading.Thread(target=self._serve, name="loader", daemon=True)
         self._thread.start()
 
-    def _load(self) -> None:
+    def _serve(self) -> None:
+        with contextlib.suppress(ExternalShutdownException):
+            self._executor.spin()
+
+    def close(self) -> None:
+        """Answer no more; waits for a load that is under way, but not for long."""
+        self._executor.shutdown(timeout_sec=LAST_LOAD)
+        self._thread.join(LAST_LOAD)
+        self._node.destroy_node()
+
+    def _on_load(
+        self, request: LoadPolicy.Request, response: LoadPolicy.Response
+    ) -> LoadPolicy.Response:
         try:
-            self._made = load_controller(self._name)
+            policy = load(request.path)
+            self._swap(policy)
+            response.success, response.message = True, f"{policy.policy_id} is in charge"
         except PolicyError as error:
-            self._error = str(error)
-        except Exception as error:
-            self._error = f"cannot load policy {self._name}: {type(error).__name__}: {error}"
+            kept = self._present()
+            response.success, response.message = False, f"{error}; {kept} stays in charge"
+        response.policy = self._present()
+        self._node.get_logger().info(response.message)
+        return response
 
-    def __await__(self) -> Generator[None, None, Controller]:
-        """The policy.
 
-        Raises:
-            PolicyError: one line with the remedy.
-        """
-        while self._thread.is_alive():
-            yield  # The executor looks again whenever it wakes for something else.
-        if self._made is None:
-            raise PolicyError(self._error)
-        return self._made
+def load(name: str) -> Controller:
+    """A controller by its name or its file.
+
+    Raises:
+        PolicyError: one line with the remedy, whatever is wrong.
+    """
+    try:
+        return load_controller(name)
+    except PolicyError:
+        raise
+    except Exception as error:
+        raise PolicyError(f"cannot load policy {name}: {type(error).__name__}: {error}") from None

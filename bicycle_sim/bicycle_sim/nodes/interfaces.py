@@ -27,7 +27,6 @@ from bicycle_msgs.srv import Push as PushService
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
-from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -151,12 +150,6 @@ def listen(node: Node, topic: Topic, callback: Callable[[Any], None], depth: int
     node.create_subscription(topic.type, topic.name, callback, profile)
 
 
-def serve(
-    node: Node, service: Service, callback: Callable[[Any, Any], Any], aside: bool = False
-) -> None:
-    """Answer calls of `service`; `aside` when the callback awaits something.
-
-    A callback that awaits would otherwise keep all others of the node from running.
-    """
-    group = MutuallyExclusiveCallbackGroup() if aside else None
-    node.create_service(service.type, service.name, callback, callback_group=group)
+def serve(node: Node, service: Service, callback: Callable[[Any, Any], Any]) -> None:
+    """Answer calls of `service`."""
+    node.create_service(service.type, service.name, callback)

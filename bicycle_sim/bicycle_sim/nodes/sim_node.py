@@ -24,7 +24,7 @@ from bicycle_sim.nodes.busy import refuse_second_simulator
 from bicycle_sim.nodes.interfaces import STATE_PERIOD, Topic, advertise, listen, serve
 from bicycle_sim.nodes.params import declare
 from bicycle_sim.nodes.realtime import Priority
-from bicycle_sim.nodes.runner import UserError, run
+from bicycle_sim.nodes.runner import LOOP_EXECUTOR, UserError, run
 from bicycle_sim.nodes.sim_report import SimReport
 from bicycle_sim.nodes.sim_settings import SimSettings
 from bicycle_sim.settings import describe
@@ -118,6 +118,10 @@ class SimNode(Node):
 
     def _publish(self, topic: Topic, message: Any) -> None:
         self._publishers_by_name[topic.name].publish(message)
+
+    def _is_heard(self, topic: Topic) -> bool:
+        """Whether anybody would get a message: making one takes longer than a step."""
+        return int(self._publishers_by_name[topic.name].get_subscription_count()) > 0
 
     # What comes in.
 
@@ -289,18 +293,23 @@ class SimNode(Node):
         self._loop.published()
         self._publish(interfaces.STATE, convert.from_snapshot(snapshot, now))
         self._last_state = clock
-        if self._settings.publish_clock:
+        if self._settings.publish_clock and self._is_heard(interfaces.CLOCK):
             self._publish(interfaces.CLOCK, ClockMessage(clock=convert.to_stamp(now)))
-        self._publish(interfaces.ODOMETRY, views.odometry(snapshot, now, self._constants))
-        self._publish(interfaces.JOINT_STATES, self._joints.message(snapshot, now))
+        if self._is_heard(interfaces.ODOMETRY):
+            self._publish(interfaces.ODOMETRY, views.odometry(snapshot, now, self._constants))
+        if self._is_heard(interfaces.JOINT_STATES):
+            self._publish(interfaces.JOINT_STATES, self._joints.message(snapshot, now))
         rate = self._settings.marker_rate
-        if rate > 0 and clock - self._last_markers >= 1.0 / rate:
+        due = rate > 0 and clock - self._last_markers >= 1.0 / rate
+        if due and self._is_heard(interfaces.MARKERS):
             self._last_markers = clock
             radius = self._loop.simulator.scenario.goal_radius
             drawn = views.markers(snapshot, now, self._constants, radius)
             self._publish(interfaces.MARKERS, drawn)
 
     def _publish_transitions(self, transitions: list[Transition]) -> None:
+        if not self._is_heard(interfaces.TRANSITION):
+            return
         for transition in transitions:
             self._publish(interfaces.TRANSITION, convert.from_transition(transition, self._now))
 
@@ -311,7 +320,7 @@ def main() -> None:
         "usage: bicycle_sim [--ros-args -p NAME:=VALUE ... --params-file FILE]\n\n"
         "Simulates one bicycle at 40 Hz. Parameters and their defaults:\n" + describe(SimSettings)
     )
-    sys.exit(run(NAME, SimNode, usage))
+    sys.exit(run(NAME, SimNode, usage, executor=LOOP_EXECUTOR))
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -74,10 +75,15 @@ class RecordedTopic:
             self._subscription = self._subscribe()
             self._node.get_logger().info(f"subscribed to {self.topic.name} anew, asking for less")
 
-    def drain(self) -> None:
-        """Take all that has arrived; one turn of the executor for each would be too slow."""
+    def drain(self, until: float = math.inf) -> None:
+        """Take all that has arrived, until a time in ns.
+
+        One turn of the executor for each message would be too slow.
+        """
         with self._subscription.handle:
             while (taken := self._subscription.handle.take_message(self._class, True)) is not None:
+                if taken[1]["received_timestamp"] > until:
+                    return
                 self._take(*taken)
 
     def _on_message(self, data: bytes, info: dict[str, Any]) -> None:

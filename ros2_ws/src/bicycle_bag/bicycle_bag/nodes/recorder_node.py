@@ -36,6 +36,9 @@ RECHECK_POLLS = 10
 SLOW_SYNC = 0.4
 # How often a loss is told.
 TELL_POLLS = 10
+# s between two turns of the executor, one of which takes longer than ten messages: what comes
+# meanwhile waits in the subscription, with the time at which it came.
+REST = 0.005
 
 
 class Recorder:
@@ -82,10 +85,17 @@ class Recorder:
         if self._polls % TELL_POLLS == 0:
             self._tell_lost()
 
-    def finish(self) -> BagMetadata:
-        """Take what has arrived meanwhile and close the bag."""
+    def drain(self) -> None:
+        """Take what has arrived."""
         for topic in self.topics.values():
             topic.drain()
+
+    def finish(self) -> BagMetadata:
+        """Take what has arrived until now and close the bag."""
+        now = time.time_ns()
+        for topic in self.topics.values():
+            # Else a state could be in it without the command that led there, taken just before.
+            topic.drain(now)
         self._write(self._order.rest())
         self._tell_lost()
         self._writer.custom_data["lost_messages"] = str(self.lost)
@@ -214,7 +224,9 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
         print(f"recording into {options.output}; Ctrl-C ends it", flush=True)
         while not stop.requested:
             executor.spin_once(timeout_sec=DISCOVERY_SECONDS)
+            recorder.drain()
             heart.beat()
+            time.sleep(REST)
         bag = recorder.finish()
         if writer.slowest_sync > SLOW_SYNC:
             node.get_logger().warning(
