@@ -55,7 +55,7 @@ def test_a_long_ride_loses_no_step_and_keeps_nothing(ros_domain: int, tmp_path: 
         soak.kill()
     assert set(statuses) == {"simulator", "controller", "recorder", "cockpit", "page"}
     assert set(statuses.values()) == {0}
-    found = bag_figures(soak.bag)
+    found = bag_figures(soak.bag, 10_000)
     assert found["steps"] >= steps
     assert found["states_missing"] == 0
     assert found["messages_lost_by_the_recorders_count"] == "0"
