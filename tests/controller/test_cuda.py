@@ -1,0 +1,67 @@
+"""The same training code on a GPU; skipped where there is none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from run_compare import after, assert_same_run
+from training_maker import small_run
+
+from bicycle_controller import settings, train
+from bicycle_controller.config import RunConfig
+from bicycle_controller.devices import actor_on
+from bicycle_controller.evaluate import evaluate
+from bicycle_controller.policy import load_policy
+from bicycle_controller.tensor_dynamics import TensorDynamics
+from bicycle_sim.scenario import named
+from bicycle_sim.task import BicycleTask
+
+pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device here")
+
+FEW = ("device=cuda", "steps=4000", "evaluation.episodes=8", "tensorboard=false")
+RUNS: dict[str, RunConfig] = {
+    "paper": small_run("device=cuda"),
+    "autograd": small_run("device=cuda", "ddpg.backend=autograd"),
+    "fast": small_run("device=cuda", preset="fast"),
+    "naf": settings.preset("naf", [*FEW, "bicycles=8", "warm_up=200"]),
+    "ppo": settings.preset("ppo", [*FEW, "ppo.rollout=32"]),
+}
+
+
+@pytest.mark.parametrize("scenario", ["random-start-random-goal", "learned-speed"])
+def test_bicycles_ride_there_as_on_the_cpu(scenario: str) -> None:
+    tasks = [
+        BicycleTask(named(scenario), None, 256, np.random.default_rng(3), *advance)
+        for advance in ((), (TensorDynamics("cuda"),))
+    ]
+    source = np.random.default_rng(5)
+    limits = tasks[0].scenario.action_limits
+    for _ in range(40):
+        action = source.uniform(-0.3, 0.3, (256, 3)) * limits
+        here, there = (task.step(action) for task in tasks)
+        np.testing.assert_allclose(there.observation, here.observation, rtol=0, atol=1e-9)
+        assert (there.fallen == here.fallen).all()
+        for task in tasks:
+            task.reset(here.fallen)
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_a_run_is_repeated_and_resumed_to_the_bit(name: str, tmp_path: Path) -> None:
+    config = RUNS[name]
+    assert train.run(config, tmp_path / "one").status == "finished"
+    train.run(config, tmp_path / "two", stop=after(17))
+    assert train.resume(tmp_path / "two").status == "finished"
+    assert_same_run(tmp_path / "one", tmp_path / "two")
+
+
+def test_a_policy_rides_there_as_here() -> None:
+    policy, scenario = load_policy(), named("random-start-random-goal")
+    here, there = (
+        evaluate(actor_on(policy, device), scenario, episodes=200).rides
+        for device in ("cpu", "cuda")
+    )
+    assert (here.reached == there.reached).all()
+    np.testing.assert_allclose(here.path, there.path, atol=0.1)
