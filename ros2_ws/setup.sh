@@ -118,7 +118,8 @@ build() { # Builds in place: Python packages run from their sources
   local cmake=(-DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=OFF)
   if [[ -z $native ]]; then
     export AMENT_PREFIX_PATH=$venv LD_LIBRARY_PATH=$venv/lib PATH=$venv/bin:$PATH VIRTUAL_ENV=$venv
-    cmake+=(-G Ninja "-DCMAKE_PREFIX_PATH=$venv" "-DPython3_EXECUTABLE=$venv/bin/python")
+    # The wheels hold no C++ program that could use the messages; for C++ they take half as long again.
+    cmake+=(-G Ninja -DPYTHON_ONLY=ON "-DCMAKE_PREFIX_PATH=$venv" "-DPython3_EXECUTABLE=$venv/bin/python")
   fi
   # Generators and colcon's helpers start dozens of times: what they import need be compiled once.
   unset PYTHONDONTWRITEBYTECODE
