@@ -14,7 +14,7 @@ done
 rm -rf "$ws/build" "$ws/log" "$ws/runs"
 
 files=()
-for set in "$@"; do
+for set in build "$@"; do
   files+=("$ws/requirements/$set.in")
 done
 "$python" "$root/docker/prune.py" "${files[@]}"

@@ -30,7 +30,7 @@ torch=torch==2.13.0
 uv=uv==0.9.30
 venv=$(dirname "$ws")/.venv
 stamps=$venv/.bicycle
-sets=(ride)
+sets=(build ride)
 force=
 quiet=
 
@@ -82,13 +82,16 @@ make_venv() { # Every step may be interrupted: what is half done is seen and don
   fi
 }
 
+install_torch_for() { # SET
+  case $1 in train | dev | bench) stage "$torch" none install "$torch" ;; esac
+}
+
 install_set() { # SET: the packages of one lock
-  if [[ $1 != ride && $1 != foxglove ]]; then
-    stage "$torch" none install "$torch"
-  fi
-  # The locks are complete, so nobody need work out dependencies.
-  stage "Python packages: $1" "pip:$(grep -c == "$ws/requirements/$1.lock")" \
-    install --no-deps -r "$ws/requirements/$1.lock"
+  stage "Python packages: $1" "pip:$(grep -c == "$ws/requirements/$1.lock")" install_lock "$1"
+}
+
+install_lock() { # SET: the locks are complete, so nobody need work out dependencies
+  install --no-deps -r "$ws/requirements/$1.lock"
 }
 
 install() { # pip's words: with uv, which fetches many at once, or with pip where uv cannot
@@ -113,7 +116,7 @@ find_pip() { # Sets pip: the environment's, that of the Python it is made with, 
   pip=("$venv/bin/python" -m pip)
 }
 
-build() { # Builds in place: Python packages run from their sources
+build() { # [SET]: builds in place, so that Python packages run from their sources; installs SET meanwhile
   local options=(--base-paths src --symlink-install --event-handlers console_direct+ console_cohesion- status-)
   local cmake=(-DCMAKE_BUILD_TYPE=Release -DBUILD_TESTING=OFF)
   if [[ -z $native ]]; then
@@ -125,9 +128,22 @@ build() { # Builds in place: Python packages run from their sources
   unset PYTHONDONTWRITEBYTECODE
   # Without it colcon adds -l: a busy machine would compile one file at a time.
   export MAKEFLAGS=${MAKEFLAGS:--j$(nproc)}
+  local colcon=(colcon --log-base /dev/null build "${options[@]}" --cmake-args "${cmake[@]}")
   cd "$ws"
-  stage "building the workspace" cmake \
-    colcon --log-base /dev/null build "${options[@]}" --cmake-args "${cmake[@]}"
+  if [[ -z ${1:-} ]]; then
+    stage "building the workspace" cmake "${colcon[@]}"
+  else
+    stage "Python packages: $1, building the workspace" cmake beside "$1" "${colcon[@]}"
+  fi
+}
+
+beside() { # SET COMMAND...: installs packages that the command does without, as it goes
+  local set=$1 installing
+  shift
+  (unset AMENT_PREFIX_PATH LD_LIBRARY_PATH && install_lock "$set") >"$log.$set" 2>&1 &
+  installing=$!
+  "$@" || { kill "$installing" 2>/dev/null || true; return 1; }
+  wait "$installing" || { cat "$log.$set"; return 1; }
 }
 
 make_folders
@@ -137,22 +153,34 @@ if [[ -n $native ]]; then
   check_native
   echo "ROS 2 Jazzy is sourced from /opt/ros/jazzy: using it, without a virtual environment."
   echo "Plain 'colcon build' in $ws does the same as this."
-  ((${#sets[@]} == 1)) || die 3 "--with installs into a virtual environment; not with a sourced ROS 2. Open a fresh shell."
+  [[ ${sets[-1]} == ride ]] || die 3 "--with installs into a virtual environment; not with a sourced ROS 2. Open a fresh shell."
 else
   check_system
   is_done "$stamps/venv.stamp" "$venv" || { make_venv && mark "$stamps/venv.stamp" "$venv"; }
   ln -sfn ../../ros2_ws/bin/bicycle "$venv/bin/bicycle"
-  for set in "${sets[@]}"; do
-    inputs=$(fingerprint "$ws/requirements/$set.lock" "$venv/pyvenv.cfg")
-    is_done "$stamps/$set.stamp" "$inputs" || { install_set "$set" && mark "$stamps/$set.stamp" "$inputs"; }
-  done
 fi
 
 inputs=$(build_inputs)
-if ! is_done "$ws/install/.bicycle.stamp" "$inputs"; then
+due=
+is_done "$ws/install/.bicycle.stamp" "$inputs" || due=yes
+beside=() # the set that is installed while the workspace is built: the last
+if [[ -z $native ]]; then
+  for set in "${sets[@]}"; do
+    packages=$(fingerprint "$ws/requirements/$set.lock" "$venv/pyvenv.cfg")
+    ! is_done "$stamps/$set.stamp" "$packages" || continue
+    install_torch_for "$set"
+    if [[ -n $due && $set == "${sets[-1]}" ]]; then
+      beside=("$set")
+    else
+      install_set "$set" && mark "$stamps/$set.stamp" "$packages"
+    fi
+  done
+fi
+if [[ -n $due ]]; then
   clean_unless_same_python
   mark "$ws/install/.bicycle.stamp" building
-  build
+  build "${beside[@]}"
   mark "$ws/install/.bicycle.stamp" "$inputs"
+  ((${#beside[@]} == 0)) || mark "$stamps/${beside[0]}.stamp" "$packages"
 fi
 ((stages)) || [[ -n $quiet ]] || echo "Set-up is complete; nothing to do."
