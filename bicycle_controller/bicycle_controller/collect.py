@@ -14,7 +14,7 @@ from bicycle_controller.episode_log import EpisodeLog
 from bicycle_controller.learner_config import DdpgConfig, LearnerConfig
 from bicycle_controller.noise import Noise
 from bicycle_controller.policy import load_controller
-from bicycle_controller.replay import OBSERVATIONS, Returns
+from bicycle_controller.replay import OBSERVATIONS, Returns, Valuation
 from bicycle_controller.starts import restart, ride_on, training_scenario
 from bicycle_controller.tensor_dynamics import TensorDynamics
 from bicycle_sim import dynamics
@@ -79,12 +79,7 @@ class Collector:
         self.returns = Returns(
             config.bicycles,
             actions,
-            learner.n_step,
-            learner.gamma,
-            learner.fall_penalty,
-            self.absorbing,
-            learner.cost_cap,
-            learner.step_cost,
+            Valuation.of(learner),
             observations(learner),
             teaches(learner),
         )

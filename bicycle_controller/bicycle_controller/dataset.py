@@ -202,7 +202,7 @@ def memory_rows(data: Dataset, ddpg: DdpgConfig) -> np.ndarray:
     Raises:
         ValueError: unless falls absorb: a bag ends with the fall, it has no frozen steps.
     """
-    from bicycle_controller.replay import Returns
+    from bicycle_controller.replay import Returns, Valuation
 
     if ddpg.fall != "absorbing":
         raise ValueError("bags hold no steps after a fall: set ddpg.fall=absorbing")
@@ -210,16 +210,7 @@ def memory_rows(data: Dataset, ddpg: DdpgConfig) -> np.ndarray:
     driven = np.flatnonzero(limits > 0)
     action = np.clip(found.action[:, driven] / limits[driven], -1.0, 1.0)
     lanes = lanes_of(found.ended)
-    returns = Returns(
-        lanes.shape[1],
-        len(driven),
-        ddpg.n_step,
-        ddpg.gamma,
-        ddpg.fall_penalty,
-        absorbing=True,
-        cost_cap=ddpg.cost_cap,
-        step_cost=ddpg.step_cost,
-    )
+    returns = Returns(lanes.shape[1], len(driven), Valuation.of(ddpg))
     made = []
     for rows in lanes:
         there = rows >= 0

@@ -10,6 +10,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from bicycle_controller.learner_config import LearnerConfig
+
 OBSERVATIONS = 6
 """Numbers per observation of the actor."""
 
@@ -131,6 +133,34 @@ class Replay:
         self.table[: self.size] = rows.to(self.table.device)
 
 
+@dataclass(frozen=True)
+class Valuation:
+    """What steps and falls are worth to a learner; see `learner_config` for each."""
+
+    n_step: int
+    gamma: float
+    fall_penalty: float = 0.0
+    """Taken from the reward of every step that a bicycle lies."""
+    absorbing: bool = False
+    """Whether a fall ends the episode with the value of lying for ever."""
+    cost_cap: float = 0.0
+    """Most that one step may cost; 0 caps nothing."""
+    step_cost: float = 0.0
+    """Taken from every reward after that."""
+
+    @classmethod
+    def of(cls, learner: LearnerConfig) -> Valuation:
+        """A learner's."""
+        return cls(
+            learner.n_step,
+            learner.gamma,
+            learner.fall_penalty,
+            learner.fall == "absorbing",
+            learner.cost_cap,
+            learner.step_cost,
+        )
+
+
 class Returns:
     """Turns the steps of N bicycles into n-step transitions, cut at the end of each episode.
 
@@ -143,12 +173,7 @@ class Returns:
         self,
         count: int,
         actions: int,
-        n_step: int,
-        gamma: float,
-        fall_penalty: float = 0.0,
-        absorbing: bool = False,
-        cost_cap: float = 0.0,
-        step_cost: float = 0.0,
+        valuation: Valuation,
         observations: int = OBSERVATIONS,
         shown: bool = False,
     ) -> None:
@@ -157,18 +182,11 @@ class Returns:
         Args:
             count: N, the bicycles.
             actions: numbers per action.
-            n_step: n.
-            gamma: discount per step.
-            fall_penalty: taken from the reward of every step that a bicycle lies.
-            absorbing: whether a fall ends the episode with the value of lying for ever.
-            cost_cap: most that one step may cost; 0 caps nothing.
-            step_cost: taken from every reward after that.
+            valuation: n, discount and what rewards become.
             observations: numbers per observation.
             shown: whether a teacher's action goes with each.
         """
-        self.n_step, self.gamma = n_step, gamma
-        self.fall_penalty, self.absorbing = fall_penalty, absorbing
-        self.cost_cap, self.step_cost = cost_cap, step_cost
+        self.valuation, n_step = valuation, valuation.n_step
         self.observation = np.zeros((n_step, count, observations), dtype=np.float32)
         self.action = np.zeros((n_step, count, actions), dtype=np.float32)
         self.shown = np.zeros((n_step, count, actions if shown else 0), dtype=np.float32)
@@ -205,24 +223,25 @@ class Returns:
         Returns:
             The transitions that are complete now, (M, width) float32, for `Replay.add`.
         """
-        if self.cost_cap > 0:
-            reward = np.maximum(reward, -self.cost_cap)
-        reward = reward + shaping - self.step_cost - self.fall_penalty * fallen
-        absorbed = fallen & self.absorbing
-        reward = np.where(absorbed, reward / (1.0 - self.gamma), reward)
+        worth, gamma = self.valuation, self.valuation.gamma
+        if worth.cost_cap > 0:
+            reward = np.maximum(reward, -worth.cost_cap)
+        reward = reward + shaping - worth.step_cost - worth.fall_penalty * fallen
+        absorbed = fallen & worth.absorbing
+        reward = np.where(absorbed, reward / (1.0 - gamma), reward)
         ended = terminated | truncated | absorbed
         self.observation[self.slot], self.action[self.slot] = observation, action
         if shown is not None:
             self.shown[self.slot] = shown
         self.sum[self.slot], self.age[self.slot], self.open[self.slot] = 0.0, 0, True
-        self.sum += np.where(self.open, self.gamma**self.age * reward, 0.0)
+        self.sum += np.where(self.open, gamma**self.age * reward, 0.0)
         self.age += self.open
-        ready = self.open & (ended | (self.age == self.n_step))
+        ready = self.open & (ended | (self.age == worth.n_step))
         slots, who = np.nonzero(ready)
         final = terminated | absorbed
-        discount = np.where(final[who], 0.0, self.gamma ** self.age[slots, who])
+        discount = np.where(final[who], 0.0, gamma ** self.age[slots, who])
         self.open &= ~ready
-        self.slot = (self.slot + 1) % self.n_step
+        self.slot = (self.slot + 1) % worth.n_step
         columns = (self.sum[slots, who], discount, terminated[who], truncated[who], fallen[who])
         first = self.observation[slots, who], self.action[slots, who], next_observation[who]
         parts = (*first, np.stack(columns, axis=1), self.shown[slots, who])

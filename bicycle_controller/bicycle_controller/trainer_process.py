@@ -21,7 +21,7 @@ from bicycle_controller.live import unpacked
 from bicycle_controller.memory_file import MemoryFile
 from bicycle_controller.metrics import Log
 from bicycle_controller.policy import Policy, load_controller, load_policy, save_policy
-from bicycle_controller.replay import Replay, Returns
+from bicycle_controller.replay import Replay, Returns, Valuation
 from bicycle_controller.run_folder import RunFolder
 from bicycle_controller.score import Score, score
 from bicycle_controller.trainer_link import Order
@@ -129,16 +129,7 @@ class Worker:
         path = files.checkpoint.parent / MEMORY
         self._file = MemoryFile(path, sum(memory.columns))
         self._learner = Learner(config, files, memory)
-        self._returns = Returns(
-            1,
-            actions,
-            ddpg.n_step,
-            ddpg.gamma,
-            ddpg.fall_penalty,
-            absorbing=True,
-            cost_cap=ddpg.cost_cap,
-            step_cost=ddpg.step_cost,
-        )
+        self._returns = Returns(1, actions, Valuation.of(ddpg))
         if order.resume and files.checkpoint.exists():
             extra = self._learner.load(files.checkpoint)
             self._returns.load_state_dict(extra["returns"])

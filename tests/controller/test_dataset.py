@@ -17,7 +17,7 @@ from bicycle_controller.dataset import Dataset
 from bicycle_controller.dataset_report import as_text, report
 from bicycle_controller.learner_config import DdpgConfig
 from bicycle_controller.live import Stream, packed, unpacked
-from bicycle_controller.replay import Returns
+from bicycle_controller.replay import Returns, Valuation
 from bicycle_sim.nodes import convert
 from bicycle_sim.scenario import SCENARIOS
 from bicycle_sim.simulator import Source
@@ -184,9 +184,7 @@ def test_the_memory_gets_what_stepping_through_the_ride_gives(
     ddpg = offline_ddpg(f"ddpg.n_step={n_step}")
     rows = dataset.memory_rows(recorded, ddpg)
     found, limits = recorded.transitions, recorded.scenario.action_limits
-    returns = Returns(
-        1, 2, n_step, ddpg.gamma, ddpg.fall_penalty, True, ddpg.cost_cap, ddpg.step_cost
-    )
+    returns = Returns(1, 2, Valuation.of(ddpg))
     made = [
         returns.push(
             found.observation[i : i + 1],

@@ -13,7 +13,7 @@ from bicycle_controller.agents.ddpg import Ddpg
 from bicycle_controller.agents.fused import FusedDdpg
 from bicycle_controller.agents.native import load
 from bicycle_controller.config import DdpgConfig
-from bicycle_controller.replay import Replay, Returns
+from bicycle_controller.replay import Replay, Returns, Valuation
 
 Kind = Callable[[DdpgConfig, int, int], Ddpg]
 
@@ -52,8 +52,7 @@ def target_of(
 ) -> float:
     """The critic's target for one step that ends so, the whole way through the memory."""
     config = agent.config
-    absorbing = config.fall == "absorbing"
-    returns = Returns(1, 1, config.n_step, config.gamma, config.fall_penalty, absorbing)
+    returns = Returns(1, 1, Valuation.of(config))
     replay = Replay(4, 1)
     step = (ZERO, np.zeros((1, 1)), np.array([reward]), ZERO, terminated, truncated, fallen)
     replay.add(returns.push(*step))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from bicycle_controller.replay import Replay, Returns
+from bicycle_controller.replay import Replay, Returns, Valuation
 
 GAMMA = 0.9
 
@@ -95,7 +95,7 @@ class Rider:
     def __init__(self, absorbing: bool, n_step: int, penalty: float = 0.0) -> None:
         self.rng = np.random.default_rng(n_step)
         self.absorbing, self.n_step, self.penalty = absorbing, n_step, penalty
-        self.returns = Returns(3, 2, n_step, GAMMA, penalty, absorbing)
+        self.returns = Returns(3, 2, Valuation(n_step, GAMMA, penalty, absorbing))
         self.tracks: list[list[list[dict[str, Any]]]] = [[[]] for _ in range(3)]
         self.rows = np.zeros((0, 19), dtype=np.float32)
         self.time = 0
@@ -158,7 +158,7 @@ def test_n_step_returns_follow_their_definition(n_step: int, absorbing: bool) ->
 
 
 def test_the_cap_bounds_a_steps_cost_before_the_fall_penalty() -> None:
-    returns = Returns(2, 1, 1, GAMMA, fall_penalty=6.0, absorbing=True, cost_cap=4.0)
+    returns = Returns(2, 1, Valuation(1, GAMMA, 6.0, absorbing=True, cost_cap=4.0))
     no, one = np.zeros(2, dtype=bool), np.zeros((2, 6))
     fallen = np.array([False, True])
     rows = returns.push(one, one[:, :1], np.array([-9.0, -1.0]), one, no, no, fallen)
@@ -170,7 +170,7 @@ def test_the_cap_bounds_a_steps_cost_before_the_fall_penalty() -> None:
 def test_pending_returns_go_on_to_the_bit() -> None:
     rider = Rider(True, 4)
     rider.ride(20)
-    other = Returns(3, 2, 4, GAMMA, 0.0, True)
+    other = Returns(3, 2, Valuation(4, GAMMA, 0.0, True))
     other.load_state_dict(rider.returns.state_dict())
     arguments = (np.ones((3, 6)), np.ones((3, 2)), np.ones(3), np.ones((3, 6)))
     flags = (np.array([True, False, False]), np.zeros(3, dtype=bool), np.zeros(3, dtype=bool))
