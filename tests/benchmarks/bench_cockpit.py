@@ -15,15 +15,9 @@ pages then compete with the loop on equal terms, which nice no longer decides.
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import json
-import os
 import re
-import signal
-import socket
-import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -34,40 +28,13 @@ from machine import machine
 from bicycle_controller.run_folder import origin
 
 RESULTS = Path(__file__).parent / "results" / "cockpit.json"
+PAGES = str(Path(__file__).parents[1] / "ros" / "pages.py")
 PORT = 8799
 ADDRESS = f"http://127.0.0.1:{PORT}"
 READERS = 3
 START = 4.0
 """s for cockpit and pages to come up before a turn counts."""
 KINDS = ("no cockpit", "no page", "four pages, one stalled")
-
-
-async def read() -> None:
-    """One page that takes every frame and parses it, until SIGINT."""
-    frames = 0
-    asyncio.get_running_loop().add_signal_handler(signal.SIGINT, asyncio.current_task().cancel)
-    try:
-        async with aiohttp.ClientSession() as session:
-            page = await session.ws_connect(f"{ADDRESS}/ws", origin=ADDRESS, max_msg_size=0)
-            async for message in page:
-                frames += json.loads(message.data)["type"] == "frame"
-    except asyncio.CancelledError:
-        print(frames)
-
-
-def stall() -> None:
-    """One page that never reads, until SIGINT; it comes back when the cockpit gives it up."""
-    signal.signal(signal.SIGINT, lambda *_: sys.exit(0))
-    while True:
-        line = socket.socket()
-        line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        line.connect(("127.0.0.1", PORT))
-        line.sendall(
-            f"GET /ws HTTP/1.1\r\nHost: 127.0.0.1:{PORT}\r\nOrigin: {ADDRESS}\r\n"
-            "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
-            "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n".encode()
-        )
-        time.sleep(15.0)
 
 
 async def dropped() -> int:
@@ -90,13 +57,14 @@ def turn(ear: Ear, seconds: float, kind: str) -> dict[str, Any]:
         cockpit.stdout.readline()  # its address: it can be reached now
         ear.listen(START)
     if kind == KINDS[2]:
-        pages = [start(__file__, "--page", "read") for _ in range(READERS)]
-        pages.append(start(__file__, "--page", "stall"))
+        pages = [start(PAGES, "read", ADDRESS) for _ in range(READERS)]
+        pages.append(start(PAGES, "stall", ADDRESS))
         ear.listen(START)
     found = ear.hear(seconds)
     if pages:
         lost = asyncio.run(dropped())
-    frames = [int(text) for text in map(stop, pages) if re.fullmatch(r"\d+\s*", text)]
+    ends = [re.search(r"^(\d+)\s*$", stop(page), re.MULTILINE) for page in pages]
+    frames = [int(end[1]) for end in ends if end]
     if cockpit is not None:
         stop(cockpit)
     return {**found, "frames": frames, "lost": lost}
@@ -111,13 +79,7 @@ def summary(turns: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def main() -> None:
-    parser = options(__doc__, RESULTS, 20.0)
-    parser.add_argument("--page", choices=("read", "stall"), help=argparse.SUPPRESS)
-    args = parser.parse_args()
-    if args.page:
-        os.nice(5)
-        asyncio.run(read()) if args.page == "read" else stall()
-        return
+    args = options(__doc__, RESULTS, 20.0).parse_args()
     turns: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
     with ride() as ear:
         for _ in range(args.turns):

@@ -15,14 +15,13 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from bench_cockpit import PORT, READERS
+from bench_cockpit import ADDRESS, PAGES, PORT, READERS
 from loop_ear import Ear, options, percentiles, ride, save, start, stop, trainer
 from machine import machine
 
 from bicycle_controller.run_folder import origin
 
 RESULTS = Path(__file__).parent / "results" / "loop.json"
-PAGES = str(Path(__file__).parent / "bench_cockpit.py")
 WARM_UP = 100
 START = 12.0
 """s for everything to come up and for learning to begin before a turn counts."""
@@ -37,8 +36,8 @@ def loaded(ear: Ear, seconds: float, folder: Path) -> dict[str, Any]:
     ]
     try:
         beside[-1].stdout.readline()  # its address: it can be reached now
-        beside += [start(PAGES, "--page", "read") for _ in range(READERS)]
-        beside.append(start(PAGES, "--page", "stall"))
+        beside += [start(PAGES, "read", ADDRESS) for _ in range(READERS)]
+        beside.append(start(PAGES, "stall", ADDRESS))
         ear.listen(START)
         ear.status = None
         found = ear.hear(seconds)

@@ -85,8 +85,8 @@ class Soak:
     def _start_cockpit(self) -> None:
         self._start("cockpit", "bicycle_cockpit.nodes.cockpit", ["--no-ride", "--port", "0"])
         address = self.nodes["cockpit"].wait_for_line(ADDRESS, START)[0]
-        page = Path(__file__).with_name("soak_page.py")
-        self.nodes["page"] = NodeProcess([sys.executable, str(page), address])
+        page = [str(Path(__file__).with_name("pages.py")), "read", address]
+        self.nodes["page"] = NodeProcess([sys.executable, *page])
         self.nodes["page"].wait_for_line("open", START)
 
     def _on_state(self, state: BicycleState) -> None:
