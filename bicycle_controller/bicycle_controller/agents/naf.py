@@ -6,14 +6,12 @@ Q(s, a) = V(s) - 1/2 (a - mu(s))^T P(s) (a - mu(s)) with P = L L^T, so that mu i
 from __future__ import annotations
 
 import copy
-from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from bicycle_controller.agents.notes import Notes
+from bicycle_controller.agents.one_network import OneNetwork
 from bicycle_controller.learner_config import NafConfig
 from bicycle_controller.networks import OUTPUT_RANGE, Actor, Value, initialise
 from bicycle_controller.replay import OBSERVATIONS, Batch, Replay
@@ -75,16 +73,14 @@ def advantage(offset: Tensor, lower: Tensor) -> Tensor:
     return -0.5 * stretched.square().sum(-1)
 
 
-class Naf:
-    """The network, its slow copy and its optimiser.
+class Naf(OneNetwork[NafConfig]):
+    """V, mu and L, and their slow copy.
 
     Attributes:
-        network: V, mu and L.
         target: slow copy, of which V makes the targets.
-        updates: updates made.
     """
 
-    backend = "autograd"
+    parts = ("network", "target", "optimiser", "notes")
 
     def __init__(
         self, config: NafConfig, actions: int, seed: int, device: torch.device | str = "cpu"
@@ -97,39 +93,9 @@ class Naf:
             seed: of the network's start and of the draws from the memory.
             device: where networks and updates live.
         """
-        self.config, self.device, self.updates = config, torch.device(device), 0
-        start = torch.Generator().manual_seed(seed)
-        self.network = NafNetwork(config, actions, start).to(self.device)
+        network = NafNetwork(config, actions, torch.Generator().manual_seed(seed))
+        super().__init__(config, network, seed + 1, device)
         self.target = copy.deepcopy(self.network).requires_grad_(False)
-        self.optimiser = torch.optim.Adam(
-            self.network.parameters(), config.learning_rate, fused=True
-        )
-        self.generator = torch.Generator(self.device).manual_seed(seed + 1)
-        self.scale = torch.tensor(config.observation_scale, device=self.device)
-        self.notes = Notes()
-
-    @property
-    def actor(self) -> Actor:
-        """mu, for scaled observations."""
-        return self.network.actor
-
-    @property
-    def deployed(self) -> Actor:
-        """The policy to score and keep: mu."""
-        return self.network.actor
-
-    @torch.no_grad()
-    def act(self, observation: np.ndarray) -> np.ndarray:
-        """Normalised actions (N, actions) for raw observations (N, 6), without noise."""
-        raw = torch.as_tensor(observation, dtype=torch.float32, device=self.device)
-        action: np.ndarray = self.actor(raw / self.scale).cpu().numpy()
-        return action
-
-    def anneal(self, progress: float) -> None:
-        """Set the learning rate for a run of which the share `progress` is done."""
-        share = 1.0 - (1.0 - self.config.learning_rate_end) * min(progress, 1.0)
-        for group in self.optimiser.param_groups:
-            group["lr"] = share * self.config.learning_rate
 
     def update(self, replay: Replay, count: int) -> None:
         """Make `count` updates from one draw out of the memory."""
@@ -141,37 +107,16 @@ class Naf:
         """Make one update from `batch`, as it came from the memory."""
         value = self.network.q(batch.observation / self.scale, batch.action)
         loss = functional.mse_loss(value, self.targets(batch))
-        self.optimiser.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        if self.config.grad_clip > 0:
-            nn.utils.clip_grad_norm_(self.network.parameters(), self.config.grad_clip)
-        self.optimiser.step()
+        if self.updates % LOG_EVERY == 0:
+            self.notes.add(loss=loss, q_data=value.mean())
+        self.descend(loss)
         with torch.no_grad():
             slow: list[Tensor] = list(self.target.parameters())
             torch._foreach_lerp_(slow, list(self.network.parameters()), self.config.tau)
-        if self.updates % LOG_EVERY == 0:
-            self.notes.add(loss=loss, q_data=value.mean())
-        self.updates += 1
 
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """y (B,) = r + gamma V'(s'), for a batch as it came from the memory."""
         following = self.target.state_value(batch.next_observation / self.scale)
-        return batch.reward * self.config.reward_scale + batch.discount * following
-
-    def metrics(self) -> dict[str, float]:
-        """Means of the loss and of Q since the last call."""
-        return self.notes.take()
-
-    def state_dict(self) -> dict[str, Any]:
-        """Network, target, optimiser, generator and counter."""
-        parts = ("network", "target", "optimiser", "notes")
-        state = {name: getattr(self, name).state_dict() for name in parts}
-        return state | {"generator": self.generator.get_state(), "updates": self.updates}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state`, to the bit."""
-        for name in ("network", "target", "optimiser", "notes"):
-            getattr(self, name).load_state_dict(state[name])
-        self.generator.set_state(state["generator"].cpu())
-        self.updates = int(state["updates"])
+        target: Tensor = batch.reward * self.config.reward_scale + batch.discount * following
+        return target

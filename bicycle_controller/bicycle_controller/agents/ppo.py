@@ -10,13 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
-from bicycle_controller.agents.notes import Notes
+from bicycle_controller.agents.one_network import OneNetwork
 from bicycle_controller.learner_config import PpoConfig
 from bicycle_controller.networks import Actor, Value, linear_layers
 from bicycle_controller.replay import OBSERVATIONS, Batch
@@ -88,15 +87,8 @@ def clipped_objective(ratio: Tensor, advantage: Tensor, clip: float) -> Tensor:
     return torch.min(ratio * advantage, bounded * advantage).mean()
 
 
-class Ppo:
-    """The network and its optimiser.
-
-    Attributes:
-        network: policy and value.
-        updates: updates made.
-    """
-
-    backend = "autograd"
+class Ppo(OneNetwork[PpoConfig]):
+    """The policy, its value and their optimiser."""
 
     def __init__(
         self, config: PpoConfig, actions: int, seed: int, device: torch.device | str = "cpu"
@@ -109,47 +101,16 @@ class Ppo:
             seed: of the network's start, of the actions drawn and of the minibatches.
             device: where the network and its updates live.
         """
-        self.config, self.device, self.updates = config, torch.device(device), 0
-        start = torch.Generator().manual_seed(seed)
-        self.network = PpoNetwork(config, actions, start).to(self.device)
-        self.optimiser = torch.optim.Adam(
-            self.network.parameters(), config.learning_rate, eps=ADAM_EPSILON, fused=True
-        )
-        self.generator = torch.Generator(self.device).manual_seed(seed + 1)
-        self.scale = torch.tensor(config.observation_scale, device=self.device)
-        self.notes = Notes()
-
-    @property
-    def actor(self) -> Actor:
-        """The mean, for scaled observations."""
-        return self.network.actor
-
-    @property
-    def deployed(self) -> Actor:
-        """The policy to score and keep: the mean."""
-        return self.network.actor
-
-    @torch.no_grad()
-    def act(self, observation: np.ndarray) -> np.ndarray:
-        """The mean (N, actions) for raw observations (N, 6)."""
-        raw = torch.as_tensor(observation, dtype=torch.float32, device=self.device)
-        action: np.ndarray = self.actor(raw / self.scale).cpu().numpy()
-        return action
+        network = PpoNetwork(config, actions, torch.Generator().manual_seed(seed))
+        super().__init__(config, network, seed + 1, device, ADAM_EPSILON)
 
     @torch.no_grad()
     def sample(self, observation: np.ndarray) -> np.ndarray:
         """Actions (N, actions) drawn for raw observations (N, 6); they may lie beyond 1."""
-        raw = torch.as_tensor(observation, dtype=torch.float32, device=self.device)
-        mean = self.actor(raw / self.scale)
+        mean = self.actor(self.scaled(observation))
         drawn = torch.randn(mean.shape, generator=self.generator, device=self.device)
         action: np.ndarray = (mean + self.network.log_std.exp() * drawn).cpu().numpy()
         return action
-
-    def anneal(self, progress: float) -> None:
-        """Set the learning rate for a run of which the share `progress` is done."""
-        share = 1.0 - (1.0 - self.config.learning_rate_end) * min(progress, 1.0)
-        for group in self.optimiser.param_groups:
-            group["lr"] = share * self.config.learning_rate
 
     def update(self, rollout: Rollout, count: int) -> None:
         """Make `count` updates, one minibatch each, and empty the rollout.
@@ -161,7 +122,8 @@ class Ppo:
             raise ValueError(f"the rollout is not full: {rollout.rounds} of {len(rollout.rows)}")
         samples = self.samples(rollout)
         for _, index in zip(range(count), self._minibatches(len(samples.action)), strict=False):
-            self._learn(Samples(*(column[index] for column in vars(samples).values())))
+            drawn = Samples(*(column[index] for column in vars(samples).values()))
+            self.descend(-self.objective(drawn))
         rollout.clear()
 
     def _minibatches(self, rows: int) -> Iterator[Tensor]:
@@ -213,28 +175,3 @@ class Ppo:
             clipped=clipped,
         )
         return surrogate - config.value_weight * value_error + config.entropy_weight * entropy
-
-    def _learn(self, samples: Samples) -> None:
-        loss = -self.objective(samples)
-        self.optimiser.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        if self.config.grad_clip > 0:
-            nn.utils.clip_grad_norm_(self.network.parameters(), self.config.grad_clip)
-        self.optimiser.step()
-        self.updates += 1
-
-    def metrics(self) -> dict[str, float]:
-        """Means of the objective's parts since the last call."""
-        return self.notes.take()
-
-    def state_dict(self) -> dict[str, Any]:
-        """Network, optimiser, generator and counter."""
-        state = {n: getattr(self, n).state_dict() for n in ("network", "optimiser", "notes")}
-        return state | {"generator": self.generator.get_state(), "updates": self.updates}
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state`, to the bit."""
-        for name in ("network", "optimiser", "notes"):
-            getattr(self, name).load_state_dict(state[name])
-        self.generator.set_state(state["generator"].cpu())
-        self.updates = int(state["updates"])
