@@ -11,9 +11,13 @@ from typing import Any, Protocol
 import rclpy
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
-from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
+
+try:
+    from rclpy.experimental import EventsExecutor
+except ImportError:
+    EventsExecutor = None
 
 from bicycle_sim.nodes import security
 from bicycle_sim.nodes.heartbeat import VARIABLE, Heartbeat
@@ -21,11 +25,11 @@ from bicycle_sim.nodes.heartbeat import VARIABLE, Heartbeat
 WAKE_PERIOD = 0.1
 """s: how soon a signal is noticed; the executor sleeps in C, where Python's handlers wait."""
 
-LOOP_EXECUTOR = EventsExecutor
-"""For nodes of the control loop: a sixth of the usual one's time for a message.
+LOOP_EXECUTOR: Callable[[], Executor] = EventsExecutor or SingleThreadedExecutor
+"""For nodes of the control loop: it takes a sixth of the usual one's time for a message.
 
-It is what ROS 2 has in C++ for this. In Jazzy it knows no callback that is a coroutine, and
-spins at full speed when it is told to wait without a limit.
+In Jazzy it knows no guard condition and no callback that is a coroutine, and it spins at full
+speed when it is told to wait without a limit. A native Jazzy from before rclpy 7.1.4 has none.
 """
 
 
