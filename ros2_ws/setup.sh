@@ -52,7 +52,7 @@ while (($#)); do
 done
 
 if [[ -f $ws/install/.bicycle.sealed ]]; then # by docker/seal.sh
-  for set in "${sets[@]}"; do
+  for set in "${sets[@]:1}"; do
     [[ -f $stamps/$set.stamp ]] || die 3 "this image was made without '$set'; build another target of docker/Dockerfile."
   done
   [[ -n $quiet ]] || echo "This is a sealed image; nothing to do."

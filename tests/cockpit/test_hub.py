@@ -36,10 +36,25 @@ def test_a_slow_page_loses_the_oldest_frames_and_nothing_else() -> None:
 def test_a_page_that_keeps_up_gets_everything_in_order() -> None:
     async def story() -> None:
         box, got = Outbox(), []
+        box.letter("hello")
+        assert await box.take() == "hello"
         for number in range(50):
             box.frame(str(number))
             got.append(await box.take())
         assert got == [str(number) for number in range(50)]
+        assert box.dropped == 0
+
+    asyncio.run(story())
+
+
+def test_a_page_is_greeted_before_it_gets_frames() -> None:
+    async def story() -> None:
+        box = Outbox()
+        box.letter("event for all", own=False)
+        box.frame("what the greeting will hold")
+        box.letter("hello")
+        box.frame("new")
+        assert await emptied(box) == ["event for all", "hello", "new"]
         assert box.dropped == 0
 
     asyncio.run(story())
@@ -59,13 +74,17 @@ def test_a_page_that_takes_nothing_is_given_up() -> None:
 def test_one_slow_page_takes_nothing_from_another() -> None:
     async def story() -> None:
         hub = Hub()
-        (_, slow), (_, fast) = hub.join() or (0, Outbox()), hub.join() or (0, Outbox())
-        got = []
+        (one, slow), (two, fast) = hub.join() or (0, Outbox()), hub.join() or (0, Outbox())
+        for number in (one, two):
+            hub.letter("hello", number)
+        got: list[str] = []
+        assert await emptied(fast) == ["hello"]
         for number in range(40):
             hub.frame(str(number))
             got += await emptied(fast)
         assert got == [str(number) for number in range(40)]
         assert slow.dropped == 40 - MOST_FRAMES
+        assert (await emptied(slow))[0] == "hello"
 
     asyncio.run(story())
 

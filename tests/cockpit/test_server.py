@@ -205,6 +205,9 @@ def test_a_page_that_reads_nothing_holds_up_nobody(desk: Desk) -> None:
         async with Session() as session:
             page = await session.ws_connect(f"{desk.url}/ws", origin=desk.url)
             got = []
+            for number in desk.joined:
+                desk.server.letter({"type": "hello"}, number)
+            await page.receive_json()
             for number in range(600):
                 desk.server.frame({**frame, "number": number})
                 got.append((await page.receive_json())["number"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import importlib.util
 import os
 import signal
@@ -9,7 +10,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import pytest
-from domains import claimed_domain
+from domains import claimed_domain, shared_memory
 from node_process import NodeProcess
 
 StartNode = Callable[..., NodeProcess]
@@ -78,10 +79,18 @@ def start_node(
 
 
 @pytest.fixture
+def makes_shared_memory() -> Iterator[None]:
+    """For tests that open DDS beyond loopback, which brings shared memory with it."""
+    with shared_memory(fcntl.LOCK_EX):
+        yield
+
+
+@pytest.fixture
 def no_new_shared_memory() -> Iterator[None]:
     """Fail when the test leaves files of the middleware in /dev/shm."""
     folder = Path("/dev/shm")
-    before = set(folder.glob("*fastrtps*")) if folder.is_dir() else set()
-    yield
-    after = set(folder.glob("*fastrtps*")) if folder.is_dir() else set()
+    with shared_memory(fcntl.LOCK_SH):
+        before = set(folder.glob("*fastrtps*")) if folder.is_dir() else set()
+        yield
+        after = set(folder.glob("*fastrtps*")) if folder.is_dir() else set()
     assert after <= before, f"left in /dev/shm: {sorted(str(path) for path in after - before)}"

@@ -36,3 +36,15 @@ def claimed_domain() -> Iterator[int]:
             yield domain
             return
     raise RuntimeError("no free ROS domain between 51 and 100: are other tests hanging?")
+
+
+@contextlib.contextmanager
+def shared_memory(flag: int) -> Iterator[None]:
+    """/dev/shm with `fcntl.LOCK_EX` for who makes files there, with LOCK_SH for who counts them.
+
+    Parallel workers and other checkouts have the same folder.
+    """
+    LOCKS.mkdir(exist_ok=True)
+    with (LOCKS / "shared_memory").open("w") as lock:
+        fcntl.flock(lock, flag)
+        yield

@@ -64,6 +64,7 @@ def test_a_profile_in_the_working_directory_does_not_open_it(
     assert all(found.loopback or found.multicast for found in sockets)
 
 
+@pytest.mark.usefixtures("makes_shared_memory")
 def test_lan_mode_opens_by_its_variable_alone(start_node: Start) -> None:
     opened = start_node(WORKSPACE / "sim.sh", env={"BICYCLE_NETWORK": "lan"})
     opened.wait_for_line("waits for its first command")

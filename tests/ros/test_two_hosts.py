@@ -16,6 +16,7 @@ from bicycle_bag.reader import BagReader
 
 pytestmark = [
     pytest.mark.ros,
+    pytest.mark.usefixtures("makes_shared_memory"),
     pytest.mark.slow,
     pytest.mark.skipif(bool(forbidden()), reason=forbidden() or "never"),
 ]

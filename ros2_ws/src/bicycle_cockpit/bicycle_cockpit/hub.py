@@ -33,9 +33,12 @@ class Outbox:
         self._newest: dict[str, str] = {}
         self._something = asyncio.Event()
         self._full = False
+        self._greeted = False
 
     def frame(self, text: str) -> None:
-        """A frame, which may be lost."""
+        """A frame, which may be lost; what comes before the greeting is in that already."""
+        if not self._greeted:
+            return
         if len(self._frames) >= MOST_FRAMES:
             self._frames.popleft()
             self.dropped += 1
@@ -47,8 +50,9 @@ class Outbox:
         self._newest[kind] = text
         self._something.set()
 
-    def letter(self, text: str) -> None:
-        """Something that must not be lost."""
+    def letter(self, text: str, own: bool = True) -> None:
+        """Something that must not be lost; the first of a page's own is its greeting."""
+        self._greeted |= own
         if len(self._letters) >= MOST_LETTERS:
             self._full = True
         else:
@@ -122,4 +126,4 @@ class Hub:
         """Something that must not be lost, for one page or for all."""
         for number, box in self._boxes.items():
             if to is None or number == to:
-                box.letter(text)
+                box.letter(text, own=to is not None)
