@@ -205,6 +205,7 @@ def test_a_page_that_reads_nothing_holds_up_nobody(desk: Desk) -> None:
         async with Session() as session:
             page = await session.ws_connect(f"{desk.url}/ws", origin=desk.url)
             got = []
+            wait_for(lambda: len(desk.joined) == 2)
             for number in desk.joined:
                 desk.server.letter({"type": "hello"}, number)
             await page.receive_json()
