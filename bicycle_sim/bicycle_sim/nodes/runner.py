@@ -26,7 +26,7 @@ WAKE_PERIOD = 0.1
 """s: how soon a signal is noticed; the executor sleeps in C, where Python's handlers wait."""
 
 LOOP_EXECUTOR: Callable[[], Executor] = EventsExecutor or SingleThreadedExecutor
-"""For nodes of the control loop: it takes a sixth of the usual one's time for a message.
+"""For nodes of the control loop: a step takes less than half the usual one's processor time.
 
 In Jazzy it knows no guard condition and no callback that is a coroutine, and it spins at full
 speed when it is told to wait without a limit. A native Jazzy from before rclpy 7.1.4 has none.
