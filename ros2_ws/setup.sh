@@ -143,7 +143,10 @@ beside() { # SET COMMAND...: installs packages that the command does without, as
   (unset AMENT_PREFIX_PATH LD_LIBRARY_PATH && install_lock "$set") >"$log.$set" 2>&1 &
   installing=$!
   "$@" || { kill "$installing" 2>/dev/null || true; return 1; }
-  wait "$installing" || { cat "$log.$set"; return 1; }
+  local status=0
+  wait "$installing" || status=$?
+  cat "$log.$set" && rm "$log.$set" # into the stage's own log, behind the command's
+  return "$status"
 }
 
 make_folders

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from bicycles import batched
 from machine import machine
 from tqdm import tqdm
 
@@ -31,8 +32,6 @@ from bicycle_controller.tensor_dynamics import TensorDynamics
 from bicycle_sim import dynamics
 from bicycle_sim.dynamics import State
 from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import named
-from bicycle_sim.task import BicycleTask
 
 RESULTS = Path(__file__).parent / "results" / "device.json"
 SIZES = (1024, 16384, 262144, 1048576)
@@ -48,19 +47,7 @@ Work = Callable[[], None]
 
 def stepped(count: int, device: str) -> Work:
     """The whole task: dynamics on `device`, goals and rewards in numpy."""
-    advance = dynamics.step if device == "cpu" else TensorDynamics(device)
-    task = BicycleTask(
-        named("random-start-random-goal"), None, count, np.random.default_rng(0), advance
-    )
-    action = np.random.default_rng(1).normal(size=(count, 3)) * (0.1, 0.01, 0.0)
-
-    def work() -> None:
-        found = task.step(action)
-        ended = found.fallen | found.terminated | found.truncated
-        if ended.any():
-            task.reset(ended)
-
-    return work
+    return batched(count, advance=dynamics.step if device == "cpu" else TensorDynamics(device))
 
 
 def resident(count: int, device: str) -> Work:

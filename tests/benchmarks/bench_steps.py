@@ -25,14 +25,13 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from bicycles import batched
 from machine import machine
 from stable_baselines3.common.vec_env import DummyVecEnv
 from tqdm import tqdm
 
 from bicycle_controller.run_folder import origin
 from bicycle_sim.gym_env import BicycleEnv, BicycleVectorEnv
-from bicycle_sim.scenario import named
-from bicycle_sim.task import BicycleTask
 
 RESULTS = Path(__file__).parent / "results" / "steps.json"
 SIZES = (1, 16, 64, 256, 1024, 4096, 16384)
@@ -43,21 +42,6 @@ ALL_CORES = 3.0
 """s of wall time for all cores together."""
 
 Step = Callable[[], None]
-
-
-def batched(count: int, seed: int = 0) -> Step:
-    """The task itself."""
-    rng = np.random.default_rng(seed)
-    task = BicycleTask(named("random-start-random-goal"), None, count, rng)
-    action = rng.normal(size=(count, 3)) * (0.1, 0.01, 0.0)
-
-    def step() -> None:
-        found = task.step(action)
-        ended = found.fallen | found.terminated | found.truncated
-        if ended.any():
-            task.reset(ended)
-
-    return step
 
 
 def vector_env(count: int) -> Step:

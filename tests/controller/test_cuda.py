@@ -15,9 +15,7 @@ from bicycle_controller.config import RunConfig
 from bicycle_controller.devices import actor_on
 from bicycle_controller.evaluate import evaluate
 from bicycle_controller.policy import load_policy
-from bicycle_controller.tensor_dynamics import TensorDynamics
 from bicycle_sim.scenario import named
-from bicycle_sim.task import BicycleTask
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device here")
 
@@ -29,23 +27,6 @@ RUNS: dict[str, RunConfig] = {
     "naf": settings.preset("naf", [*FEW, "bicycles=8", "warm_up=200"]),
     "ppo": settings.preset("ppo", [*FEW, "ppo.rollout=32"]),
 }
-
-
-@pytest.mark.parametrize("scenario", ["random-start-random-goal", "learned-speed"])
-def test_bicycles_ride_there_as_on_the_cpu(scenario: str) -> None:
-    tasks = [
-        BicycleTask(named(scenario), None, 256, np.random.default_rng(3), *advance)
-        for advance in ((), (TensorDynamics("cuda"),))
-    ]
-    source = np.random.default_rng(5)
-    limits = tasks[0].scenario.action_limits
-    for _ in range(40):
-        action = source.uniform(-0.3, 0.3, (256, 3)) * limits
-        here, there = (task.step(action) for task in tasks)
-        np.testing.assert_allclose(there.observation, here.observation, rtol=0, atol=1e-9)
-        assert (there.fallen == here.fallen).all()
-        for task in tasks:
-            task.reset(here.fallen)
 
 
 @pytest.mark.parametrize("name", RUNS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import torch
 
 from bicycle_controller import collect, settings
 from bicycle_controller.agents.base import Chooser
@@ -13,13 +14,16 @@ from bicycle_sim.parameters import Physics
 from bicycle_sim.scenario import named
 from bicycle_sim.task import BicycleTask
 
+CUDA = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device here")
 
+
+@pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=CUDA)])
 @pytest.mark.parametrize("physics", [Physics(), Physics.named("corrected")])
 @pytest.mark.parametrize("scenario", ["random-start-random-goal", "learned-speed"])
-def test_a_task_of_tensors_is_that_of_arrays(scenario: str, physics: Physics) -> None:
+def test_a_task_of_tensors_is_that_of_arrays(scenario: str, physics: Physics, device: str) -> None:
     tasks = [
         BicycleTask(named(scenario), physics, 64, np.random.default_rng(3), *advance)
-        for advance in ((), (TensorDynamics("cpu"),))
+        for advance in ((), (TensorDynamics(device),))
     ]
     source = np.random.default_rng(5)
     limits = tasks[0].scenario.action_limits

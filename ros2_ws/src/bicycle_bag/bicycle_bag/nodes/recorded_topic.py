@@ -55,7 +55,7 @@ class RecordedTopic:
         return self._node.create_subscription(
             self._class,
             self.topic.name,
-            self._on_message,
+            self._take,
             self._profile(),
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=True,
@@ -85,10 +85,6 @@ class RecordedTopic:
                 if taken[1]["received_timestamp"] > until:
                     return
                 self._take(*taken)
-
-    def _on_message(self, data: bytes, info: dict[str, Any]) -> None:
-        self._take(data, info)
-        self.drain()
 
     def _take(self, data: bytes, info: dict[str, Any]) -> None:
         self._count_lost(info["publication_sequence_number"])

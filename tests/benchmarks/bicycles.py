@@ -1,0 +1,29 @@
+"""Many bicycles under random actions, as benchmarks step them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from bicycle_sim import dynamics
+from bicycle_sim.dynamics import State
+from bicycle_sim.scenario import named
+from bicycle_sim.task import BicycleTask
+
+
+def batched(
+    count: int, seed: int = 0, advance: Callable[..., State] = dynamics.step
+) -> Callable[[], None]:
+    """Steps `count` bicycles of one task and starts again those that ended, as training does."""
+    rng = np.random.default_rng(seed)
+    task = BicycleTask(named("random-start-random-goal"), None, count, rng, advance)
+    action = rng.normal(size=(count, 3)) * (0.1, 0.01, 0.0)
+
+    def step() -> None:
+        found = task.step(action)
+        ended = found.fallen | found.terminated | found.truncated
+        if ended.any():
+            task.reset(ended)
+
+    return step
