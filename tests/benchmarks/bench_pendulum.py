@@ -20,19 +20,17 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
 import shlex
 import sys
 import time
 from collections.abc import Callable
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 import torch
+from machine import machine
 from pendulum import PendulumTask, pendulum_run, returns, train
 from tqdm import tqdm
 
@@ -42,6 +40,7 @@ RESULTS = Path(__file__).parent / "results" / "pendulum.json"
 OFF_POLICY_STEPS = 10_000
 PPO_STEPS = 102_400
 EPISODES = 100
+PACKAGES = ("torch", "numpy", "gymnasium", "stable-baselines3")
 EVALUATION_SEED = 50_000
 """Of the first of the episodes that are scored."""
 
@@ -142,7 +141,7 @@ Contestant = tuple[str, Callable[[str, int], np.ndarray], str]
 def contestants(only: list[str] | None) -> list[Contestant]:
     """All who take part, or those of the given titles."""
     found: list[Contestant] = [(f"ours, {name}", ours, name) for name in OURS]
-    if machine()["stable-baselines3"] is None:
+    if machine(*PACKAGES)["stable-baselines3"] is None:
         print("without stable-baselines3: install ros2_ws/requirements/bench.lock")
     else:
         found += [(f"stable-baselines3, {name}", theirs, name) for name in ("ddpg", "ppo")]
@@ -155,17 +154,6 @@ def trial(learner: Callable[[str, int], np.ndarray], name: str, seed: int) -> di
     found = learner(name, seed)
     row = {"seed": seed, "mean": float(found.mean()), "std": float(found.std())}
     return row | {"cpu_s": time.process_time() - start}
-
-
-def machine() -> dict[str, Any]:
-    """Where and with what it ran."""
-    found: dict[str, Any] = {"python": platform.python_version(), "cores": os.cpu_count()}
-    for name in ("torch", "numpy", "gymnasium", "stable-baselines3"):
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = None
-    return found
 
 
 def main() -> None:
@@ -188,7 +176,7 @@ def main() -> None:
     for seed, (title, learner, name) in tqdm(trials, unit="run", disable=None):
         rows[title].append(trial(learner, name, seed))
         tqdm.write(f"{title:24} {rows[title][-1]}")
-        result = about | {"machine": machine(), "returns": rows}
+        result = about | {"machine": machine(*PACKAGES), "returns": rows}
         args.out.write_text(json.dumps(result, indent=2) + "\n")
     for title, found in rows.items():
         means = [row["mean"] for row in found]

@@ -13,8 +13,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
-import platform
 import statistics
 import time
 from collections.abc import Callable
@@ -24,6 +22,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from machine import machine
 from torch import Tensor, nn
 from torch.nn import functional
 from tqdm import tqdm
@@ -218,21 +217,6 @@ def bench(batch: int, turns: int) -> dict[str, Any]:
     return result
 
 
-def machine() -> dict[str, Any]:
-    """What it ran on."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return {
-        "cpu": names[0] if names else platform.processor(),
-        "cores": os.cpu_count(),
-        "load": os.getloadavg()[0],
-        "python": platform.python_version(),
-        "torch": torch.__version__,
-        "threads": torch.get_num_threads(),
-    }
-
-
 def table(results: dict[str, dict[str, Any]]) -> str:
     """The results in lines."""
     lines = []
@@ -259,7 +243,12 @@ def main() -> None:
     torch.set_num_threads(1)
     results = {str(batch): bench(batch, args.turns) for batch in args.batch}
     print(table(results))
-    about = {"machine": machine(), "commit": origin()["commit"], "turns": args.turns}
+    about: dict[str, Any] = {"machine": machine("torch", "stable-baselines3")}
+    about |= {
+        "threads": torch.get_num_threads(),
+        "commit": origin()["commit"],
+        "turns": args.turns,
+    }
     args.out.parent.mkdir(parents=True, exist_ok=True)
     args.out.write_text(json.dumps(about | {"batches": results}, indent=2) + "\n")
     print(f"written to {args.out}")
