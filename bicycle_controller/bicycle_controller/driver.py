@@ -15,8 +15,8 @@ from bicycle_controller.safety import Reason, Safety, stopping_pedal
 from bicycle_sim.simulator import Command, Snapshot, Source
 from bicycle_sim.transitions import observation
 
-TIMES_KEPT = 4000
-"""Answers whose computing times are kept: 100 s at 40 Hz."""
+TIMES_KEPT = 2000
+"""Answers whose computing times are kept: 50 s at 40 Hz."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +65,7 @@ class Driver:
         handed_over: answers that the fallback gave.
         failing: the policy failed at the last answer.
         times: s that the latest answers took to compute.
+        policy_times: s of them that the policy itself took, where it was asked.
     """
 
     def __init__(
@@ -97,6 +98,7 @@ class Driver:
         self.limits = limits
         self.answered = self.missed = self.handed_over = 0
         self.times: deque[float] = deque(maxlen=TIMES_KEPT)
+        self.policy_times: deque[float] = deque(maxlen=TIMES_KEPT)
         self._noise = noise
         self.fallback = fallback
         self.safety = safety
@@ -190,7 +192,7 @@ class Driver:
         speed = np.array([snapshot.speed])
         before = self._driven_by_fallback
         may = self.safety is None or self._judge(self.safety, snapshot, seen, speed)
-        action, trouble = _act(self.policy, seen, speed) if may else (None, "")
+        action, trouble = self._ask(seen, speed) if may else (None, "")
         if trouble and self.safety is not None:
             self.safety.fail(np.array([True]))
         warning = ""
@@ -208,6 +210,13 @@ class Driver:
             in_charge = self.policy.policy_id
         told = self._tell(snapshot, trouble) if before != self._driven_by_fallback else None
         return action, in_charge, "" if told else warning, told
+
+    def _ask(self, seen: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray | None, str]:
+        """What the policy says, see `_act`, and how long it took to say it."""
+        started = time.perf_counter()
+        found = _act(self.policy, seen, speed)
+        self.policy_times.append(time.perf_counter() - started)
+        return found
 
     @property
     def driving(self) -> str:

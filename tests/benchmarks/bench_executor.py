@@ -87,7 +87,7 @@ def look(ear: Ear, done: Callable[[], bool], longest: float) -> None:
 def main() -> None:
     args = options(__doc__, RESULTS, 10.0).parse_args()
     turns: dict[str, list[dict[str, float]]] = {kind: [] for kind in KINDS}
-    about: dict[str, Any] = {**origin(), **machine("rclpy")}
+    about: dict[str, Any] = {**origin(), **machine("ros-jazzy-rclpy")}
     for _ in range(args.turns):
         for kind in KINDS:
             turns[kind].append(turn(kind, args.seconds))

@@ -17,17 +17,18 @@ from typing import Any
 import numpy as np
 import rclpy
 from bicycle_msgs.msg import LoopTiming, TrainerStatus
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rclpy.executors import SingleThreadedExecutor
 
-from bicycle_sim.nodes.interfaces import GOAL_POSE, TIMING, TRAINER
+from bicycle_sim.nodes.interfaces import DIAGNOSTICS, GOAL_POSE, TIMING, TRAINER
 
 PERIOD = 0.025
 """s of a step in real time."""
 
 
 class Ear:
-    """Hears timing and the trainer's status, and sends the bicycle on its way."""
+    """Hears timing, diagnostics and the trainer, and sends the bicycle on its way."""
 
     def __init__(self) -> None:
         rclpy.init(args=[])
@@ -36,8 +37,10 @@ class Ear:
         self.executor.add_node(self.node)
         self.timing: list[LoopTiming] = []
         self.status: TrainerStatus | None = None
+        self.diagnostics: dict[str, dict[str, str]] = {}
         self.node.create_subscription(LoopTiming, TIMING.name, self._on_timing, 1000)
         self.node.create_subscription(TrainerStatus, TRAINER.name, self._on_status, 10)
+        self.node.create_subscription(DiagnosticArray, DIAGNOSTICS.name, self._on_diagnostics, 10)
         self.goals = self.node.create_publisher(PoseStamped, GOAL_POSE.name, GOAL_POSE.publish)
 
     def _on_timing(self, timing: LoopTiming) -> None:
@@ -45,6 +48,10 @@ class Ear:
 
     def _on_status(self, status: TrainerStatus) -> None:
         self.status = status
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        for entry in array.status:
+            self.diagnostics[entry.name] = {pair.key: pair.value for pair in entry.values}
 
     def listen(self, seconds: float) -> None:
         end = time.monotonic() + seconds

@@ -80,6 +80,15 @@ def test_the_same_state_gets_the_same_command_and_no_new_decision(simulator: Sim
     assert len(policy.seen) == 1
 
 
+def test_the_policy_s_time_is_part_of_the_answer_s(simulator: Simulator) -> None:
+    rider = driver(constant(1.0, 0.1, 0.0))
+    rider.tracker.replace([GOAL])
+    ride(rider, simulator, 3)
+    assert len(rider.policy_times) == len(rider.times) == 3
+    pairs = zip(rider.policy_times, rider.times, strict=True)
+    assert all(0.0 < asked < whole for asked, whole in pairs)
+
+
 def test_the_policy_sees_the_paper_s_six_states(simulator: Simulator) -> None:
     policy = constant(0.5, 0.1, 0.0)
     rider = driver(policy)

@@ -267,6 +267,7 @@ class ControllerNode(Node):
             "bad states": self._bad_states,
             "goals waiting": driver.tracker.waiting,
             **percentiles(list(driver.times), "answer"),
+            **percentiles(list(driver.policy_times), "policy"),
         }
         return status(name, WARN if bad else OK, text, values)
 

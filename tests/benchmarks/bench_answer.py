@@ -1,0 +1,71 @@
+"""How long a shipped policy takes to answer inside the controller, while it rides at 40 Hz.
+
+`bench_policy_latency.py` asks it again and again, so that its weights stay in the processor's
+cache; here it sleeps 25 ms between two states, as on a ride, and other processes come between.
+Figures are the controller's own diagnostics: `policy` is the network alone, `answer` all from the
+state to the command. In turns the shipped policies ride; whether torch is in the controller's
+process is looked up in its memory map.
+
+    python tests/benchmarks/bench_answer.py [--turns 3] [--seconds 50] [--out FILE]
+"""
+
+from __future__ import annotations
+
+import statistics
+from pathlib import Path
+from typing import Any
+
+from loop_ear import options, ride, save
+from machine import machine
+
+from bicycle_controller.run_folder import origin
+
+RESULTS = Path(__file__).parent / "results" / "answer.json"
+POLICIES = ("fixed-speed", "small-displacement")
+ENTRY = "bicycle_controller: policy"
+CONTROLLER = "bicycle_controller.nodes.controller_node"
+
+
+def controller_has_torch() -> bool:
+    """Whether the one controller on this machine has torch loaded."""
+    (process,) = (
+        command.parent
+        for command in Path("/proc").glob("[0-9]*/cmdline")
+        if CONTROLLER.encode() in command.read_bytes()
+    )
+    return "libtorch" in (process / "maps").read_text()
+
+
+def turn(policy: str, seconds: float) -> dict[str, Any]:
+    """One ride; percentiles in us of its last 50 s at most."""
+    with ride(f"policy:={policy}") as ear:
+        ear.listen(seconds)
+        facts = ear.diagnostics[ENTRY]
+        found: dict[str, Any] = {
+            f"{what}_p{share}_us": round(1e3 * float(facts[f"{what} p{share} (ms)"]), 1)
+            for what in ("policy", "answer")
+            for share in (50, 99)
+        }
+        return found | {"answered": int(facts["answered"]), "torch": controller_has_torch()}
+
+
+def main() -> None:
+    parser = options(__doc__, RESULTS, 50.0)
+    args = parser.parse_args()
+    result: dict[str, Any] = {**origin(), "machine": machine("numpy", "ros-jazzy-rclpy")}
+    turns: dict[str, list[dict[str, Any]]] = {policy: [] for policy in POLICIES}
+    for _ in range(args.turns):
+        for policy, found in turns.items():
+            found.append(turn(policy, args.seconds))
+    for policy, found in turns.items():
+        medians = {
+            key: statistics.median(one[key] for one in found)
+            for key in found[0]
+            if key.endswith("us")
+        }
+        result[policy] = {"median of turns": medians, "turns": found}
+    save(args.out, result)
+
+
+if __name__ == "__main__":
+    main()
