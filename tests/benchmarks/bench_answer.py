@@ -11,6 +11,7 @@ process is looked up in its memory map.
 
 from __future__ import annotations
 
+import os
 import statistics
 from pathlib import Path
 from typing import Any
@@ -27,11 +28,12 @@ CONTROLLER = "bicycle_controller.nodes.controller_node"
 
 
 def controller_has_torch() -> bool:
-    """Whether the one controller on this machine has torch loaded."""
+    """Whether the controller that this program has started has torch loaded."""
+    children = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
     (process,) = (
-        command.parent
-        for command in Path("/proc").glob("[0-9]*/cmdline")
-        if CONTROLLER.encode() in command.read_bytes()
+        Path("/proc", child)
+        for child in children
+        if CONTROLLER.encode() in Path("/proc", child, "cmdline").read_bytes()
     )
     return "libtorch" in (process / "maps").read_text()
 
