@@ -1,0 +1,80 @@
+"""Every tensor of a learner and of the bicycles is on the device that was asked for.
+
+No GPU is needed: torch's `meta` device has no numbers, but refuses to meet a tensor of the CPU
+just as a GPU does. What the numbers are on a GPU, test_cuda.py looks at where there is one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+
+import pytest
+import torch
+
+from bicycle_controller import settings
+from bicycle_controller.agents.ddpg import Ddpg
+from bicycle_controller.agents.naf import Naf
+from bicycle_controller.assembly import make_agent, make_memory
+from bicycle_controller.replay import Replay
+from bicycle_sim import dynamics
+from bicycle_sim.dynamics import State
+from bicycle_sim.parameters import Physics
+
+DEVICE = "meta"
+LEARNERS = ("paper", "authors", "fast", "taught", "taught-speed", "offline", "naf")
+
+
+class CpuGenerator(torch.Generator):
+    """One of the CPU, whatever was asked for."""
+
+    def __new__(cls, *_: object) -> CpuGenerator:
+        return super().__new__(cls)
+
+
+@pytest.fixture(autouse=True)
+def _allow_meta(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What torch has for the CPU and GPUs only: generators, and Adam in one kernel."""
+    adam = torch.optim.Adam
+    monkeypatch.setattr(torch, "Generator", CpuGenerator)
+    monkeypatch.setattr(
+        torch.optim, "Adam", lambda *args, **options: adam(*args, **options | {"fused": False})
+    )
+
+
+def learner(preset: str, *changes: str) -> tuple[Ddpg | Naf, Replay]:
+    config = settings.preset(preset, [*changes])
+    agent, memory = make_agent(config, DEVICE), make_memory(config, DEVICE)
+    assert isinstance(agent, (Ddpg, Naf))
+    assert isinstance(memory, Replay)
+    memory.size = memory.capacity
+    return agent, memory
+
+
+@pytest.mark.parametrize("preset", LEARNERS)
+def test_an_update_stays_on_the_device(preset: str) -> None:
+    agent, memory = learner(preset)
+    agent.update(memory, 2)
+
+
+@pytest.mark.parametrize("preset", ["paper", "fast", "taught"])
+def test_so_does_the_reference(preset: str) -> None:
+    agent, memory = learner(preset, "ddpg.backend=autograd")
+    agent.update(memory, 2)
+
+
+def test_a_tensor_left_behind_is_noticed() -> None:
+    agent, memory = learner("paper")
+    assert isinstance(agent, Ddpg)
+    agent.scale = torch.ones(6)
+    with pytest.raises(RuntimeError, match="device"):
+        agent.update(memory, 1)
+
+
+@pytest.mark.parametrize("physics", [Physics(), Physics.named("corrected")])
+def test_bicycles_stay_on_the_device(physics: Physics) -> None:
+    there = torch.zeros(5, dtype=torch.float64, device=DEVICE)
+    state = State(**{field.name: there for field in fields(State)})
+    moved = dynamics.step(state, there, there, there, physics, (1.0, 5.0), torch)
+    assert {(value.device.type, value.dtype) for value in vars(moved).values()} == {
+        (DEVICE, torch.float64)
+    }
