@@ -28,7 +28,7 @@ packages=(-p bicycle_sim -p bicycle_controller -p bicycle_bag -p bicycle_bringup
 
 echo "== ruff check" && ruff check --quiet .
 echo "== ruff format" && ruff format --check --quiet .
-echo "== mypy" && mypy "${packages[@]}"
+echo "== mypy" && mypy "${packages[@]}" && mypy tests docker
 command -v chromium >/dev/null || command -v chromium-browser >/dev/null ||
   echo "== no Chromium: the cockpit's browser tests will be skipped; sudo apt-get install -y chromium"
 echo "== pytest"

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from bicycle_bag import repair, syncing
+from bicycle_bag import repair
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import Topic
 from bicycle_bag.reader import BagReader
@@ -44,7 +44,7 @@ def test_a_slow_disk_keeps_no_message_out_of_the_file(
         began.set()
         assert released.wait(60.0)
 
-    monkeypatch.setattr(syncing.os, "fdatasync", stuck)
+    monkeypatch.setattr(os, "fdatasync", stuck)
     writer = opened(tmp_path / "bag")
     writer.flush()
     assert began.wait(60.0)
@@ -67,7 +67,7 @@ def test_a_sync_that_fails_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         failed.set()
         raise OSError(errno.EIO, os.strerror(errno.EIO))
 
-    monkeypatch.setattr(syncing.os, "fdatasync", broken)
+    monkeypatch.setattr(os, "fdatasync", broken)
     writer = opened(tmp_path / "bag")
     writer.flush()
     assert failed.wait(60.0)

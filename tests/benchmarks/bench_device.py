@@ -87,10 +87,10 @@ def round_of(bicycles: int, batch: int, device: str) -> Work:
     memory, agent = make_memory(config, device), make_agent(config, device)
     collector = make_collector(config, memory, device)
     for _ in range(20):
-        collector.step(agent)  # type: ignore[arg-type]
+        collector.step(agent)
 
     def work() -> None:
-        collector.step(agent)  # type: ignore[arg-type]
+        collector.step(agent)
         agent.update(memory, 1)
 
     return work

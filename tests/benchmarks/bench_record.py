@@ -78,8 +78,8 @@ def publish(bag: Path, rate: float, seconds: float) -> None:
 
 def ride(folder: Path) -> Path:
     """A real ride in real time; its bag."""
-    words = [ROOT / "ros2_ws" / "ride.sh", "--goals", "3", "--seed", "1", "--output", folder]
-    subprocess.run(words, check=True, stdout=subprocess.DEVNULL)
+    program, options = ROOT / "ros2_ws" / "ride.sh", ("--goals", "3", "--seed", "1")
+    subprocess.run([program, *options, "--output", folder], check=True, stdout=subprocess.DEVNULL)
     return folder / "bag"
 
 

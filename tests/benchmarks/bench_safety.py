@@ -66,7 +66,7 @@ def faulty_rides(actor: str, scenario: Scenario, count: int, bar: tqdm) -> dict[
     """Every fault of one actor, with and without the layer."""
     policy, physics = load_controller(actor), Physics()
     fallback = fitting(scenario.action_limits, physics)
-    result = {}
+    result: dict[str, dict[str, Any]] = {}
     for name, fault in FAULTS.items():
         layer = Safety(count=count)
         guarded = ride(policy, fault, scenario, count, SEED, layer, fallback)

@@ -180,7 +180,7 @@ def test_changes_of_the_command_are_limited_by_the_time_that_passed() -> None:
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_a_limit_that_makes_no_sense_is_refused(name: str, value: float) -> None:
     with pytest.raises(ValueError, match=f"{name} must be finite and above zero"):
-        SafetyConfig(**{name: value})
+        SafetyConfig(**{name: value})  # type: ignore[arg-type]
 
 
 # Ordinary rides are untouched.

@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from bicycle_controller import collect, settings
-from bicycle_controller.agents.base import Chooser
 from bicycle_controller.assembly import make_agent, make_collector, make_memory
 from bicycle_controller.tensor_dynamics import TensorDynamics
 from bicycle_sim.parameters import Physics
@@ -49,7 +48,7 @@ def test_training_steps_its_bicycles_on_the_device(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(collect, "TensorDynamics", Spy)
     config = settings.preset("fast", ["bicycles=8", "warm_up=0", "steps=400"])
     memory = make_memory(config, "cpu")
-    agent: Chooser = make_agent(config, "cpu")  # type: ignore[assignment]
+    agent = make_agent(config, "cpu")
     collector = make_collector(config, memory, "cuda")
     for _ in range(10):
         collector.step(agent)

@@ -24,7 +24,9 @@ import aiohttp
 async def read(address: str) -> None:
     """One page that takes every frame."""
     frames = 0
-    asyncio.get_running_loop().add_signal_handler(signal.SIGINT, asyncio.current_task().cancel)
+    task = asyncio.current_task()
+    assert task is not None
+    asyncio.get_running_loop().add_signal_handler(signal.SIGINT, task.cancel)
     try:
         async with aiohttp.ClientSession() as session:
             page = await session.ws_connect(f"{address}/ws", origin=address, max_msg_size=0)

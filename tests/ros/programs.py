@@ -44,6 +44,10 @@ def begin(*_: Any, **__: Any) -> Any:
     raise Accepted
 
 
+def nothing(_: Path) -> Words:
+    return []
+
+
 @dataclass(frozen=True)
 class Program:
     """A program and a command line of it that is right."""
@@ -51,9 +55,9 @@ class Program:
     name: str
     call: Callable[[Words], Any]
     """Does what the words say; gives or exits with the status."""
-    positionals: Callable[[Path], Words] = lambda _: []
+    positionals: Callable[[Path], Words] = nothing
     """Given a folder of its own."""
-    options: Callable[[Path], Words] = lambda _: []
+    options: Callable[[Path], Words] = nothing
     work: tuple[str, ...] = ()
     """`module:name` of what is not to be done."""
     verb: Words = field(default_factory=list)
@@ -91,8 +95,14 @@ def main_of(module: Any) -> Callable[[Words], Any]:
     return call
 
 
-def bicycle(name: str, *work: str, **lines: Callable[[Path], Words]) -> Program:
-    return Program(f"bicycle {name}", lambda words: cli.main([name, *words]), work=work, **lines)
+def bicycle(
+    name: str,
+    *work: str,
+    positionals: Callable[[Path], Words] = nothing,
+    options: Callable[[Path], Words] = nothing,
+) -> Program:
+    title, call = f"bicycle {name}", lambda words: cli.main([name, *words])
+    return Program(title, call, positionals, options, work)
 
 
 @contextlib.contextmanager

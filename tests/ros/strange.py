@@ -36,7 +36,9 @@ def values(kind: str) -> list[Any]:
     return sorted({low, 0, 1, 7, high - 1, high})
 
 
-def leaves(message: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[tuple[Any, ...], list]]:
+def leaves(
+    message: Any, path: tuple[Any, ...] = ()
+) -> Iterator[tuple[tuple[Any, ...], list[Any]]]:
     """Every field, however deep, with its strange values; fixed arrays element by element."""
     for name, kind in message.get_fields_and_field_types().items():
         here = (*path, name)

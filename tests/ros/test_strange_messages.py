@@ -161,7 +161,12 @@ def commands_of(node: ControllerNode, monkeypatch: pytest.MonkeyPatch) -> list[B
     sent: list[BicycleCommand] = []
     publisher = node._publishers_by_name[interfaces.COMMAND.name]
     real = publisher.publish
-    monkeypatch.setattr(publisher, "publish", lambda one: (sent.append(one), real(one)))
+
+    def publish(command: BicycleCommand) -> None:
+        sent.append(command)
+        real(command)
+
+    monkeypatch.setattr(publisher, "publish", publish)
     return sent
 
 

@@ -6,6 +6,7 @@ import ast
 import struct
 import subprocess
 from collections.abc import Callable, Iterator
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 
@@ -79,9 +80,14 @@ def calls(name: str) -> Iterator[tuple[Path, ast.Call]]:
     """Every call of a function or method of that name."""
     for path in SOURCES:
         for node in ast.walk(ast.parse(path.read_text())):
-            named = isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
-            if named and node.func.attr == name:
-                yield path, node
+            match node:
+                case ast.Call(func=ast.Attribute(attr=attr)) if attr == name:
+                    yield path, node
+
+
+def rides_on(probe: Probe, step: int) -> bool:
+    """Whether the bicycle has come beyond that step."""
+    return bool(probe[STATE][-1].step > step)
 
 
 def test_every_timer_takes_the_steady_clock() -> None:
@@ -129,7 +135,7 @@ def test_jumps_of_the_systems_clock_do_not_matter(
             begun = probe[STATE][-1].step
             with moved.open("r+b") as file:
                 file.write(struct.pack("q", jump))
-            probe.spin_until(lambda begun=begun: probe[STATE][-1].step > begun + 60)
+            probe.spin_until(partial(rides_on, probe, begun + 60))
             stamps.append(probe[COMMAND][-1].header.stamp.sec)
             if jump < 0:
                 probe.say(LATE, String(data="after the jump"))

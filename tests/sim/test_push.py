@@ -8,7 +8,7 @@ import struct
 import pytest
 
 from bicycle_sim.loop import Loop, LoopOptions
-from bicycle_sim.push import LARGEST_PUSH, Push, PushGate
+from bicycle_sim.push import LARGEST_PUSH, PushGate
 from bicycle_sim.scenario import named
 from bicycle_sim.simulator import Command, Simulator, Start
 
@@ -54,7 +54,9 @@ def test_it_acts_in_the_next_step_and_once() -> None:
     loop.push(0.1)
     made = loop.receive(answer(loop))[1]
     assert made is not None
-    assert made.push == Push(1, 0, pytest.approx(0.3))
+    assert made.push is not None
+    assert (made.push.episode, made.push.step) == (1, 0)
+    assert made.push.lean_rate == pytest.approx(0.3)
     assert made.snapshot.lean_rate == pytest.approx(0.3)
     following = loop.receive(answer(loop))[1]
     assert following is not None
