@@ -1,0 +1,79 @@
+"""A thousand goals in a second, sound and unsound ones: the bicycle rides on, to the last."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from bicycle_msgs.msg import BicycleState, GoalStatus
+from geometry_msgs.msg import PoseStamped
+from node_process import NodeProcess
+from probe import Probe, goal
+
+from bicycle_sim.nodes.interfaces import GOAL_POSE, GOAL_STATUS, STATE
+
+pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
+
+RATE = 1000
+SECONDS = 3
+LAST = (30.0, -20.0)
+
+
+def strange(number: int) -> PoseStamped:
+    """Two of three goals are sound, each third is not."""
+    angle = 0.1 * number
+    place = (40.0 * math.cos(angle), 40.0 * math.sin(angle))
+    if number % 3:
+        return goal(*place)
+    return goal(math.nan, place[1]) if number % 2 else goal(*place, frame="moon")
+
+
+def flood(probe: Probe) -> None:
+    publisher = probe.publisher(GOAL_POSE)
+    begun = time.monotonic()
+    for number in range(RATE * SECONDS):
+        publisher.publish(strange(number))
+        probe.executor.spin_once(timeout_sec=0.0)
+        time.sleep(max(0.0, begun + (number + 1) / RATE - time.monotonic()))
+
+
+def place(state: BicycleState) -> tuple[float, float]:
+    return state.goal.x, state.goal.y
+
+
+def last(probe: Probe) -> GoalStatus:
+    return probe[GOAL_STATUS][-1]
+
+
+def test_a_flood_of_goals_does_not_stop_the_ride(
+    start_node: Callable[..., NodeProcess], ros_domain: int
+) -> None:
+    simulator = start_node("bicycle_sim.nodes.sim_node")
+    simulator.wait_for_line("episode 1 waits")
+    controller = start_node("bicycle_controller.nodes.controller_node")
+    controller.wait_for_line("waits for a goal")
+    probe = Probe(ros_domain, STATE, GOAL_STATUS)
+    try:
+        probe.say(GOAL_POSE, goal(40.0, 0.0))
+        probe.spin_until(lambda: probe[STATE] and probe[STATE][-1].step > 40)
+        begun = len(probe[STATE])
+        flood(probe)
+        ridden: list[Any] = probe[STATE][begun:]
+        assert len(ridden) > 0.5 * 40 * SECONDS
+        probe.say(GOAL_POSE, goal(*LAST))
+        probe.spin_until(lambda: place(probe[STATE][-1]) == LAST)
+        probe.spin_until(lambda: last(probe).status == GoalStatus.REACHED)
+        assert (last(probe).position.x, last(probe).position.y) == LAST
+        told = {one.status for one in probe[GOAL_STATUS]}
+        assert {GoalStatus.REPLACED, GoalStatus.REJECTED, GoalStatus.ACTIVE} <= told
+        sources = {one.command_source for one in probe[STATE][begun:]}
+        assert sources <= {BicycleState.SOURCE_FRESH, BicycleState.SOURCE_HELD}
+        assert not probe[STATE][-1].fallen
+    finally:
+        probe.close()
+    assert controller.running
+    assert simulator.running
+    assert "Traceback" not in controller.output
