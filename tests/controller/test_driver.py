@@ -14,6 +14,8 @@ from bicycle_controller.driver import Driver
 from bicycle_controller.goals import GoalTracker
 from bicycle_controller.lqr import LqrController
 from bicycle_controller.noise import Noise
+from bicycle_controller.policy import load_policy
+from bicycle_controller.safety import Safety
 from bicycle_sim.scenario import named
 from bicycle_sim.simulator import Command, Simulator, Start
 
@@ -87,6 +89,27 @@ def test_the_policy_s_time_is_part_of_the_answer_s(simulator: Simulator) -> None
     assert len(rider.policy_times) == len(rider.times) == 3
     pairs = zip(rider.policy_times, rider.times, strict=True)
     assert all(0.0 < asked < whole for asked, whole in pairs)
+
+
+def test_a_warm_up_asks_the_same_again_and_changes_nothing() -> None:
+    shipped, commands = load_policy(), []
+    for warms_up in (False, True):
+        policy = Fixed(shipped.act)
+        noise = Noise(NoiseConfig("gaussian", 0.1, 0.0), 1, 3, np.random.default_rng(1))
+        rider = driver(policy, noise=noise, safety=Safety())
+        rider.tracker.replace([GOAL])
+        rider.warm_up()
+        simulator = Simulator(SCENARIO)
+        simulator.reset(Start(0.0, 0.0, 0.4, 2.5))
+        made = []
+        for _ in range(50):
+            made += ride(rider, simulator, 1)
+            if warms_up:
+                rider.warm_up()
+        commands.append(made)
+        assert len(policy.seen) == (100 if warms_up else 50)
+    assert commands[0] == commands[1]
+    assert (policy.seen[0] == policy.seen[1]).all()
 
 
 def test_the_policy_sees_the_paper_s_six_states(simulator: Simulator) -> None:

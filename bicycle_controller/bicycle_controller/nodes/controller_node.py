@@ -38,6 +38,8 @@ NAME = "bicycle_controller"
 MOST_WAYPOINTS = 10_000
 SILENCE = 1.0
 """s without a state, which otherwise comes at least every 0.1 s."""
+WARM_UP = 0.003
+"""s between the policy's warm-up and the next state, with what it takes to answer one."""
 NO_LIMITS = np.full(3, np.inf)
 
 
@@ -75,6 +77,9 @@ class ControllerNode(Node):
         self._loader = PolicyLoader(self, lambda: self._driver.policy.policy_id, self._swap)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self._settings.diagnostics_period, self._on_report, clock=steady)
+        self._warms_up = False
+        self._warm_up = self.create_timer(SILENCE, self._on_warm_up, clock=steady)
+        self._warm_up.cancel()
         self.get_logger().info(f"{self._driver.policy.policy_id} waits for a goal")
 
     def _make_driver(self) -> Driver:
@@ -131,6 +136,14 @@ class ControllerNode(Node):
             self._warn(f"at step {snapshot.step} {answer.hand_over.message}")
         for event in answer.events:
             self._on_event(event)
+        if self._warms_up and answer.command is not None:
+            self._warm_up.reset()
+
+    def _on_warm_up(self) -> None:
+        """Make ready for the next state, once."""
+        self._warm_up.cancel()
+        with self._in_use:
+            self._driver.warm_up()
 
     def _on_bad_state(self, why: str) -> None:
         self._bad_states += 1
@@ -151,6 +164,10 @@ class ControllerNode(Node):
             self._simulator_limits = scenario.action_limits
             self._limit()
             self._suit(physics)
+        wait = physics.constants.time_step - WARM_UP
+        self._warms_up = info.pace == "realtime" and 0.0 < wait < SILENCE
+        if self._warms_up:
+            self._warm_up.timer_period_ns = round(1e9 * wait)
         wanted = self._settings.realtime_priority if info.pace == "realtime" else 0
         told = self._priority.take(wanted)
         if told:
