@@ -38,7 +38,7 @@ NAME = "bicycle_controller"
 MOST_WAYPOINTS = 10_000
 SILENCE = 1.0
 """s without a state, which otherwise comes at least every 0.1 s."""
-WARM_UP = 0.003
+WARM_UP = 0.002
 """s between the policy's warm-up and the next state, with what it takes to answer one."""
 NO_LIMITS = np.full(3, np.inf)
 
