@@ -3,8 +3,9 @@
 `bench_policy_latency.py` asks it again and again, so that its weights stay in the processor's
 cache; here it sleeps 25 ms between two states, as on a ride, and other processes come between.
 Figures are the controller's own diagnostics: `policy` is the network alone, `answer` all from the
-state to the command. In turns the shipped policies ride; whether torch is in the controller's
-process is looked up in its memory map.
+state to the command. In turns the shipped policy rides with nobody who listens to its
+steps, and with one, as a recorder would; whether torch is in the controller's process is looked
+up in its memory map.
 
     python tests/benchmarks/bench_answer.py [--turns 3] [--seconds 50] [--out FILE]
 """
@@ -22,7 +23,7 @@ from machine import machine
 from bicycle_controller.run_folder import origin
 
 RESULTS = Path(__file__).parent / "results" / "answer.json"
-POLICIES = ("fixed-speed", "small-displacement")
+KINDS = {"alone": False, "with a listener": True}
 ENTRY = "bicycle_controller: policy"
 CONTROLLER = "bicycle_controller.nodes.controller_node"
 
@@ -38,9 +39,9 @@ def controller_has_torch() -> bool:
     return "libtorch" in (process / "maps").read_text()
 
 
-def turn(policy: str, seconds: float) -> dict[str, Any]:
+def turn(listens: bool, seconds: float) -> dict[str, Any]:
     """One ride; percentiles in us of its last 50 s at most."""
-    with ride(f"policy:={policy}") as ear:
+    with ride(timing=listens) as ear:
         ear.listen(seconds)
         facts = ear.diagnostics[ENTRY]
         found: dict[str, Any] = {
@@ -55,17 +56,17 @@ def main() -> None:
     parser = options(__doc__, RESULTS, 50.0)
     args = parser.parse_args()
     result: dict[str, Any] = {**origin(), "machine": machine("numpy", "ros-jazzy-rclpy")}
-    turns: dict[str, list[dict[str, Any]]] = {policy: [] for policy in POLICIES}
+    turns: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
     for _ in range(args.turns):
-        for policy, found in turns.items():
-            found.append(turn(policy, args.seconds))
-    for policy, found in turns.items():
+        for kind, found in turns.items():
+            found.append(turn(KINDS[kind], args.seconds))
+    for kind, found in turns.items():
         medians = {
             key: statistics.median(one[key] for one in found)
             for key in found[0]
             if key.endswith("us")
         }
-        result[policy] = {"median of turns": medians, "turns": found}
+        result[kind] = {"median of turns": medians, "turns": found}
     save(args.out, result)
 
 

@@ -30,7 +30,8 @@ PERIOD = 0.025
 class Ear:
     """Hears timing, diagnostics and the trainer, and sends the bicycle on its way."""
 
-    def __init__(self) -> None:
+    def __init__(self, timing: bool = True) -> None:
+        """Without `timing` it wakes for diagnostics and the trainer only, once in a second."""
         rclpy.init(args=[])
         self.node = rclpy.create_node("ear")
         self.executor = SingleThreadedExecutor()
@@ -38,7 +39,8 @@ class Ear:
         self.timing: list[LoopTiming] = []
         self.status: TrainerStatus | None = None
         self.diagnostics: dict[str, dict[str, str]] = {}
-        self.node.create_subscription(LoopTiming, TIMING.name, self._on_timing, 1000)
+        if timing:
+            self.node.create_subscription(LoopTiming, TIMING.name, self._on_timing, 1000)
         self.node.create_subscription(TrainerStatus, TRAINER.name, self._on_status, 10)
         self.node.create_subscription(DiagnosticArray, DIAGNOSTICS.name, self._on_diagnostics, 10)
         self.goals = self.node.create_publisher(PoseStamped, GOAL_POSE.name, GOAL_POSE.publish)
@@ -82,15 +84,16 @@ class Ear:
 
 
 @contextlib.contextmanager
-def ride(*controller: str, priority: int | None = None) -> Iterator[Ear]:
+def ride(*controller: str, priority: int | None = None, timing: bool = True) -> Iterator[Ear]:
     """Simulator and controller on their way to a far goal, and an ear for them.
 
     Args:
         controller: its parameters, such as `policy:=lqr`.
         priority: real-time priority of both; their own default for None.
+        timing: whether the ear hears each step.
     """
     shared = () if priority is None else (f"realtime_priority:={priority}",)
-    ear = Ear()
+    ear = Ear(timing)
     nodes = [
         node("bicycle_sim.nodes.sim_node", *shared),
         node("bicycle_controller.nodes.controller_node", *shared, *controller),
