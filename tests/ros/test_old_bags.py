@@ -1,4 +1,4 @@
-"""Bags of earlier releases: today's code reads them, proves them to the bit and replays them."""
+"""Bags of earlier releases: today's code reads them, proves them and replays them."""
 
 from __future__ import annotations
 
@@ -56,9 +56,11 @@ def test_todays_messages_still_hold_what_it_says(old: Path) -> None:
     assert decoded == reader.message_count > 100
 
 
-def test_its_states_come_out_again_bit_for_bit(old: Path) -> None:
+def test_its_states_come_out_again(old: Path) -> None:
+    """To the bit on the kind of processor that recorded it, but for rounding on another."""
     (*_, verdict) = verify.verify(verify.read(old))
-    assert verdict.proved, verdict
+    assert verdict.same, verdict
+    assert verdict.largest < 1e-12
     assert verdict.checked + verdict.begun == len(read_ride(old).states["step"])
 
 
