@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bicycle_controller import driver as driving
 from bicycle_controller.config import NoiseConfig
 from bicycle_controller.driver import Driver
 from bicycle_controller.goals import GoalTracker
@@ -91,7 +92,22 @@ def test_the_policy_s_time_is_part_of_the_answer_s(simulator: Simulator) -> None
     assert all(0.0 < asked < whole for asked, whole in pairs)
 
 
-def test_a_warm_up_asks_the_same_again_and_changes_nothing() -> None:
+def test_a_slow_policy_is_not_warmed_up(
+    simulator: Simulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(driving, "QUICK", 0.0)
+    policy = constant(1.0, 0.1, 0.0)
+    rider = driver(policy)
+    rider.tracker.replace([GOAL])
+    ride(rider, simulator, 1)
+    rider.warm_up()
+    assert len(policy.seen) == 1
+
+
+def test_a_warm_up_asks_the_same_again_and_changes_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(driving, "QUICK", math.inf)
     shipped, commands = load_policy(), []
     for warms_up in (False, True):
         policy = Fixed(shipped.act)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator
 
@@ -11,6 +12,7 @@ import rclpy
 from bicycle_msgs.msg import EpisodeInfo
 from probe import goal
 
+from bicycle_controller import driver
 from bicycle_controller.nodes.controller_node import ControllerNode
 from bicycle_sim.nodes import convert
 from bicycle_sim.parameters import Physics
@@ -46,8 +48,9 @@ def controller(ros_domain: int) -> Iterator[ControllerNode]:
 
 @pytest.mark.parametrize(("pace", "asked"), [("realtime", 2), ("lockstep", 1)])
 def test_once_after_each_answer_in_real_time(
-    controller: ControllerNode, pace: str, asked: int
+    controller: ControllerNode, pace: str, asked: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(driver, "QUICK", math.inf)
     policy = controller._driver.policy = Counting()
     info = EpisodeInfo(episode=1, pace=pace, scenario=SCENARIO.to_json(), version="test")
     info.physics = Physics().to_json()
