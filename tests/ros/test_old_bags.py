@@ -7,8 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from bicycle_msgs.msg import BicycleState
 from node_process import NodeProcess
-from rclpy.serialization import deserialize_message
+from rclpy.serialization import deserialize_message, serialize_message
 
 from bicycle_bag import messages
 from bicycle_bag.nodes.session import message_class
@@ -62,6 +63,23 @@ def test_its_states_come_out_again(old: Path) -> None:
     assert verdict.same, verdict
     assert verdict.largest < 1e-12
     assert verdict.checked + verdict.begun == len(read_ride(old).states["step"])
+
+
+@pytest.mark.parametrize("apart", [1e-15, 1e-6])
+def test_rounding_is_told_from_a_difference(old: Path, apart: float) -> None:
+    recording = verify.read(old)
+    time_ns, data = recording.states[40]
+    state = deserialize_message(data, BicycleState)
+    state.lean_rate += apart
+    recording.states[40] = time_ns, serialize_message(state)
+    (*_, verdict) = verify.verify(recording)
+    assert not verdict.proved
+    assert verdict.same == (apart < verify.ROUNDING)
+    if verdict.same:
+        assert verdict.rounded > 0
+        assert "as another kind of processor rounds" in str(verdict)
+    else:
+        assert "step 40 of episode 1: lean_rate" in verdict.difference
 
 
 def test_it_is_played(old: Path, start_node: Start) -> None:
