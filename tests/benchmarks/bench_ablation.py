@@ -31,6 +31,8 @@ from bicycle_controller.run_folder import origin
 RESULTS = Path(__file__).parent / "results" / "ablation.json"
 WANTED = 0.99
 
+NARROW = ("noise.sigma=0.02", "noise.sigma_max=0.06", "noise.theta=0.1")
+PLAIN = ("ddpg.symmetric_actor=false",)
 VARIANTS: dict[str, tuple[str, ...]] = {
     "fast": (),
     "16 bicycles": ("bicycles=16",),
@@ -51,14 +53,9 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     ),
     "tau 0.005": ("ddpg.tau=0.005",),
     "batch 64": ("ddpg.batch=64",),
-    "narrow noise": ("noise.sigma=0.02", "noise.sigma_max=0.06", "noise.theta=0.1"),
-    "plain actor": ("ddpg.symmetric_actor=false",),
-    "narrow noise, plain actor": (
-        "noise.sigma=0.02",
-        "noise.sigma_max=0.06",
-        "noise.theta=0.1",
-        "ddpg.symmetric_actor=false",
-    ),
+    "narrow noise": NARROW,
+    "plain actor": PLAIN,
+    "narrow noise, plain actor": (*NARROW, *PLAIN),
 }
 """Overrides by title; the last is what `fast` was before."""
 
