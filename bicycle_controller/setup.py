@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
 
 NAME = "bicycle_controller"
 VERSION = next(
@@ -18,6 +18,15 @@ setup(
     package_data={
         NAME: ["models/*", "presets/*.yaml", "figures/*.yaml", "agents/*.cpp", "agents/*.h"]
     },
+    ext_modules=[
+        # Not a module but a library, see one_bicycle.py, which does without it.
+        Extension(
+            f"{NAME}._one_bicycle",
+            [f"{NAME}/one_bicycle.cpp"],
+            extra_compile_args=["-O3", "-ffp-contract=off", "-std=c++17"],
+            optional=True,
+        )
+    ],
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),

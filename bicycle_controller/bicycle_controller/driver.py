@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from dataclasses import dataclass
@@ -313,7 +314,7 @@ def _act(policy: Controller, seen: np.ndarray, speed: np.ndarray) -> tuple[np.nd
         return None, f"fails with {type(error).__name__}"
     if action.shape != (1, 3):
         return None, f"gives an action of shape {action.shape}"
-    if not np.isfinite(action).all():
+    if not all(map(math.isfinite, action[0].tolist())):
         return None, "gives an action that is not finite"
     return action[0], ""
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bicycle_controller.one_bicycle import OneBicycle
+from bicycle_controller.one_bicycle import forward_pass
 from bicycle_controller.policy_file import (
     MAX_FILE_BYTES,
     PolicyError,
@@ -94,7 +94,7 @@ class Policy:
         self._limits = np.array(info.action_limits)
         widths = [6, *(layer[0].shape[0] for layer in self._layers)]
         self._memory = [np.zeros(width * CHUNK, dtype=np.float32) for width in widths]
-        self._one = OneBicycle(self._layers, self._scale[:, 0], self._limits, NORM_EPSILON)
+        self._one = forward_pass(self._layers, self._scale[:, 0], self._limits, NORM_EPSILON)
 
     @property
     def name(self) -> str:
@@ -127,7 +127,7 @@ class Policy:
             raise ValueError(f"observation must have shape (N, 6), not {observation.shape}")
         count = len(observation)
         if count == 1:
-            return self._one(observation[0])[None]
+            return self._one(observation)
         action = np.empty((count, 3))
         for first in range(0, count, CHUNK):
             rows = observation[first : first + CHUNK]

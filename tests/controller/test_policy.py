@@ -77,28 +77,6 @@ def test_a_batch_is_its_rows(norm: bool) -> None:
     np.testing.assert_allclose(batch, singles, atol=1e-6)
 
 
-@pytest.mark.parametrize("norm", [False, True])
-@pytest.mark.parametrize("alike", [False, True])
-def test_halves_that_are_not_connected_are_the_same_network(alike: bool, norm: bool) -> None:
-    made = make_policy(5, (32, 24), norm=norm)
-    weight = made.tensors["layer.1.weight"]
-    weight[:12, 16:] = weight[12:, :16] = 0.0
-    if alike:
-        weight[12:, 16:] = weight[:12, :16]
-    policy = Policy(made.info, made.tensors)
-    observations = np.random.default_rng(6).normal(size=(20, 6))
-    rows = [policy.act(one[None])[0] for one in observations]
-    np.testing.assert_allclose(rows, policy.act(observations), rtol=0, atol=1e-6)
-
-
-def test_answers_are_not_overwritten_by_the_next() -> None:
-    policy = make_policy()
-    first = policy.act(np.zeros((1, 6)))
-    kept = first.copy()
-    policy.act(np.ones((1, 6)))
-    assert (first == kept).all()
-
-
 def test_no_bicycles_no_actions() -> None:
     assert make_policy().act(np.zeros((0, 6))).shape == (0, 3)
 
