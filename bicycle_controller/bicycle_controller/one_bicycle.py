@@ -148,7 +148,7 @@ class NativeForward:
 def load() -> ctypes.PyDLL | None:
     """The library that was built with the package, or None where there is none that loads."""
     for suffix in EXTENSION_SUFFIXES:
-        path = Path(__file__).with_name(f"{LIBRARY}{suffix}")
+        path = Path(__file__).parent / f"{LIBRARY}{suffix}"
         try:
             # Keeps the interpreter's lock: to take it again would cost more than the call.
             library = ctypes.PyDLL(str(path))
