@@ -25,15 +25,31 @@ struct Layer {
 
 namespace {
 
+constexpr int TOGETHER = 4;  // inputs that are added in one pass over the outputs
+
 WIDEST void multiply(const Layer& layer, const float* inputs, float* __restrict__ outputs) {
+  const int width = layer.outputs;
   for (int block = 0; block < layer.blocks; ++block) {
-    const float* row = layer.weights[block];
-    for (int i = 0; i < layer.inputs; ++i, ++inputs, row += layer.outputs) {
-      const float input = *inputs;
-      if (input == 0.0f) continue;  // half of them behind a relu
-      for (int o = 0; o < layer.outputs; ++o) outputs[o] += row[o] * input;
+    const float *rows[TOGETHER], *weights = layer.weights[block];
+    float values[TOGETHER];
+    int waiting = 0;
+    for (int i = 0; i < layer.inputs; ++i) {
+      rows[waiting] = weights + static_cast<long>(i) * width;
+      values[waiting] = inputs[i];
+      waiting += inputs[i] != 0.0f;  // half of them are zero behind a relu
+      if (waiting < TOGETHER) continue;
+      for (int o = 0; o < width; ++o) {
+        float sum = outputs[o];
+        for (int k = 0; k < TOGETHER; ++k) sum += rows[k][o] * values[k];
+        outputs[o] = sum;
+      }
+      waiting = 0;
     }
-    outputs += layer.outputs;
+    for (int k = 0; k < waiting; ++k) {
+      for (int o = 0; o < width; ++o) outputs[o] += rows[k][o] * values[k];
+    }
+    inputs += layer.inputs;
+    outputs += width;
   }
 }
 
