@@ -1,4 +1,4 @@
-"""The deterministic actor as the control loop needs it: numpy, no torch, a few microseconds.
+"""The deterministic actor as the control loop needs it: no torch, a few microseconds.
 
 An observation in SI units is divided by the policy's scale, passed through fully connected
 layers (relu, with layer normalisation before it where the file has one; tanh at the end) in
