@@ -33,6 +33,8 @@ WANTED = 0.99
 
 NARROW = ("noise.sigma=0.02", "noise.sigma_max=0.06", "noise.theta=0.1")
 PLAIN = ("ddpg.symmetric_actor=false",)
+UNCAPPED = ("ddpg.cost_cap=0", "ddpg.reward_min=-25")
+PENALTY = ("ddpg.fall_penalty=6", "ddpg.reward_scale=0.02")
 VARIANTS: dict[str, tuple[str, ...]] = {
     "fast": (),
     "16 bicycles": ("bicycles=16",),
@@ -42,8 +44,9 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "no near goals": ("starts.near_share=0",),
     "no mirrored batches": ("ddpg.mirror=false",),
     "no averaged actor": ("ddpg.actor_average=0",),
-    "no cost cap": ("ddpg.cost_cap=0", "ddpg.reward_min=-25"),
-    "no fall penalty": ("ddpg.fall_penalty=0", "ddpg.reward_scale=0.05"),
+    "no cost cap": (*UNCAPPED, "ddpg.reward_scale=0.02"),
+    "fall penalty": PENALTY,
+    "fall penalty, no cost cap": (*UNCAPPED, *PENALTY),
     "values not bounded": ("ddpg.bound_values=false",),
     "upright starts": (
         "starts.tilt=0",
@@ -57,7 +60,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "plain actor": PLAIN,
     "narrow noise, plain actor": (*NARROW, *PLAIN),
 }
-"""Overrides by title; the last is what `fast` was before."""
+"""Overrides by title."""
 
 
 def run(title: str, seed: int, updates: int) -> dict[str, Any]:
