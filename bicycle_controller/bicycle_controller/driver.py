@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from dataclasses import dataclass
 
 import numpy as np
 
+from bicycle_controller.answers import Answer, HandOver
 from bicycle_controller.controllers import Controller
-from bicycle_controller.goals import Event, GoalTracker, Pose
+from bicycle_controller.goals import GoalTracker, Pose
 from bicycle_controller.noise import Noise
 from bicycle_controller.safety import Reason, Safety, stopping_pedal
 from bicycle_sim.simulator import Command, Snapshot, Source
@@ -20,39 +20,6 @@ TIMES_KEPT = 2000
 """Answers whose computing times are kept: 50 s at 40 Hz."""
 QUICK = 0.0005
 """s: a policy that takes longer is not warmed up, which would hold up the next state."""
-
-
-@dataclass(frozen=True)
-class HandOver:
-    """Who drives from one state on."""
-
-    episode: int
-    step: int
-    """Of the state that is answered so."""
-    reason: Reason
-    """Why the fallback drives; NONE when the policy drives again."""
-    stop: bool
-    """Whether the bicycle is stopped, until a new goal comes."""
-    policy: str
-    """Id of what drives."""
-    count: int
-    """Times that the fallback took over so far."""
-    message: str
-    """One line."""
-
-
-@dataclass(frozen=True)
-class Answer:
-    """What follows from one state."""
-
-    command: Command | None
-    """None where there is nothing to steer by, or the bicycle lies."""
-    events: list[Event]
-    """What has become of goals."""
-    warning: str = ""
-    """One line for the log; empty unless something has just gone wrong."""
-    hand_over: HandOver | None = None
-    """Told once when the safety layer changes who drives."""
 
 
 class Driver:

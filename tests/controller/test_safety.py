@@ -10,7 +10,8 @@ import pytest
 from faulty import FAULTS, ride
 
 from bicycle_controller import safety
-from bicycle_controller.driver import Driver, HandOver
+from bicycle_controller.answers import HandOver
+from bicycle_controller.driver import Driver
 from bicycle_controller.goals import GoalTracker, Status
 from bicycle_controller.lqr import LqrController, fitting
 from bicycle_controller.nodes.controller_settings import ControllerSettings

@@ -7,7 +7,7 @@ from bicycle_msgs.msg import HandOver as HandOverMessage
 from builtin_interfaces.msg import Time
 from std_msgs.msg import Header
 
-from bicycle_controller.driver import HandOver
+from bicycle_controller.answers import HandOver
 from bicycle_controller.goals import Event
 from bicycle_sim.nodes import convert
 
