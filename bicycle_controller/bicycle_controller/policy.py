@@ -96,6 +96,10 @@ class Policy:
         self._memory = [np.zeros(width * CHUNK, dtype=np.float32) for width in widths]
         self._one = forward_pass(self._layers, self._scale[:, 0], self._limits, NORM_EPSILON)
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """A policy is copied and sent to other processes as what it was made of."""
+        return Policy, (self.info, self.tensors, self._digest)
+
     @property
     def name(self) -> str:
         """The policy's short name."""

@@ -1,6 +1,7 @@
 """The forward pass for one bicycle: in C++, and in numpy where that was not built."""
 
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -89,6 +90,14 @@ def test_answers_are_not_overwritten_by_the_next(kind: type) -> None:
     kept = first.copy()
     policy.act(np.ones((1, 6)))
     assert (first == kept).all()
+
+
+def test_a_policy_can_be_sent_to_another_process(kind: type) -> None:
+    policy = made(kind, 4, True, "alike")
+    copy = pickle.loads(pickle.dumps(policy))
+    observation = np.ones((1, 6))
+    assert copy.policy_id == policy.policy_id
+    assert copy.act(observation).tolist() == policy.act(observation).tolist()
 
 
 @pytest.mark.parametrize("norm", [False, True])
