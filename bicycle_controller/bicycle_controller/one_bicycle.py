@@ -1,8 +1,8 @@
 """An actor's forward pass for one bicycle, as fast as the control loop wants it.
 
-`one_bicycle.cpp` is built with the package and needs one call. Between two states, 25 ms apart,
-numpy's dozen calls leave the processor's cache, and cost some 80 us then; they serve where the
-library was not built.
+`one_bicycle.cpp` needs one call. Between two states, 25 ms apart, numpy's dozen calls would leave
+the processor's cache; they serve where the library was not built. It is built with the package,
+not at first use as `agents/native.cpp` is: where a bicycle rides there may be no compiler.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How long one action takes from one observation: our numpy policy, torch and ONNX Runtime.
+"""How long one action takes from one observation: our policy, torch and ONNX Runtime.
 
 The actor is the paper's, 6-400-300-2, and beside it the shipped one that rides by default; every
 contestant takes a float64 observation in SI units and gives float64 physical actions. They take

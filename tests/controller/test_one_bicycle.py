@@ -56,8 +56,8 @@ def test_halves_leave_their_zeros_out() -> None:
 
 
 @pytest.mark.parametrize("norm", [False, True])
-def test_every_processor_gives_these_bits(norm: bool) -> None:
-    """Sums in the order of the inputs, each product and each sum rounded to single precision."""
+def test_it_sums_in_the_order_of_the_inputs(norm: bool) -> None:
+    """Each product and each sum rounded to single precision: any processor gives these bits."""
     policy = made(NativeForward, 7, norm)
     f = np.float32
     epsilon = f(1e-5)
