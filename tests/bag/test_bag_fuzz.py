@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from mcap.opcode import Opcode
 from ride_bag import COMMAND, EPISODE, STATE, make_bag
 
 from bicycle_bag import columns, container, messages, repair
@@ -28,7 +29,10 @@ FUZZ = settings(
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
-LENGTHS = st.sampled_from([0, 1, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**62, 2**63, 2**64 - 1])
+HUGE = (0, 1, 2**31 - 1, 2**31, 2**32 - 1, 2**40, 2**62, 2**63, 2**64 - 1)
+LENGTHS = st.sampled_from(HUGE)
+CHUNK_HEAD = struct.calcsize("<QQQI")
+"""Bytes of a chunk's times, size and checksum, before the name of its compression."""
 
 
 @cache
@@ -110,6 +114,18 @@ def test_truncated_with_a_tail_of_rubbish(cut: int, tail: bytes) -> None:
 def test_huge_lengths_of_records(compression: str, data: st.DataObject, length: int) -> None:
     content = bytearray(original(compression))
     struct.pack_into("<Q", content, data.draw(st.sampled_from(heads(compression))), length)
+    survives(bytes(content))
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", ""])
+@pytest.mark.parametrize("length", HUGE)
+def test_huge_lengths_within_a_chunk(compression: str, length: int) -> None:
+    content = bytearray(original(compression or "none"))
+    first = next(at for at in heads(compression or "none") if content[at - 1] == Opcode.CHUNK)
+    name = compression.encode()
+    place = first + 8 + CHUNK_HEAD
+    assert content[place : place + 4 + len(name)] == struct.pack("<I", len(name)) + name
+    struct.pack_into("<Q", content, place + 4 + len(name), length)
     survives(bytes(content))
 
 

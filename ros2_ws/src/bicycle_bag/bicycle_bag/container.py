@@ -219,16 +219,17 @@ def _parse(read: Callable[[ReadDataStream], _T], body: bytes) -> _T:
 
 
 class _Strict(ReadDataStream):
-    """The package's stream, but a short read is an error."""
+    """The package's stream, but to read more than there is is an error, however much."""
 
     def __init__(self, body: bytes) -> None:
         super().__init__(BytesIO(body))
+        self._left = len(body)
 
     def read(self, length: int) -> bytes:
-        data = super().read(length)
-        if len(data) < length:
+        if length > self._left:
             raise McapError("it ends too soon")
-        return data
+        self._left -= length
+        return super().read(length)
 
 
 class Summary(NamedTuple):
