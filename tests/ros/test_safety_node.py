@@ -15,7 +15,14 @@ from probe import Probe, goal
 from bicycle_bag.reader import BagReader
 from bicycle_controller.policy import Policy, load_policy, save_policy
 from bicycle_controller.safety import Reason
-from bicycle_sim.nodes.interfaces import DIAGNOSTICS, GOAL_POSE, GOAL_STATUS, HAND_OVER, STATE
+from bicycle_sim.nodes.interfaces import (
+    COMMAND,
+    DIAGNOSTICS,
+    GOAL_POSE,
+    GOAL_STATUS,
+    HAND_OVER,
+    STATE,
+)
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 
@@ -59,6 +66,9 @@ def test_under_a_policy_that_is_garbage_the_goal_is_reached_and_each_hand_over_t
     recorder = start_node("bicycle_bag.nodes.recorder_node", ["--output", bag])
     recorder.wait_for_line("recording into")
     start(start_node, full_torque(tmp_path / "garbage.safetensors"))
+    # A step that the recorder does not hear cannot be computed again.
+    for topic in (STATE, COMMAND):
+        recorder.wait_for_line(f"recording /{topic.name}")
     probe.say(GOAL_POSE, goal(25.0, 10.0))
     probe.spin_until(lambda: probe[GOAL_STATUS] and probe[GOAL_STATUS][-1].status == 2, 60.0)
     assert probe[GOAL_STATUS][-1].status == GoalStatus.REACHED
