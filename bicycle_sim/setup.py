@@ -19,7 +19,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
     ],
-    install_requires=["numpy"],
+    install_requires=["numpy", "pyyaml"],
     extras_require={"gym": ["gymnasium"], "test": ["pytest"]},
     python_requires=">=3.10",
     zip_safe=True,

@@ -17,6 +17,7 @@ from typing import Any
 import yaml
 
 from bicycle_controller.config import RunConfig
+from bicycle_sim import yaml_text
 from bicycle_sim.config import nearest, reject_unknown
 from bicycle_sim.parameters import Physics
 from bicycle_sim.scenario import SCENARIOS, Scenario, named
@@ -49,8 +50,8 @@ def load(path: Path, overrides: Iterable[str] = ()) -> RunConfig:
         ValueError: when it cannot be read, or on an unknown key or value.
     """
     try:
-        tree = yaml.safe_load(path.read_text())
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        tree = yaml_text.read(path)
+    except (OSError, UnicodeDecodeError, yaml_text.YAMLError) as error:
         raise ValueError(f"cannot read the configuration {path}: {_one_line(error)}") from error
     try:
         return build(_extended(tree), overrides)
@@ -92,7 +93,7 @@ def _preset_tree(name: str) -> Tree:
         hint = nearest(name, names)
         raise ValueError(f"unknown preset {name!r}{hint}; known: {', '.join(names)}")
     text = (resources.files("bicycle_controller") / "presets" / f"{name}.yaml").read_text()
-    return _merge(_extended(yaml.safe_load(text)), {"preset": name})
+    return _merge(_extended(yaml_text.load(text)), {"preset": name})
 
 
 def _extended(tree: Any) -> Tree:
@@ -109,8 +110,8 @@ def _override(text: str) -> Tree:
     if not equals or not key.strip():
         raise ValueError(f"cannot read {text!r}: write NAME=VALUE, for instance ddpg.tau=0.01")
     try:
-        tree: Any = yaml.safe_load(value)
-    except yaml.YAMLError as error:
+        tree: Any = yaml_text.load(value)
+    except yaml_text.YAMLError as error:
         raise ValueError(f"cannot read the value of {text!r}: {_one_line(error)}") from error
     for part in reversed(key.strip().split(".")):
         tree = {part: tree}

@@ -196,7 +196,7 @@ def test_other_storages_and_missing_files_are_named(bag: Path) -> None:
     path = bag / "metadata.yaml"
     stored = yaml.safe_load(path.read_text())
     (bag / "bag_0.mcap").rename(bag / "other.mcap")
-    with pytest.raises(BagError, match=r"lacks its file bag_0\.mcap"):
+    with pytest.raises(BagError, match=r"lacks its file 'bag_0\.mcap"):
         BagReader(bag)
     repair.repair(bag)
     assert BagReader(bag).message_count == 2 * STEPS + 1

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -113,3 +114,36 @@ def test_ros_arguments_that_cannot_be_read_are_one_line(
         raise AssertionError("let in")
 
     refused(capfd, make, *words)
+
+
+@pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("{a: " * 10**6, "nested deeper"),
+        ("x" * 10**7, "longer than"),
+        ("node: {ros__parameters: {rate: " + "9" * 10**6 + "}}", "unknown parameter 'rate'"),
+        ("".join(f"%TAG !a{i}! tag:x\n" for i in range(10**5)) + "---\na", "%TAG directives"),
+    ],
+    ids=["nesting", "length", "digits", "tags"],
+)
+def test_a_yaml_bomb_as_parameter_file_is_refused_in_one_line(
+    text: str, said: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    import rclpy
+    from rclpy.node import Node
+
+    def make() -> Node:
+        made = Node("node", enable_rosout=False, start_parameter_services=False)
+        try:
+            declare(made, SimSettings)
+        finally:
+            made.destroy_node()
+        rclpy.try_shutdown()
+        raise AssertionError("let in")
+
+    file = tmp_path / "parameters.yaml"
+    file.write_text(text)
+    line = refused(capfd, make, "--params-file", str(file))
+    assert said in line
+    assert len(line) < 1000

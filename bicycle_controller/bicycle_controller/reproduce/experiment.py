@@ -6,10 +6,9 @@ from dataclasses import dataclass, field, fields, replace
 from importlib import resources
 from typing import Any
 
-import yaml
-
 from bicycle_controller import settings
 from bicycle_controller.rides import Disturbance
+from bicycle_sim import yaml_text
 from bicycle_sim.config import nearest, reject_unknown, require
 from bicycle_sim.scenario import Scenario, named
 
@@ -177,7 +176,7 @@ def find(name: str) -> list[Experiment]:
 def load(name: str) -> Experiment:
     """The experiment of a file of `figures/`."""
     text = (resources.files("bicycle_controller") / "figures" / f"{name}.yaml").read_text()
-    return build(name, yaml.safe_load(text))
+    return build(name, yaml_text.load(text))
 
 
 def build(name: str, tree: dict[str, Any]) -> Experiment:

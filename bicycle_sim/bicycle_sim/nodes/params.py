@@ -19,6 +19,8 @@ from bicycle_sim.settings import Parameter, parameters_of
 
 Settings = TypeVar("Settings")
 
+MOST_SHOWN = 200
+"""Characters of a value in an error line."""
 _FOREIGN = ("use_sim_time", "qos_overrides.", "start_type_description_service")
 
 
@@ -56,16 +58,22 @@ def _declare_one(node: Node, item: Parameter, given: dict[str, RosParameter]) ->
         wanted = type(item.default).__name__
         raise UserError(
             f"parameter {item.name} must be a {wanted}, such as {item.default!r}, "
-            f"not {given[item.name].value!r}"
+            f"not {_shown(given[item.name])}"
         ) from None
     except InvalidParameterValueException:
         raise UserError(
-            f"parameter {item.name} is {given[item.name].value!r}: choose {item.low:g} to "
+            f"parameter {item.name} is {_shown(given[item.name])}: choose {item.low:g} to "
             f"{item.high:g}"
         ) from None
     except ValueError as error:
         raise UserError(str(error)) from None
     return value
+
+
+def _shown(given: RosParameter) -> str:
+    """A value for an error line."""
+    text = repr(given.value)
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."
 
 
 def _descriptor(item: Parameter) -> ParameterDescriptor:

@@ -6,6 +6,8 @@ import gc
 import signal
 import sys
 from collections.abc import Callable, Sequence
+from itertools import pairwise
+from pathlib import Path
 from typing import Any, Protocol
 
 import rclpy
@@ -19,6 +21,7 @@ try:
 except ImportError:
     EventsExecutor = None
 
+from bicycle_sim import yaml_text
 from bicycle_sim.nodes import security
 from bicycle_sim.nodes.heartbeat import VARIABLE, Heartbeat
 
@@ -142,10 +145,30 @@ def without_ros(words: Sequence[str]) -> list[str]:
     Raises:
         UserError: ROS cannot read them.
     """
+    _check_parameter_files(words)
     try:
         return list(remove_ros_args(list(words))[1:])
     except Exception as error:
         raise UserError(f"cannot read the ROS arguments: {_first_line(error)}") from None
+
+
+def _check_parameter_files(words: Sequence[str]) -> None:
+    """Refuse what rcl's own reader of YAML would take minutes and all memory for.
+
+    Raises:
+        UserError: a parameter file is beyond the bounds of `yaml_text`.
+    """
+    for option, file in pairwise(words):
+        if option != "--params-file":
+            continue
+        try:
+            yaml_text.check_bounds(yaml_text.read_text(Path(file)))
+        except yaml_text.BoundsError as error:
+            raise UserError(
+                f"cannot read the parameter file {file}: {error}; write plain parameters"
+            ) from None
+        except (OSError, UnicodeDecodeError, yaml_text.YAMLError):
+            pass  # rcl says so
 
 
 def _understood(words: list[str], usage: str) -> bool:

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bicycle_bag import yaml_text
 from bicycle_bag.errors import BagError
 from bicycle_bag.qos import QosProfile, parse_profiles
+from bicycle_sim import yaml_text
 
 VERSION = 9
 FILE_NAME = "metadata.yaml"
@@ -135,9 +135,9 @@ def read(folder: Path) -> BagMetadata:
     """
     path = folder / FILE_NAME
     try:
-        content = yaml_text.load(path.read_text(encoding="utf-8"))
+        content = yaml_text.read(path)
         return from_yaml_map(content[ROOT])
-    except (OSError, UnicodeDecodeError, yaml_text.YAMLError, RecursionError) as error:
+    except (OSError, UnicodeDecodeError, yaml_text.YAMLError) as error:
         raise BagError(f"cannot read {path} ({_one_line(error)}): {_REMEDY}") from None
     except (KeyError, TypeError, ValueError, AttributeError):
         raise BagError(f"{path} is not rosbag2 metadata: {_REMEDY}") from None

@@ -6,10 +6,10 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from bicycle_bag import yaml_text
 from bicycle_bag.errors import BagError
 from bicycle_bag.qos import QosProfile, from_yaml_map
 from bicycle_bag.selection import absolute
+from bicycle_sim import yaml_text
 
 DEFAULT = QosProfile(history="keep_last", depth=10)
 """What a topic's entry leaves open: ROS's default profile."""
@@ -25,7 +25,7 @@ def read_overrides(path: str) -> dict[str, QosProfile]:
     if not path:
         return {}
     try:
-        entries = yaml_text.load(Path(path).read_text())
+        entries = yaml_text.read(Path(path))
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "no text"
         raise BagError(f"cannot read {path}: {reason}") from None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 from mcap.opcode import Opcode
@@ -164,7 +164,7 @@ def find_files(path: Path, listed: bool = True) -> list[Path]:
         raise BagError(f"there is no bag {path}: name a bag directory or a .mcap file")
     if listed and (path / metadata.FILE_NAME).is_file():
         return _listed_files(path)
-    files = sorted(path.glob("*.mcap"), key=_natural)
+    files = sorted((file for file in path.glob("*.mcap") if _lies_in(path, file)), key=_natural)
     if not files:
         raise BagError(f"{path} holds no .mcap file: name the directory that record.sh made")
     return files
@@ -173,16 +173,32 @@ def find_files(path: Path, listed: bool = True) -> list[Path]:
 def _listed_files(path: Path) -> list[Path]:
     files = []
     for information in metadata.read(path).files:
-        file = path / information.path
-        # rosbag2 once wrote the paths relative to the directory above.
-        file = file if file.is_file() else path.parent / information.path
-        if not file.is_file():
+        file = _listed_file(path, PurePosixPath(information.path))
+        if file is None:
             raise BagError(
-                f"{path} lacks its file {information.path}: put it back, or go on without it "
-                "after record.sh --repair"
+                f"{path} lacks its file {information.path[:100]!r}: put it into that folder, or "
+                "go on without it after record.sh --repair"
             )
         files.append(file)
     return files
+
+
+def _listed_file(folder: Path, name: PurePosixPath) -> Path | None:
+    """A file that metadata.yaml names; None where it is not in the bag's folder."""
+    if name.is_absolute() or ".." in name.parts:
+        return None
+    # rosbag2 once wrote the paths relative to the directory above.
+    inside = name.parts[1:] if name.parts[:1] == (folder.resolve().name,) else name.parts
+    found = (file for file in (folder / name, folder.joinpath(*inside)) if _lies_in(folder, file))
+    return next(found, None)
+
+
+def _lies_in(folder: Path, file: Path) -> bool:
+    """Whether a regular file is there, in the folder or below it and not reached by a link out."""
+    try:
+        return file.is_file() and file.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError, ValueError):  # a name too long, links in a circle, a zero byte
+        return False
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

@@ -7,9 +7,10 @@ from pathlib import Path
 
 from mcap.opcode import Opcode
 
-from bicycle_bag import container, metadata, yaml_text
+from bicycle_bag import container, metadata
 from bicycle_bag.container import DamageError, RawMessage, Record, Registry
 from bicycle_bag.errors import BagError
+from bicycle_sim import yaml_text
 
 Progress = Callable[[int], object]
 

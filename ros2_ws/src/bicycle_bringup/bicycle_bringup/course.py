@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
+
+from bicycle_sim import yaml_text
 
 Point = tuple[float, float]
 """(x, y), m in the odom frame."""
@@ -60,11 +61,13 @@ def read_waypoints(path: Path) -> list[Point]:
     if path.suffix not in (".yaml", ".yml", ".csv"):
         raise ValueError(f"{path} is neither .yaml nor .csv: name a file of waypoints")
     try:
-        text = path.read_text(encoding="utf-8")
+        text = yaml_text.read_text(path)
     except OSError as error:
         raise ValueError(f"cannot read {path}: {error.strerror}") from None
     except UnicodeDecodeError:
         raise ValueError(f"{path} is not text: name a file of waypoints") from None
+    except yaml_text.YAMLError as error:
+        raise ValueError(f"cannot read {path}: {error}; name a file of waypoints") from None
     items = _csv_rows(text) if path.suffix == ".csv" else _yaml_items(path, text)
     points = [_point(path, where, item) for where, item in items]
     if not points:
@@ -85,8 +88,8 @@ def _csv_rows(text: str) -> list[tuple[str, Any]]:
 
 def _yaml_items(path: Path, text: str) -> list[tuple[str, Any]]:
     try:
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
+        data = yaml_text.load(text)
+    except yaml_text.YAMLError as error:
         raise ValueError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
     if isinstance(data, dict):
         data = data.get("waypoints")
