@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +27,22 @@ FELL_AT = STEPS - 10
 WATCHDOG = range(50, 60)
 EVIL = '<script>alert("x")</script>'
 """The second policy's id: what comes from a bag must never become a part of the page."""
-Message = tuple[str, dict[str, Any], int]
+Message = tuple[str, dict[str, Any], int, int]
+Told = tuple[int, int, float, float]
+"""Goal, its status, s after the start of the bag when that was sent, and when received."""
 
 
-def messages() -> Iterator[Message]:
-    """Topic, fields, ns since the start."""
+def messages(told: Sequence[Told] | None = None, late_from: int = 0) -> Iterator[Message]:
+    """Topic, fields, ns since the start at which it was received and was sent."""
+    for name, fields, received in _ride(late_from):
+        if told is None or name != "/bicycle/goal_status":
+            yield name, fields, received, received
+    for goal, status, sent_s, received_s in told or ():
+        ridden = _status(goal, status, 0.0 if status == 1 else 9.9)
+        yield "/bicycle/goal_status", ridden, round(1e9 * received_s), round(1e9 * sent_s)
+
+
+def _ride(late_from: int) -> Iterator[tuple[str, dict[str, Any], int]]:
     count = 0
     for episode in (1, 2):
         info = {"episode": episode, "seed": 7, "pace": "realtime", "version": "0.1.0"}
@@ -42,7 +53,8 @@ def messages() -> Iterator[Message]:
             yield "/bicycle/state", _state(episode, step, count), now + 2
             yield "/bicycle/command", _command(episode, step), now + 3
             if step:
-                yield "/bicycle/timing", _timing(episode, step), now + 4
+                late = {"late_steps": late_from}
+                yield "/bicycle/timing", _timing(episode, step) | late, now + 4
             count += 1
         end = 6 if episode == 1 else 2
         yield "/bicycle/goal_status", _status(episode, end, 9.9), count * PERIOD_NS + 5
@@ -64,6 +76,7 @@ def _state(episode: int, step: int, count: int) -> dict[str, Any]:
         "fallen": episode == 1 and step >= FELL_AT,
         "command_source": 3 if episode == 2 and step in WATCHDOG else 1,
         "command_step": step - 1,
+        "controller": "c" if step else "",
     }
 
 
@@ -92,18 +105,34 @@ def write(
     path: Path,
     leave_out: Collection[str] = (),
     namespaces: Collection[str] = ("",),
+    told: Sequence[Told] | None = None,
+    late_from: int = 0,
+    second_controller: bool = False,
     **options: Any,
 ) -> Path:
-    """Record the ride at `path`, but for some topics, once in each namespace."""
+    """Record the ride at `path`, but for some topics, once in each namespace.
+
+    Args:
+        path: of the bag.
+        leave_out: topics.
+        namespaces: of the bicycles.
+        told: goal statuses in place of the ride's own.
+        late_from: steps that were late before the recording.
+        second_controller: whether another one answers each state, too.
+        options: of the writer.
+    """
     with BagWriter(path, **options) as writer:
         for prefix in namespaces:
             for name, short in TYPES.items():
                 if name not in leave_out:
                     kind = f"bicycle_msgs/msg/{short}"
                     writer.add_topic(Topic(prefix + name, kind), schemas().definition(kind))
-        for name, fields, time in messages():
+        for name, fields, received, sent in messages(told, late_from):
             for prefix in namespaces:
                 if name not in leave_out:
                     data = serialise(TYPES[name], fields)
-                    writer.write(prefix + name, data, START_NS + time, START_NS + time)
+                    writer.write(prefix + name, data, START_NS + received, START_NS + sent)
+            if second_controller and name == "/bicycle/command":
+                data = serialise(TYPES[name], fields | {"controller": "d", "policy": "idle"})
+                writer.write(name, data, START_NS + received + 1, START_NS + sent)
     return path

@@ -7,9 +7,11 @@ import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
+import matplotlib as mpl
 import matplotlib.image
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from mcap.opcode import Opcode
 from report_bag import EVIL, FELL_AT, STEPS, TYPES, write
 
@@ -18,13 +20,14 @@ from bicycle_bag.columns import load as load_columns
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import Topic
 from bicycle_bag.writer import BagWriter
-from bicycle_bringup.drawing import envelope
+from bicycle_bringup.drawing import STYLE, envelope
 from bicycle_bringup.ride_page.command import main, names_of, output_of
 from bicycle_bringup.ride_page.happenings import happenings, runs
 from bicycle_bringup.ride_page.loading import load
 from bicycle_bringup.ride_page.page import html
+from bicycle_bringup.ride_page.timing import LEAST_RANGE, draw_timing
 
-VOID = {"meta", "use", "path", "circle", "rect", "image", "stop", "br", "line"}
+VOID = {"meta", "use", "path", "circle", "rect", "image", "stop", "br", "line", "wbr"}
 
 
 ALL = 2 * (3 * STEPS - 1) + 2 + 5
@@ -135,21 +138,38 @@ def test_an_envelope_keeps_extremes_and_order() -> None:
     assert not np.isinf(thin).any()
 
 
-@pytest.mark.parametrize("topic", [*TYPES, "all"])
+@pytest.mark.parametrize("topic", TYPES)
 def test_a_bag_may_lack_any_topic(tmp_path: Path, topic: str) -> None:
-    left_out = list(TYPES) if topic == "all" else [topic]
-    page = load(write(tmp_path / "ride", leave_out=left_out), "ride")
-    assert any(f"Nothing was recorded of {left_out[0]}" in note for note in page.notes)
-    if topic in ("/bicycle/state", "all"):  # a page takes a second
-        assert Structure(html([page])).heads[0] == "In numbers"
+    page = load(write(tmp_path / "ride", leave_out=[topic]), "ride")
+    assert any(f"Nothing was recorded of {topic}" in note for note in page.notes)
+    if topic == "/bicycle/state":  # a page takes a second
+        text = html([page])
+        assert Structure(text).heads[0] == "In numbers"
+        numbers = text.partition("<h2>Track</h2>")[0]
+        assert "<b>falls</b>" not in numbers, "nobody knows whether it fell"
+        assert "0.0 s of simulated time" not in numbers
 
 
-def test_a_bag_of_something_else_shows_what_it_holds(tmp_path: Path) -> None:
+@pytest.mark.parametrize("left", [[], ["/bicycle/goal_status", "/bicycle/episode"]])
+def test_a_bag_without_a_ride_is_one_line_and_no_page(
+    tmp_path: Path, left: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What is latched comes into a bag without any bicycle being ridden."""
+    bag = write(tmp_path / "ride", leave_out=set(TYPES) - set(left))
+    assert main([str(bag)]) == 1
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 1
+    assert "holds no bicycle" in said.err
+    assert list(tmp_path.glob("*.html")) == []
+
+
+def test_a_bag_of_something_else_is_one_line(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "other") as writer:
         writer.add_topic(Topic("/chatter", "std_msgs/msg/String"), "string data\n")
         writer.write("/chatter", b"\0\1\0\0\2\0\0\0a\0", 5, 5)
-    page = html([load(tmp_path / "other", "other")])
-    assert "/chatter" in page
+    with pytest.raises(BagError, match="holds no bicycle"):
+        load(tmp_path / "other", "other")
 
 
 def test_a_foreign_state_is_one_line(tmp_path: Path) -> None:
@@ -159,6 +179,63 @@ def test_a_foreign_state_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(BagError, match="not of this stack's types") as error:
         load(tmp_path / "other", "other")
     assert "\n" not in str(error.value)
+
+
+def test_only_goals_of_this_recording_are_counted(tmp_path: Path) -> None:
+    """Goal 1 was reached a minute before, goal 2 was under way, goal 3 came during the bag."""
+    told = [
+        (1, 1, -60.0, 0.0),
+        (1, 2, -50.0, 0.0),
+        (0, 7, -45.0, 0.0),
+        (2, 1, -40.0, 0.0),
+        (2, 2, 1.0, 1.0),
+        (3, 1, 1.0, 1.0),
+        (3, 2, 4.0, 4.0),
+    ]
+    page = load(write(tmp_path / "ride", told=told, late_from=7), "ride")
+    found = [(goal.position[1], goal.status.name, goal.begun_before) for goal in page.outcomes]
+    assert found == [(2.0, "REACHED", True), (3.0, "REACHED", False)]
+    assert (page.summary.goals, page.summary.reached, page.summary.begun_before) == (2, 2, 1)
+    assert page.summary.path_ratio == pytest.approx(9.9 / 9.0), "goal 3 alone"
+    assert page.summary.loop.late_steps == 0, "7 were late before the recording"
+    assert [one.kind for one in happenings(page)].count("rejected") == 0
+    assert any("goal at (10.0, 2.0) was under way" in note for note in page.notes)
+    assert any("3 messages about goals from before" in note for note in page.notes)
+    text = html([page])
+    assert "2 of 2 goals reached" in text
+    assert "under way when the recording began" in text
+
+
+def test_a_goal_that_is_not_over_at_the_end_is_no_failure(tmp_path: Path) -> None:
+    page = load(write(tmp_path / "ride", told=[(1, 1, -5.0, 0.0)]), "ride")
+    assert (page.summary.goals, page.summary.open, page.summary.decided) == (1, 1, 0)
+    text = html([page])
+    assert '<span class="chip">0 of 1 goals reached</span>' in text
+    assert "0 of 1 reached, 1 not over at the end" in text
+
+
+def test_commands_of_a_second_controller_are_no_part_of_the_ride(tmp_path: Path) -> None:
+    page = load(write(tmp_path / "ride", second_controller=True), "ride")
+    assert page.summary.policies == ("lqr-1", EVIL)
+    assert any(f"{2 * STEPS} commands are left out" in note for note in page.notes)
+    assert len(page.log.commands["step"]) == 2 * STEPS
+
+
+def test_axes_show_values_and_no_offset(bag: Path) -> None:
+    """An axis with "+4e1" above ticks of 0.0025 cannot be read."""
+    with mpl.rc_context(STYLE):
+        figure = Figure()
+        pages = [load(bag, "ride"), load(bag, "ride")]
+        draw_timing(figure, pages)
+        figure.draw_without_rendering()
+    for axes in figure.axes:
+        assert axes.yaxis.get_offset_text().get_text() == ""
+        assert axes.xaxis.get_offset_text().get_text() == ""
+    rate = figure.axes[0]
+    assert rate.get_ylabel() == "rate (Hz)"
+    low, high = rate.get_ylim()
+    assert high - low >= LEAST_RANGE
+    assert low < 39.2 < high
 
 
 def chunk_ends(file: Path) -> list[int]:

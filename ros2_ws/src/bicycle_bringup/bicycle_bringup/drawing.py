@@ -26,6 +26,7 @@ STYLE: Any = {
     "axes.edgecolor": GRID,
     "axes.grid": True,
     "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "grid.color": GRID,

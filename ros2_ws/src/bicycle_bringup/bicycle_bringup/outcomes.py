@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from bicycle_bringup.course import Point
+from bicycle_bringup.recorded_here import OPEN
 from bicycle_bringup.ride_log import Columns
 from bicycle_controller.goals import Status
 
 DECIDED = (Status.REACHED, Status.MISSED, Status.GIVEN_UP, Status.FALLEN)
 """What a controller makes of a goal by itself; anything else leaves it to be ridden to again."""
-_OPEN = (Status.QUEUED, Status.ACTIVE)
 
 
 @dataclass(frozen=True)
@@ -29,6 +29,8 @@ class Outcome:
     """s, log time of the last word on it; NaN where the columns have none."""
     message: str = ""
     """That word, for a person."""
+    begun_before: bool = False
+    """Whether it was under way when the recording began: the numbers count from before."""
 
 
 def outcomes(statuses: Columns) -> list[Outcome]:
@@ -49,7 +51,7 @@ def outcomes(statuses: Columns) -> list[Outcome]:
         number = int(statuses["goal_id"][row])
         position = (float(statuses["position.x"][row]), float(statuses["position.y"][row]))
         known = goals.get((life, number))
-        if known and status in _OPEN and (known.status not in _OPEN or known.position != position):
+        if known and status in OPEN and (known.status not in OPEN or known.position != position):
             life, known = life + 1, None
         goals[life, number] = _update(known, position, status, statuses, row)
     # Waiting goals are announced before the first one becomes active: put them in their order.
@@ -62,8 +64,11 @@ def _update(
     """The goal after one more status message."""
     distance = float(statuses["distance"][row])
     straight = distance if status is Status.ACTIVE else known.straight if known else float("nan")
-    if status is Status.REACHED:
+    if status is Status.REACHED and not (known and known.status is Status.REACHED):
         straight -= distance
+    begun_before = bool(known and known.begun_before)
+    if status is Status.ACTIVE:
+        begun_before = bool("before" in statuses and statuses["before"][row])
     return Outcome(
         position=position,
         status=status,
@@ -72,6 +77,7 @@ def _update(
         elapsed=float(statuses["elapsed"][row]),
         known_at=float(statuses["log_time"][row]) if "log_time" in statuses else float("nan"),
         message=str(statuses["message"][row]) if "message" in statuses else "",
+        begun_before=begun_before,
     )
 
 

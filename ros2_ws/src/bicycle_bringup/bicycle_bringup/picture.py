@@ -57,7 +57,7 @@ def _strips(strips: list[Axes], log: RideLog, time: Floats) -> None:
             other = command.twinx()
             other.grid(visible=False)
             _line(other, time, 100.0 * applied[1], SHIFT, "displacement (cm)")
-    _line(distance, time, states["goal_distance"], INK, "goal in (m)")
+    _line(distance, time, states["goal_distance"], INK, "distance to\ngoal (m)")
     distance.set_ylim(bottom=0.0)
     distance.set_xlabel("time (s)")
     for axes in strips[:-1]:

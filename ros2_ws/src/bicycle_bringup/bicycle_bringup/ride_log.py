@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from bicycle_bag.columns import load_topics
 from bicycle_bag.errors import BagError
 from bicycle_bag.reader import BagReader
+from bicycle_bringup.recorded_here import driving, goals_of_recording
 
 Columns = Mapping[str, NDArray[Any]]
 """One array per field of a message, one row per message, in recorded order."""
@@ -26,6 +27,8 @@ EPISODE = "/bicycle/episode"
 PUSHED = "/bicycle/pushed"
 READ = (STATE, COMMAND, TIMING, GOAL_STATUS, EPISODE)
 """Topics that a ride is read from, in the bicycle's namespace."""
+RIDDEN = (STATE, COMMAND, TIMING)
+"""Those that are not latched: a bag that has none of them holds no ride."""
 
 
 @dataclass(frozen=True)
@@ -36,13 +39,19 @@ class RideLog:
     states: Columns
     """BicycleState; each step once, see `distinct`."""
     commands: Columns
+    """BicycleCommand; without answers of a controller that ran beside the one that drove."""
     timing: Columns
     statuses: Columns
+    """GoalStatus, of the goals of this recording alone; see `goals_of_recording`."""
     episodes: Columns
     segment: NDArray[np.intp]
     """(n,) of `states`: which unbroken ride each belongs to, from 0; a reset begins the next."""
     message_count: int
     """Of all topics of the bag."""
+    idle_commands: int = 0
+    """Commands of controllers that ran beside the one that drove."""
+    old_statuses: int = 0
+    """Goal statuses from before the recording, about goals that were over by then."""
 
 
 def read_ride(path: Path | str) -> RideLog:
@@ -72,16 +81,27 @@ def load_ride(reader: BagReader, prefix: str) -> RideLog:
     loaded = load_topics(reader, [prefix + name for name in there])
     columns = {name: loaded[prefix + name] if name in there else {} for name in READ}
     states, segment = distinct(columns[STATE]) if columns[STATE] else _no_states()
+    commands, told = columns[COMMAND], columns[GOAL_STATUS]
+    drove = driving(commands, states)
+    statuses = goals_of_recording(told, _begun(reader), commands)
     return RideLog(
         path=reader.path,
         states=states,
-        commands=columns[COMMAND],
+        commands={name: column[drove] for name, column in commands.items()},
         timing=columns[TIMING],
-        statuses=columns[GOAL_STATUS],
+        statuses=statuses,
         episodes=columns[EPISODE],
         segment=segment,
         message_count=reader.message_count,
+        idle_commands=int((~drove).sum()),
+        old_statuses=len(told.get("status", ())) - len(statuses.get("status", ())),
     )
+
+
+def _begun(reader: BagReader) -> float:
+    """s, log time of the first message in recorded order; clocks may be set back later on."""
+    first = next(iter(reader.messages()), None)
+    return first.log_time_ns * 1e-9 if first is not None else 0.0
 
 
 def _no_states() -> tuple[Columns, NDArray[np.intp]]:
@@ -93,12 +113,17 @@ def prefix_of(reader: BagReader) -> str:
     """The namespace of the bag's bicycle, such as "" or "/red"."""
     found = [name[: -len(STATE)] for name in reader.topics if name.endswith(STATE)]
     if not found:
-        raise BagError(
-            f"{reader.path} holds no bicycle: it has no topic {STATE}; name a bag of record.sh"
-        )
+        raise no_bicycle(reader)
     if len(found) > 1:
         raise BagError(f"{reader.path} holds {len(found)} bicycles: record one at a time")
     return found[0]
+
+
+def no_bicycle(reader: BagReader) -> BagError:
+    """The error for a bag in which no bicycle was recorded."""
+    return BagError(
+        f"{reader.path} holds no bicycle: nothing was recorded of {STATE}; name a bag of record.sh"
+    )
 
 
 def distinct(states: Columns) -> tuple[Columns, NDArray[np.intp]]:

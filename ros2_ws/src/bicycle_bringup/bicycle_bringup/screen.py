@@ -22,10 +22,14 @@ def rows(summary: RideSummary) -> list[tuple[str, str]]:
 
 def _ride_rows(summary: RideSummary) -> list[tuple[str, str]]:
     reached = f"{summary.reached} of {summary.goals} reached"
-    others = {"missed": summary.missed, "given up": summary.given_up}
+    others = {
+        "missed": summary.missed,
+        "given up": summary.given_up,
+        "not over at the end": summary.open,
+    }
     reached += "".join(f", {count} {name}" for name, count in others.items() if count)
     return [
-        ("goals", reached),
+        ("goals", reached if summary.goals else "none"),
         ("falls", str(summary.falls)),
         ("time", f"{summary.ridden_time:.1f} s of simulated time at {summary.mean_speed:.2f} m/s"),
         ("path", f"{summary.path_length:.1f} m, {_number(summary.path_ratio)} × straight line"),

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bicycle_bringup.outcomes import Outcome, outcomes
+from bicycle_bringup.outcomes import DECIDED, Outcome, outcomes
+from bicycle_bringup.recorded_here import OPEN
 from bicycle_bringup.ride_log import Columns, RideLog
 from bicycle_controller.goals import Status
 
@@ -77,7 +78,8 @@ class RideSummary:
     path_length: float
     """m, of the rear contact."""
     path_ratio: float
-    """Path over straight line, of the goals reached; NaN without one."""
+    """Path over straight line, of the goals reached that were ridden to from their beginning;
+    NaN without one."""
     mean_speed: float
     """m/s."""
     peak_lean: float
@@ -87,6 +89,12 @@ class RideSummary:
     loop: Loop
     messages: int
     """In the bag."""
+    decided: int = 0
+    """Goals that were reached, missed, given up, or lost by a fall."""
+    open: int = 0
+    """Goals that were waiting or under way when the recording ended."""
+    begun_before: int = 0
+    """Goals that were under way when the recording began."""
 
     @property
     def perfect(self) -> bool:
@@ -122,6 +130,9 @@ def summarise(log: RideLog) -> RideSummary:
         policies=tuple(dict.fromkeys(str(name) for name in log.commands.get("policy", ()))),
         loop=summarise_loop(log),
         messages=log.message_count,
+        decided=sum(counts[status] for status in DECIDED),
+        open=sum(counts[status] for status in OPEN),
+        begun_before=sum(goal.begun_before for goal in goals),
     )
 
 
@@ -131,7 +142,7 @@ def summarise_loop(log: RideLog) -> Loop:
     period = _floats(timing, "period")
     lateness = _floats(timing, "lateness")
     known = period[np.isfinite(period)]
-    middle = float(np.median(known)) if len(known) else np.nan
+    middle = _usual(timing)
     source = log.states["command_source"]
     gaps = np.diff(log.states["step"].astype(np.int64))[np.diff(log.segment) == 0] - 1
     return Loop(
@@ -140,8 +151,8 @@ def summarise_loop(log: RideLog) -> Loop:
         jitter=Quantiles.of(np.abs(period - middle)),
         lateness=Quantiles.of(lateness),
         latency=Quantiles.of(_floats(timing, "latency")),
-        late_steps=_total(timing, "late_steps"),
-        dropped_steps=_total(timing, "dropped_steps"),
+        late_steps=late_steps(timing),
+        dropped_steps=dropped_steps(timing),
         held_steps=int((source == HELD).sum()),
         zero_steps=int((source == ZERO).sum()),
         watchdog_events=_rises(source == ZERO, log.segment),
@@ -157,7 +168,11 @@ def path_length(states: Columns, segment: NDArray[np.intp]) -> float:
 
 def path_ratio(goals: Iterable[Outcome]) -> float:
     """Path over straight line, of the goals reached: 1 is as the crow flies."""
-    reached = [goal for goal in goals if goal.status is Status.REACHED and goal.straight > 0]
+    reached = [
+        goal
+        for goal in goals
+        if goal.status is Status.REACHED and goal.straight > 0 and not goal.begun_before
+    ]
     if not reached:
         return float("nan")
     return sum(goal.path_length for goal in reached) / sum(goal.straight for goal in reached)
@@ -182,13 +197,42 @@ def _floats(columns: Columns, name: str) -> Floats:
     return np.asarray(columns.get(name, ()), dtype=np.float64)
 
 
-def _total(columns: Columns, name: str) -> int:
-    """The total of a counter that begins at zero again when its process does."""
+def late_steps(timing: Columns) -> int:
+    """Steps of a recording that began later than half a period."""
+    return _counted(timing, "late_steps", lambda lateness, period: int(lateness > 0.5 * period))
+
+
+def dropped_steps(timing: Columns) -> int:
+    """Whole periods that were skipped during a recording."""
+    return _counted(timing, "dropped_steps", lambda lateness, period: int(lateness // period))
+
+
+def _counted(columns: Columns, name: str, own: Callable[[float, float], int]) -> int:
+    """What a counter of LoopTiming counted during a recording.
+
+    The counter begins at zero when the simulator does, so a recording that begins later finds
+    it above zero, and it begins at zero again with a new simulator.
+
+    Args:
+        columns: of LoopTiming.
+        name: of the counter.
+        own: what a step adds to the counter, from its lateness and the period, s.
+    """
     values = np.asarray(columns.get(name, ()), dtype=np.int64)
     if not len(values):
         return 0
     restarts = np.flatnonzero(np.diff(values) < 0)
-    return int(values[-1] + values[restarts].sum())
+    lateness, period = float(columns["lateness"][0]), _usual(columns)
+    known = np.isfinite(lateness) and period > 0
+    first = min(int(values[0]), max(0, own(lateness, period))) if known else 0
+    return int(values[-1] + values[restarts].sum() - values[0]) + first
+
+
+def _usual(timing: Columns) -> float:
+    """s, the median period; NaN where none was measured."""
+    period = _floats(timing, "period")
+    known = period[np.isfinite(period)]
+    return float(np.median(known)) if len(known) else np.nan
 
 
 def _without_nan(value: Any) -> Any:

@@ -17,6 +17,7 @@ from bicycle_bag.columns import load
 from bicycle_bag.errors import BagError
 from bicycle_bag.reader import BagReader
 from bicycle_bringup.ride_log import PUSHED, RideLog, prefix_of, read_ride
+from bicycle_bringup.summary import dropped_steps, late_steps
 from bicycle_cockpit.loop_stats import loop_figures
 from bicycle_cockpit.samples import COLUMNS, plain_column, reward_columns
 from bicycle_controller.goals import Status
@@ -120,8 +121,8 @@ def session(path: Path) -> dict[str, Any]:
         "data": [plain_column(column[::stride]) for column in table],
         "marks": sorted(marks, key=lambda mark: mark["t"])[:MOST_MARKS],
         "policies": _policies(ride, time, newest),
-        "loop": {**loop_figures(*timing), "late": _last(ride, "late_steps")}
-        | {"dropped": _last(ride, "dropped_steps")},
+        "loop": {**loop_figures(*timing), "late": late_steps(ride.timing)}
+        | {"dropped": dropped_steps(ride.timing)},
         "goal_radius": scenario.goal_radius if scenario else 1.0,
         "duration": float(time[-1] - time[0]),
     }
@@ -241,8 +242,3 @@ def _policies(ride: RideLog, time: Numbers, newest: NDArray[np.intp]) -> list[di
     names = np.where(newest >= 0, ride.commands["policy"][np.maximum(newest, 0)], "")
     rows = [row for row in range(len(names)) if row == 0 or names[row] != names[row - 1]]
     return [{"t": round(float(time[row]), 3), "name": str(names[row])} for row in rows]
-
-
-def _last(ride: RideLog, name: str) -> int:
-    column = ride.timing.get(name)
-    return int(column[-1]) if column is not None and len(column) else 0

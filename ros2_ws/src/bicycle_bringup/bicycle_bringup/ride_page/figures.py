@@ -59,7 +59,7 @@ STATE_STRIPS = (
     Strip("steer rate (°/s)", "steer_rate", STEER, DEGREES),
     Strip("heading\nerror (°)", "heading_error", TORQUE, DEGREES),
     Strip("speed (m/s)", "speed", REACHED),
-    Strip("goal in (m)", "goal_distance", INK),
+    Strip("distance to\ngoal (m)", "goal_distance", INK),
 )
 COMMAND_STRIPS = (
     Strip("torque (N m)", "torque", TORQUE),

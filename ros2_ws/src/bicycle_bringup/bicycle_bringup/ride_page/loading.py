@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +19,7 @@ from bicycle_bag.reader import BagReader
 from bicycle_bag.repair import repair
 from bicycle_bringup.drawing import Floats, ride_time
 from bicycle_bringup.outcomes import Outcome, outcomes
-from bicycle_bringup.ride_log import READ, STATE, Columns, RideLog, load_ride
+from bicycle_bringup.ride_log import READ, RIDDEN, STATE, Columns, RideLog, load_ride, no_bicycle
 from bicycle_bringup.summary import RideSummary, summarise
 
 
@@ -107,7 +107,7 @@ def load(path: Path, name: str, namespace: str | None = None) -> RidePage:
         namespace: of the bicycle, where the bag holds several.
 
     Raises:
-        BagError: when there is no bag, it cannot be saved, or it holds several bicycles.
+        BagError: when there is no bag, it cannot be saved, or it holds no bicycle or several.
     """
     bag = _bag_of(path)
     try:
@@ -180,22 +180,55 @@ def _ride(reader: BagReader, prefix: str) -> tuple[RideLog, Sequence[str]]:
             f"stack's types ({error}): choose another bicycle with --namespace"
         ) from None
     empty = [prefix + topic for topic in READ if not reader.counts.get(prefix + topic)]
-    return log, [f"Nothing was recorded of {', '.join(empty)}."] if empty else []
+    if not any(reader.counts.get(prefix + topic) for topic in RIDDEN):
+        raise no_bicycle(reader)
+    nothing = [f"Nothing was recorded of {', '.join(empty)}."] if empty else []
+    return log, [*nothing, *_left_out(log)]
+
+
+def _left_out(log: RideLog) -> Iterator[str]:
+    """What the bag holds that is no part of its ride."""
+    begun = [goal for goal in outcomes(log.statuses) if goal.begun_before]
+    if begun:
+        places = ", ".join(f"({goal.position[0]:.1f}, {goal.position[1]:.1f})" for goal in begun)
+        yield (
+            f"The goal at {places} was under way when the recording began: its time and path "
+            "count from before."
+        )
+    if log.old_statuses:
+        yield (
+            f"{log.old_statuses} messages about goals from before the recording are left out: "
+            "those goals were over by then, or the messages came twice."
+        )
+    if log.idle_commands:
+        yield (
+            f"{log.idle_commands} commands are left out: another controller ran beside the one "
+            "that drove."
+        )
 
 
 def _prefix(reader: BagReader, namespace: str | None) -> str:
-    """The namespace of the bag's bicycle; "" where it has none at all."""
+    """The namespace of the bag's bicycle.
+
+    Raises:
+        BagError: when the bag has none, or several of which none is chosen.
+    """
     found = sorted(
-        {name[: -len(topic)] for topic in READ for name in reader.topics if name.endswith(topic)}
+        {
+            name[: -len(topic)]
+            for topic in READ
+            for name in reader.topics
+            if name.endswith(topic) and reader.counts.get(name)
+        }
     )
+    if not found:
+        raise no_bicycle(reader)
     shown = ", ".join(prefix or "/" for prefix in found)
     if namespace is not None:
         wanted = f"/{namespace.strip('/')}".rstrip("/")
         if wanted not in found:
-            raise BagError(
-                f"{reader.path} has no bicycle {wanted or '/'}: it has {shown or 'none'}"
-            )
+            raise BagError(f"{reader.path} has no bicycle {wanted or '/'}: it has {shown}")
         return wanted
     if len(found) > 1:
         raise BagError(f"{reader.path} holds several bicycles: choose --namespace of {shown}")
-    return found[0] if found else ""
+    return found[0]

@@ -75,7 +75,7 @@ def _chips(page: RidePage) -> Iterator[str]:
     """The verdict in a few words."""
     summary = page.summary
     if summary.goals:
-        good = summary.reached == summary.goals
+        good = summary.reached == summary.decided if summary.decided else None
         yield _chip(f"{summary.reached} of {summary.goals} goals reached", good)
     if page.has_states:
         falls = {0: "no fall", 1: "1 fall"}.get(summary.falls, f"{summary.falls} falls")
@@ -87,8 +87,10 @@ def _chips(page: RidePage) -> Iterator[str]:
             yield _chip(f"{summary.loop.lost_steps} steps missing", False)
 
 
-def _chip(text: str, good: bool) -> str:
-    return f' <span class="chip {"good" if good else "bad"}">{escape(text)}</span>'
+def _chip(text: str, good: bool | None) -> str:
+    """A word of praise or blame; None is neither."""
+    kind = {True: " good", False: " bad", None: ""}[good]
+    return f' <span class="chip{kind}">{escape(text)}</span>'
 
 
 def _section(name: str, body: str) -> str:

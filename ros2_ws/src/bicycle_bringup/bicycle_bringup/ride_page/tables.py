@@ -50,7 +50,10 @@ def table(
 
 def figures(pages: Sequence[RidePage]) -> str:
     """The summary's numbers, one column for each ride."""
-    found = [dict(rows(page.summary)) for page in pages]
+    found = [
+        {name: text for name, text in rows(page.summary) if _is_known(page, name)}
+        for page in pages
+    ]
     names = list(dict.fromkeys(name for column in found for name in column))
     heads = ["", *(page.name for page in pages)]
     lines = [
@@ -58,6 +61,15 @@ def figures(pages: Sequence[RidePage]) -> str:
         for name in names
     ]
     return table(heads, lines)
+
+
+def _is_known(page: RidePage, name: str) -> bool:
+    """Whether the bag holds what a row of the summary is computed from."""
+    if name in ("falls", "time", "path", "peak lean", "watchdog"):
+        return page.has_states
+    if name == "steps":
+        return page.has_states and len(page.log.timing.get("step", ())) > 0
+    return True
 
 
 def goals(page: RidePage) -> str:
@@ -75,6 +87,8 @@ def _goal(number: int, goal: Outcome, page: RidePage) -> list[str]:
     word = f'<span class="{kind}">{name}</span>'
     if kind == "bad" and goal.message:
         word += f" <small>{escape(goal.message)}</small>"
+    if goal.begun_before:
+        word += " <small>under way when the recording began</small>"
     ratio = goal.path_length / goal.straight if goal.straight > 0 else math.nan
     at = float(page.time_of(np.array([goal.known_at]))[0])
     ended = kind != ""
@@ -157,14 +171,19 @@ def _switches(text: str) -> str:
     return ", ".join(f"{name} {on}" for name, on in value.items() if name != "constants")
 
 
+def _breakable(name: str) -> str:
+    """A name as HTML that may go on in the next line after a slash."""
+    return escape(name).replace("/", "/<wbr>")
+
+
 def contents(page: RidePage) -> str:
     """The topics of the bag."""
     seconds = 1e-9 * page.contents.duration_ns
     counts = page.contents.counts
     lines = [
         [
-            escape(topic.name),
-            escape(topic.type),
+            _breakable(topic.name),
+            _breakable(topic.type),
             f"{counts.get(topic.name, 0):,}",
             _number(counts.get(topic.name, 0) / seconds if seconds else math.nan, ".1f"),
         ]

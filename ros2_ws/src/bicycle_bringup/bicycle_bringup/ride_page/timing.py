@@ -16,6 +16,8 @@ COLOURS = (LEAN, STEER)
 """Of the first and the second ride where they share axes."""
 RATE_STEPS = 40
 """Steps that one point of the rate is the mean of."""
+LEAST_RANGE = 1.0
+"""Hz that the axis of the rate shows at least."""
 BINS = 60
 
 
@@ -49,6 +51,7 @@ def draw_timing(canvas: Canvas, pages: Sequence[RidePage]) -> None:
             grid[0, number].set_title(page.name, loc="left", fontsize=10, fontweight="bold")
         grid[-1, number].set_xlabel("time (s)")
     _share(grid[:, :count])
+    _widen(grid[0, 0])
     grid[0, 0].set_ylabel("rate (Hz)", color=FAINT)
     for row, axes in zip(ROWS, grid[1:, 0], strict=True):
         axes.set_ylabel(row.label, color=row.colour)
@@ -86,6 +89,14 @@ def _rate(axes: Axes, page: RidePage, time: Floats) -> None:
         rate = known.sum(axis=1) / total
     middle = time[:whole].reshape(-1, RATE_STEPS)[:, RATE_STEPS // 2]
     axes.plot(*envelope(middle, rate, MOST_POINTS), color=FAINT, linewidth=1.2)
+
+
+def _widen(axes: Axes) -> None:
+    """Show a range of the rate that does not blow up the noise of a clock."""
+    low, high = axes.get_ylim()
+    if high - low < LEAST_RANGE:
+        middle = 0.5 * (low + high)
+        axes.set_ylim(middle - 0.5 * LEAST_RANGE, middle + 0.5 * LEAST_RANGE)
 
 
 def _histogram(axes: Axes, row: Row, pages: Sequence[RidePage]) -> None:
