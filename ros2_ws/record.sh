@@ -1,13 +1,14 @@
 #!/usr/bin/env bash
 # Records every topic as an MCAP bag that ros2 bag, Foxglove, rosbags and mcap-ros2-support read.
 #
-# Usage: record.sh [--output FOLDER] [OPTION]...
+# Usage: record.sh [--output FOLDER] [OPTION]... [__ns:=/name] [--ros-args ...]
 #        record.sh --repair BAG
 #
 #   --output FOLDER   the bag's folder, which must not exist; runs/bag-<date> of the workspace unless named
 #   --repair BAG      make a bag whole again that was cut short by a crash or a full disk
 #
-# Ctrl-C or stop.sh ends it and closes the bag.
+# It records what is published, so a ride must be running beside it. Ctrl-C or stop.sh ends it and
+# closes the bag.
 # Exit status: 0 closed, 2 bad input, 1 anything else.
 set -euo pipefail
 ws=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
@@ -15,10 +16,9 @@ ws=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 . "$ws/lib/common.sh"
 
 ! help_wanted "$@" || { node_usage "${BASH_SOURCE[0]}" bicycle_bag.nodes.recorder_node && exit 0; }
-if [[ ${1:-} == --repair ]]; then
-  enter_workspace
-  run repair bicycle_bag.repair "${@:2}"
+enter_workspace
+if take_word --repair "$@"; then
+  run repair bicycle_bag.repair "${rest[@]}"
 fi
-output=()
-[[ " $* " == *" --output"* ]] || output=(--output "$ws/runs/bag-$(date +%Y-%m-%d-%H%M%S)")
-run_node recorder bicycle_bag.nodes.recorder_node "${output[@]}" "$@"
+output=(--output "$ws/runs/bag-$(date +%Y-%m-%d-%H%M%S)")
+run recorder bicycle_bag.nodes.recorder_node "${output[@]}" "$@" # the last --output holds

@@ -1,22 +1,32 @@
 #!/usr/bin/env bash
 # Publishes a bag again, or proves that the simulator comes to the same states again.
 #
-# Usage: replay.sh BAG [--rate R] [--start S] [--loop] [--topics NAME...] [--clock]
+# Usage: replay.sh BAG [OPTION]...
 #        replay.sh --verify BAG
 #
 #   --verify BAG   run the recorded commands through the simulator: every state must come out
 #                  bit for bit; otherwise the first step that differs is named
 #
-# Exit status: 0 played or identical, 1 a state differs or the bag cannot be read, 2 bad input.
+# It refuses to play what another node publishes, and ends when one begins to: a simulator or a
+# controller beside it would take the bag's messages for the bicycle's. While it plays, the space bar
+# pauses and goes on, the right arrow plays the next message, up and down change the speed; so do the
+# services /bicycle_player/pause, resume, toggle_paused and play_next (service.sh call).
+#
+# Examples: replay.sh my-ride --rate 2 --start-offset 10 --playback-duration 5
+#           replay.sh my-ride --exclude-topics /clock /bicycle/markers
+#           replay.sh my-ride --topics /odom --remap /odom:=/ghost/odom
+#           replay.sh my-ride --pause
+#
+# Exit status: 0 played or identical, 1 a state differs, the bag cannot be read or others publish the
+# same topics, 2 bad input.
 set -euo pipefail
 ws=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 
-! help_wanted "$@" || { usage "${BASH_SOURCE[0]}" && exit 0; }
+! help_wanted "$@" || { node_usage "${BASH_SOURCE[0]}" bicycle_bag.nodes.player_node && exit 0; }
 enter_workspace
-if [[ ${1:-} == --verify ]]; then
-  run verify bicycle_bringup.nodes.verify "${@:2}"
+if take_word --verify "$@"; then
+  run verify bicycle_bringup.nodes.verify "${rest[@]}"
 fi
-ros_arguments "$@"
-run player bicycle_bag.nodes.player_node "${arguments[@]}"
+run player bicycle_bag.nodes.player_node "$@"

@@ -32,6 +32,20 @@ help_wanted() { # ARGUMENT...: whether one of them asks for help
   return 1
 }
 
+take_word() { # WORD ARGUMENT...: whether WORD is among the arguments; sets rest to the others
+  local wanted=$1 word found=1
+  shift
+  rest=()
+  for word in "$@"; do
+    if [[ $word == "$wanted" && $found == 1 ]]; then
+      found=0
+    else
+      rest+=("$word")
+    fi
+  done
+  return "$found"
+}
+
 node_usage() { # SCRIPT MODULE: its help, then the node's own, which lists the parameters
   usage "$1"
   if [[ -d $ws/install/bicycle_msgs ]]; then

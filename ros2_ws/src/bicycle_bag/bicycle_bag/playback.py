@@ -29,6 +29,8 @@ class PlayOptions:
         rate: Bag seconds per second.
         start_offset: Bag seconds to leave out at the start.
         topics: Only these; all by default.
+        exclude_topics: Not these.
+        duration: Bag seconds to play at most, from the start offset on; 0 is to the end.
         clock_hz: How often per second to publish the time of the bag on ``/clock`` instead of
             the recorded one; 0 never does.
         delay: s before the first message.
@@ -42,6 +44,8 @@ class PlayOptions:
     topics: Collection[str] = ()
     clock_hz: float = 0.0
     delay: float = 0.0
+    exclude_topics: Collection[str] = ()
+    duration: float = 0.0
 
     def __post_init__(self) -> None:
         if not SLOWEST <= self.rate <= FASTEST:
@@ -50,6 +54,8 @@ class PlayOptions:
             )
         if not (math.isfinite(self.start_offset) and self.start_offset >= 0.0):
             raise BagError(f"start offset is {self.start_offset}: choose 0 or more")
+        if not (math.isfinite(self.duration) and self.duration >= 0.0):
+            raise BagError(f"playback duration is {self.duration}: choose more than 0")
         for name, most in (("clock_hz", MOST_TICKS), ("delay", LONGEST_DELAY)):
             value = getattr(self, name)
             if not 0.0 <= value <= most:
@@ -76,8 +82,10 @@ class Playback:
     def __init__(self, reader: BagReader, options: PlayOptions) -> None:
         self._reader = reader
         self._options = options
+        left_out = {absolute(name) for name in options.exclude_topics}
         chosen = [absolute(name) for name in options.topics] or list(reader.topics)
-        reader.require(chosen)
+        reader.require([*chosen, *left_out])
+        chosen = [name for name in chosen if name not in left_out]
         self.topics = [name for name in chosen if not (options.clock_hz and name == CLOCK)]
         if not any(reader.counts[name] for name in self.topics):
             raise BagError(f"{reader.path} has no message to play: choose other topics")
@@ -91,7 +99,8 @@ class Playback:
     @property
     def duration(self) -> float:
         """Bag seconds to play."""
-        return self._reader.duration_ns / 1e9 - self._options.start_offset
+        whole = self._reader.duration_ns / 1e9 - self._options.start_offset
+        return min(whole, self._options.duration or whole)
 
     def bag_seconds(self, item: BagMessage | ClockTick) -> float:
         """Bag seconds from the start of the replay to an item of the timeline."""
@@ -105,6 +114,8 @@ class Playback:
         for message in by_log_time(self._reader.messages(self.topics)):
             if message.log_time_ns < self._start_ns:
                 continue
+            if self._options.duration and self.bag_seconds(message) > self._options.duration:
+                break
             while tick_ns and next_tick <= message.log_time_ns:
                 tick = ClockTick(next_tick)
                 yield self.bag_seconds(tick) / rate, tick

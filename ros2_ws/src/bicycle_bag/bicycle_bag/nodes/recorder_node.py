@@ -27,7 +27,7 @@ from bicycle_bag.reader import BagMessage
 from bicycle_bag.schemas import Schemas
 from bicycle_bag.selection import TopicFilter
 from bicycle_bag.writer import BagWriter
-from bicycle_sim.nodes.runner import UserError, made_heartbeat, without_ros
+from bicycle_sim.nodes.runner import UserError, made_heartbeat
 
 DISCOVERY_SECONDS = 0.1
 # How often a topic already recorded is asked for publishers of weaker quality.
@@ -145,8 +145,8 @@ class Recorder:
             )
 
 
-def parse(arguments: Sequence[str]) -> argparse.Namespace:
-    """The command line, without ROS arguments."""
+def parse(arguments: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
+    """The command line, and what of it is ROS's."""
     parser = OneLineParser(
         prog="bicycle_record",
         description="Record topics into an MCAP bag that ros2 bag reads, until Ctrl-C.",
@@ -167,7 +167,7 @@ def parse(arguments: Sequence[str]) -> argparse.Namespace:
     add("-d", "--max-bag-duration", type=float, default=0.0, help="s until a new file (never)")
     add("--qos-profile-overrides-path", default="", metavar="FILE", help="YAML, as ros2 bag's")
     add("--custom-data", nargs="+", default=[], metavar="KEY=VALUE", help="for metadata.yaml")
-    return parser.parse_args(arguments)
+    return parser.parse_with_ros(arguments)
 
 
 def custom_data(entries: Sequence[str]) -> dict[str, str]:
@@ -242,10 +242,10 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command ``bicycle_record``; returns its exit status."""
-    words = list(sys.argv if arguments is None else ["bicycle_record", *arguments])
+    words = list(sys.argv[1:] if arguments is None else arguments)
     try:
-        options = parse(without_ros(words))
-        print(record(options, words), flush=True)
+        options, ros_arguments = parse(words)
+        print(record(options, ros_arguments), flush=True)
     except (BagError, UserError) as error:
         print(f"bicycle_record: {error}", file=sys.stderr)
         return 1

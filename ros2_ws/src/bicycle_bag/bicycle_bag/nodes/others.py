@@ -1,0 +1,62 @@
+"""Who else publishes what a replay is going to publish."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from rclpy.node import Node
+
+SHARED = (
+    "/rosout",
+    "/parameter_events",
+    "/diagnostics",
+    "/tf",
+    "/tf_static",
+)
+"""Topics that many nodes publish by convention."""
+INPUTS = ("goal_pose", "goal_path", "initialpose", "clicked_point", "joy", "cmd_vel")
+"""Last parts of the names of topics by which people and tools give orders: each tool that may
+give them publishes them, so that a viewer beside a replay does."""
+
+
+def guarded(topics: Iterable[str]) -> list[str]:
+    """Those of some topics that have one publisher by their nature."""
+    return [
+        name for name in topics if name not in SHARED and name.rpartition("/")[2] not in INPUTS
+    ]
+
+
+def other_publishers(node: Node, topics: Iterable[str], own: int) -> dict[str, list[str]]:
+    """Nodes that publish some topics, but for `node` itself.
+
+    Args:
+        node: in the graph.
+        topics: full names.
+        own: publishers that `node` has for each of them; more under its name are another's.
+
+    Returns:
+        Sorted topics by each other node's full name.
+    """
+    here = _name(node.get_namespace(), node.get_name())
+    found: dict[str, list[str]] = {}
+    for topic in sorted(topics):
+        ends = node.get_publishers_info_by_topic(topic)
+        names = [_name(end.node_namespace, end.node_name) for end in ends]
+        if names.count(here) <= own:
+            names = [name for name in names if name != here]
+        for name in sorted(set(names)):
+            found.setdefault(name, []).append(topic)
+    return dict(sorted(found.items()))
+
+
+def _name(namespace: str, name: str) -> str:
+    return f"{namespace.rstrip('/')}/{name}"
+
+
+def told(found: dict[str, list[str]]) -> str:
+    """One line's part that names the nodes and what they publish."""
+    parts = []
+    for name, topics in found.items():
+        more = f" and {len(topics) - 1} more" if len(topics) > 1 else ""
+        parts.append(f"{name} ({topics[0]}{more})")
+    return ", ".join(parts)
