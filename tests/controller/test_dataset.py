@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -79,6 +80,28 @@ def test_transitions_made_of_states_are_the_recorded_ones_to_the_bit(
     assert not rebuilt.sources[0].recorded
     assert rebuilt.lost == {"states": 0, "commands": 0}
     assert_equal(recorded.transitions, rebuilt.transitions)
+
+
+def test_a_fall_inside_the_goal_is_not_counted_as_reached(
+    ride: list[Message], tmp_path: Path
+) -> None:
+    """Every bicycle that falls has its goal where it lies."""
+    falls = {
+        (message.episode, message.step - 1): message.rear_contact
+        for topic, message, _ in ride
+        if topic == STATE and message.fallen
+    }
+    assert len(falls) >= 3
+    moved = copy.deepcopy(ride)
+    for topic, message, _ in moved:
+        if topic == COMMAND and (place := falls.get((message.episode, message.step))):
+            message.goal, message.has_goal = place, True
+    found = dataset.load([write_bag(tmp_path / "bag", iter(moved), [TRANSITION])]).transitions
+    keys = list(zip(found.episode.tolist(), found.step.tolist(), strict=True))
+    rows = [row for row, key in enumerate(keys) if key in falls]
+    assert len(rows) == len(falls)
+    assert found.fallen[rows].all()
+    assert not found.terminated[rows].any()
 
 
 def test_the_recorded_ones_are_what_was_published(ride: list[Message], recorded: Dataset) -> None:

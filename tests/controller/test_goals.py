@@ -174,6 +174,15 @@ def test_a_fall_ends_all_goals_and_steering() -> None:
     assert not tracker.steers
 
 
+def test_a_fall_inside_the_goal_is_not_counted_as_reached() -> None:
+    tracker = GoalTracker(radius=1.0)
+    tracker.replace([(0.0, 10.0)])
+    tracker.update(HERE)
+    inside = replace(HERE, y=9.5, time=1.0, fallen=True)
+    assert told(tracker.update(inside)) == [(1, Status.FALLEN)]
+    assert tracker.update(replace(inside, time=1.1)) == []
+
+
 def test_a_goal_for_a_fallen_bicycle_waits_for_the_reset() -> None:
     tracker = GoalTracker()
     down = replace(HERE, fallen=True)

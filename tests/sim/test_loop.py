@@ -197,6 +197,18 @@ def test_a_new_goal_cuts_and_a_reached_one_ends() -> None:
     assert (reached.goal_id, reached.truncated, reached.terminated) == (2, False, True)
 
 
+def test_a_fall_inside_the_goal_is_not_counted_as_reached() -> None:
+    rider = Rider(pace="lockstep")
+    made: Made | None = None
+    while made is None or not made.snapshot.fallen:
+        last = rider.loop.snapshot
+        made = rider.answer(torque=1.0, goal=(last.rear_x, last.rear_y), goal_id=last.step)
+    *_, fell = made.transitions
+    assert (fell.fallen, fell.terminated) == (True, False)
+    at = made.snapshot
+    assert math.dist(fell.goal, (at.rear_x, at.rear_y)) < rider.loop.simulator.scenario.goal_radius
+
+
 def test_steps_without_a_goal_or_a_command_are_no_transitions() -> None:
     rider = Rider(watchdog_timeout=0.1)
     rider.answer()

@@ -1,0 +1,79 @@
+"""What other tools see of the bicycle: odometry against a ride's own geometry."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import Quaternion
+
+from bicycle_sim.nodes import convert
+from bicycle_sim.nodes.views import odometry
+from bicycle_sim.parameters import Constants
+from bicycle_sim.scenario import named
+from bicycle_sim.simulator import Command, Simulator, Snapshot, Start
+
+pytestmark = pytest.mark.ros
+
+DT = Constants().time_step
+
+
+def ride(torque: float) -> list[Snapshot]:
+    """Steer to one side for a second, from a heading that is none of the axes."""
+    simulator = Simulator(named("random-start-random-goal"))
+    simulator.reset(Start(1.0, 2.0, 0.7, 10.0 / 3.6))
+    states = [simulator.snapshot]
+    for _ in range(40):
+        command = Command(1, states[-1].step, torque, 0.0, 0.0)
+        states.append(simulator.step(command))
+    return states
+
+
+def rotation(turn: Quaternion) -> np.ndarray:
+    """The matrix of a unit quaternion, (3, 3)."""
+    w, x, y, z = turn.w, turn.x, turn.y, turn.z
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+
+
+@pytest.mark.parametrize("torque", [0.4, -0.4])
+def test_odometry_turns_the_way_the_bicycle_does(torque: float) -> None:
+    """Each component and its sign, from the contacts of the wheels and from the lean."""
+    states = ride(torque)
+    last = states[-1]
+    assert abs(last.lean_angle) > 0.05, "the bicycle leans, or the roll would not be tested"
+    for state in states:
+        turned = rotation(odometry(state, 0, Constants()).pose.pose.orientation)
+        along = np.array([state.front_x - state.rear_x, state.front_y - state.rear_y, 0.0])
+        along /= np.linalg.norm(along)
+        left = np.array([-along[1], along[0], 0.0])
+        up = np.array([0.0, 0.0, 1.0])
+        # The bicycle's own axes in the world: it leans to the left for a lean above zero.
+        lean = state.lean_angle
+        np.testing.assert_allclose(turned @ [1, 0, 0], along, atol=1e-9)
+        np.testing.assert_allclose(
+            turned @ [0, 0, 1], math.cos(lean) * up + math.sin(lean) * left, atol=1e-9
+        )
+
+
+@pytest.mark.parametrize("torque", [0.4, -0.4])
+def test_odometrys_rates_are_those_of_its_pose(torque: float) -> None:
+    """REP-103: roll to the right and yaw to the left are above zero, in rates as in angles."""
+    for before, after in pairwise(ride(torque)[10:]):
+        twist = odometry(after, 0, Constants()).twist.twist
+        roll_rate = -(after.lean_angle - before.lean_angle) / DT
+        yaw = [convert.yaw_of(state) for state in (before, after)]
+        yaw_rate = math.remainder(yaw[1] - yaw[0], 2.0 * math.pi) / DT
+        assert abs(roll_rate) > 0.01
+        assert abs(yaw_rate) > 0.01
+        assert twist.angular.x == pytest.approx(roll_rate, rel=0.05)
+        assert twist.angular.z == pytest.approx(yaw_rate, rel=0.1)
+        assert twist.angular.y == 0.0
+        assert twist.linear.x == after.speed
