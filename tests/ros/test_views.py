@@ -43,7 +43,7 @@ def rotation(turn: Quaternion) -> np.ndarray:
     )
 
 
-@pytest.mark.parametrize("torque", [0.4, -0.4])
+@pytest.mark.parametrize("torque", [0.05, -0.05])
 def test_odometry_turns_the_way_the_bicycle_does(torque: float) -> None:
     """Each component and its sign, from the contacts of the wheels and from the lean."""
     states = ride(torque)
@@ -63,10 +63,10 @@ def test_odometry_turns_the_way_the_bicycle_does(torque: float) -> None:
         )
 
 
-@pytest.mark.parametrize("torque", [0.4, -0.4])
+@pytest.mark.parametrize("torque", [0.05, -0.05])
 def test_odometrys_rates_are_those_of_its_pose(torque: float) -> None:
     """REP-103: roll to the right and yaw to the left are above zero, in rates as in angles."""
-    for before, after in pairwise(ride(torque)[10:]):
+    for before, after in pairwise(ride(torque)[20:]):
         twist = odometry(after, 0, Constants()).twist.twist
         roll_rate = -(after.lean_angle - before.lean_angle) / DT
         yaw = [convert.yaw_of(state) for state in (before, after)]
@@ -74,6 +74,6 @@ def test_odometrys_rates_are_those_of_its_pose(torque: float) -> None:
         assert abs(roll_rate) > 0.01
         assert abs(yaw_rate) > 0.01
         assert twist.angular.x == pytest.approx(roll_rate, rel=0.05)
-        assert twist.angular.z == pytest.approx(yaw_rate, rel=0.1)
+        assert twist.angular.z == pytest.approx(yaw_rate, rel=0.02)
         assert twist.angular.y == 0.0
         assert twist.linear.x == after.speed
