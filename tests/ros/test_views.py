@@ -74,6 +74,6 @@ def test_odometrys_rates_are_those_of_its_pose(torque: float) -> None:
         assert abs(roll_rate) > 0.01
         assert abs(yaw_rate) > 0.01
         assert twist.angular.x == pytest.approx(roll_rate, rel=0.05)
-        assert twist.angular.z == pytest.approx(yaw_rate, rel=0.02)
+        assert twist.angular.z == pytest.approx(yaw_rate, rel=0.1)
         assert twist.angular.y == 0.0
         assert twist.linear.x == after.speed
