@@ -208,8 +208,7 @@ class Simulator:
         made._state = State(
             **{item.name: np.array([getattr(snapshot, item.name)]) for item in fields(State)}
         )
-        made._noise = _noise(seed)
-        made._noise.random(snapshot.step)
+        made._noise = _noise(seed, snapshot.step)
         return made
 
     def step(self, command: Command | None, push: float = 0.0) -> Snapshot:
@@ -308,6 +307,8 @@ def _checked_seed(seed: int) -> int:
     return seed
 
 
-def _noise(seed: int) -> np.random.Generator:
-    """Source of displacement noise: one draw a step, so step k is found again by k draws."""
-    return np.random.default_rng([max(seed, 0), 0])
+def _noise(seed: int, drawn: int = 0) -> np.random.Generator:
+    """Source of displacement noise, one draw a step, after so many draws."""
+    bits = np.random.PCG64([max(seed, 0), 0])
+    bits.advance(drawn)
+    return np.random.Generator(bits)

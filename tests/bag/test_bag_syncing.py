@@ -60,6 +60,35 @@ def test_a_slow_disk_keeps_no_message_out_of_the_file(
     assert repair.repair(tmp_path / "killed").messages == 50
 
 
+def test_a_finished_bag_is_on_the_disk_before_it_is_called_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A power cut at the end loses nothing: all is synced, the names in the folder last."""
+    really = os.fsync
+    synced: list[tuple[str, object]] = []
+
+    def note(descriptor: int) -> None:
+        place = Path(f"/proc/self/fd/{descriptor}").readlink()
+        names = sorted(path.name for path in place.iterdir()) if place.is_dir() else None
+        synced.append((place.name, names or place.read_bytes()))
+        really(descriptor)
+
+    monkeypatch.setattr(os, "fsync", note)
+    writer = opened(tmp_path / "bag")
+    write_on(writer, 10)
+    writer.split()
+    finished = (tmp_path / "bag" / "bag_0.mcap").read_bytes()
+    assert synced == [("bag_0.mcap", finished)], "a file that is finished, with its footer"
+    write_on(writer, 10)
+    writer.close()
+    files = {path.name: path.read_bytes() for path in (tmp_path / "bag").iterdir()}
+    assert synced[1:] == [
+        ("bag_1.mcap", files["bag_1.mcap"]),
+        (".metadata.yaml.tmp", files["metadata.yaml"]),
+        ("bag", sorted(files)),
+    ]
+
+
 def test_a_sync_that_fails_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     failed = threading.Event()
 

@@ -55,6 +55,7 @@ def load_topics(bag: BagReader | Path | str, topics: Collection[str]) -> dict[st
     times: dict[str, list[tuple[int, int]]] = {topic: [] for topic in topics}
     data: dict[str, list[bytes]] = {topic: [] for topic in topics}
     for message in reader.messages(topics):
+        reader.check_kind(message.topic, message.type, message.encoding)
         times[message.topic].append((message.log_time_ns, message.publish_time_ns))
         data[message.topic].append(message.data)
     return {
@@ -75,7 +76,8 @@ def _leaves(reader: BagReader, topic: str) -> list[Leaf]:
 
 
 def _time_columns(times: list[tuple[int, int]]) -> Columns:
-    nanoseconds = np.array(times, dtype=np.int64).reshape(-1, 2)
+    # Unsigned, as the format has them: signed ones end in 2262.
+    nanoseconds = np.array(times, dtype=np.uint64).reshape(-1, 2)
     return {"log_time": nanoseconds[:, 0] * 1e-9, "publish_time": nanoseconds[:, 1] * 1e-9}
 
 

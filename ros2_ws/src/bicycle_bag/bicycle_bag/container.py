@@ -31,6 +31,7 @@ MAX_RECORD_BYTES = 256 * 2**20
 _T = TypeVar("_T")
 _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
+_CHUNK_INDEX = struct.Struct("<QQQQ")
 _FOOTER_BYTES = _HEAD.size + 20
 
 
@@ -78,7 +79,8 @@ class Registry:
     def definition_of(self, channel: Channel) -> str:
         """The ``ros2msg`` text of a channel's type; empty if the file has none."""
         schema = self.schemas.get(channel.schema_id)
-        return schema.data.decode(errors="replace") if schema else ""
+        written = schema is not None and schema.encoding == "ros2msg"
+        return schema.data.decode(errors="replace") if schema and written else ""
 
     def topic_of(self, channel: Channel) -> Topic:
         """The topic that a channel holds."""
@@ -232,11 +234,21 @@ class _Strict(ReadDataStream):
         return super().read(length)
 
 
+class ChunkEntry(NamedTuple):
+    """What the index of a finished file says of a chunk; times in ns, lengths in bytes."""
+
+    start_ns: int
+    end_ns: int
+    offset: int
+    length: int
+
+
 class Summary(NamedTuple):
     """What the end of a finished file says of it; ``statistics`` may be missing."""
 
     registry: Registry
     statistics: Statistics | None
+    chunks: list[ChunkEntry]
 
 
 def read_summary(stream: BinaryIO, size: int) -> Summary:
@@ -254,7 +266,7 @@ def read_summary(stream: BinaryIO, size: int) -> Summary:
     if not end.endswith(MAGIC) or opcode != Opcode.FOOTER or length != 20:
         raise DamageError("it was never finished")
     footer: Footer = _parse(Footer.read, end[_HEAD.size : _FOOTER_BYTES])
-    summary = Summary(Registry(), None)
+    summary = Summary(Registry(), None, [])
     if footer.summary_start == 0:
         return summary
     if not len(MAGIC) <= footer.summary_start <= size - tail:
@@ -267,7 +279,11 @@ def read_summary(stream: BinaryIO, size: int) -> Summary:
     for _, record in records(stream, size):
         summary.registry.take(record)
         if record.opcode == Opcode.STATISTICS:
-            summary = Summary(summary.registry, _parse(Statistics.read, record.body))
+            summary = summary._replace(statistics=_parse(Statistics.read, record.body))
+        elif record.opcode == Opcode.CHUNK_INDEX:
+            if len(record.body) < _CHUNK_INDEX.size:
+                raise DamageError("a chunk index is too short")
+            summary.chunks.append(ChunkEntry(*_CHUNK_INDEX.unpack_from(record.body)))
     return summary
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from bicycle_bag.errors import BagError
 from bicycle_bag.qos import QosProfile, parse_profiles
+from bicycle_bag.syncing import sync_folder
 from bicycle_sim import yaml_text
 
 VERSION = 9
@@ -125,6 +126,7 @@ def write(folder: Path, metadata: BagMetadata) -> None:
         file.flush()
         os.fsync(file.fileno())
     temporary.replace(folder / FILE_NAME)
+    sync_folder(folder)
 
 
 def read(folder: Path) -> BagMetadata:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from itertools import chain
+from typing import NamedTuple, NoReturn
 
 from bicycle_bag.errors import BagError
 from bicycle_bag.ordering import by_log_time
+from bicycle_bag.play_time import PlayTime, with_standing_clocks
 from bicycle_bag.reader import BagMessage, BagReader
 from bicycle_bag.selection import absolute
 
@@ -19,6 +21,10 @@ MOST_TICKS = 10_000.0
 """Hz."""
 LONGEST_DELAY = 86_400.0
 """s."""
+LONGEST_GAP = 60.0
+"""Bag seconds in which nothing was recorded that are waited for, unless another is chosen."""
+MOST_GAP = 1e9
+"""Bag seconds."""
 
 
 @dataclass(frozen=True)
@@ -27,13 +33,14 @@ class PlayOptions:
 
     Args:
         rate: Bag seconds per second.
-        start_offset: Bag seconds to leave out at the start.
+        start_offset: Bag seconds of playing to leave out at the start.
         topics: Only these; all by default.
         exclude_topics: Not these.
         duration: Bag seconds to play at most, from the start offset on; 0 is to the end.
         clock_hz: How often per second to publish the time of the bag on ``/clock`` instead of
             the recorded one; 0 never does.
         delay: s before the first message.
+        max_gap: Bag seconds of silence to wait for; longer ones are left out.
 
     Raises:
         BagError: A value is out of range.
@@ -46,6 +53,7 @@ class PlayOptions:
     delay: float = 0.0
     exclude_topics: Collection[str] = ()
     duration: float = 0.0
+    max_gap: float = LONGEST_GAP
 
     def __post_init__(self) -> None:
         if not SLOWEST <= self.rate <= FASTEST:
@@ -56,7 +64,8 @@ class PlayOptions:
             raise BagError(f"start offset is {self.start_offset}: choose 0 or more")
         if not (math.isfinite(self.duration) and self.duration >= 0.0):
             raise BagError(f"playback duration is {self.duration}: choose more than 0")
-        for name, most in (("clock_hz", MOST_TICKS), ("delay", LONGEST_DELAY)):
+        bounds = {"clock_hz": MOST_TICKS, "delay": LONGEST_DELAY, "max_gap": MOST_GAP}
+        for name, most in bounds.items():
             value = getattr(self, name)
             if not 0.0 <= value <= most:
                 raise BagError(f"{name.replace('_', ' ')} is {value}: choose 0 to {most:g}")
@@ -75,6 +84,12 @@ class Playback:
         reader: The bag.
         options: What to play and how fast.
 
+    Attributes:
+        topics: Names of what is played.
+        rate: Bag seconds per second.
+        duration: Bag seconds to play, without the silences that are not waited for.
+        clock_jumps: Whether the recording's clock was set or stood still: they are a guess then.
+
     Raises:
         BagError: The bag lacks a topic or has no message to play.
     """
@@ -82,6 +97,8 @@ class Playback:
     def __init__(self, reader: BagReader, options: PlayOptions) -> None:
         self._reader = reader
         self._options = options
+        self.rate = options.rate
+        self._skipped_ns = int(options.start_offset * 1e9)
         left_out = {absolute(name) for name in options.exclude_topics}
         chosen = [absolute(name) for name in options.topics] or list(reader.topics)
         reader.require([*chosen, *left_out])
@@ -89,35 +106,70 @@ class Playback:
         self.topics = [name for name in chosen if not (options.clock_hz and name == CLOCK)]
         if not any(reader.counts[name] for name in self.topics):
             raise BagError(f"{reader.path} has no message to play: choose other topics")
-        if options.start_offset * 1e9 > reader.duration_ns:
-            raise BagError(
-                f"the bag lasts {reader.duration_ns / 1e9:.1f} s: choose a smaller start offset "
-                f"than {options.start_offset}"
-            )
-        self._start_ns = reader.starting_time_ns + int(options.start_offset * 1e9)
+        first = next(by_log_time(reader.messages()), None)
+        self._start_ns = None if first is None else first.log_time_ns
+        self.clock_jumps = False
+        whole = self._measure()
+        left = max(0.0, whole - options.start_offset)
+        self.duration = min(left, options.duration or left)
+        if options.start_offset > whole and not self.clock_jumps:
+            self._refuse_offset(whole)
 
-    @property
-    def duration(self) -> float:
-        """Bag seconds to play."""
-        whole = self._reader.duration_ns / 1e9 - self._options.start_offset
-        return min(whole, self._options.duration or whole)
+    def _refuse_offset(self, seconds: float) -> NoReturn:
+        raise BagError(
+            f"the bag lasts {seconds:.1f} s: choose a smaller start offset than "
+            f"{self._options.start_offset}"
+        )
 
-    def bag_seconds(self, item: BagMessage | ClockTick) -> float:
-        """Bag seconds from the start of the replay to an item of the timeline."""
-        return (item.log_time_ns - self._start_ns) / 1e9
+    def _time(self, tell: Callable[[str], object]) -> PlayTime:
+        longest = int(self._options.max_gap * 1e9)
+        return PlayTime(longest, tell, self._start_ns)
 
-    def timeline(self) -> Iterator[tuple[float, BagMessage | ClockTick]]:
-        """Each message or clock tick with its time in s after the start of the replay."""
-        rate = self._options.rate
-        tick_ns = int(1e9 * rate / self._options.clock_hz) if self._options.clock_hz else 0
-        next_tick = self._start_ns
-        for message in by_log_time(self._reader.messages(self.topics)):
-            if message.log_time_ns < self._start_ns:
+    def _measure(self) -> float:
+        """Bag seconds from the first to the last message, by the index."""
+
+        def jumped(_: str) -> None:
+            self.clock_jumps = True
+
+        time = self._time(jumped)
+        for moment in chain.from_iterable(self._reader.spans()):
+            time.due(BagMessage("", "", moment, 0, b""))
+        self.clock_jumps = self.clock_jumps or time.now_ns == 0
+        return time.now_ns / 1e9
+
+    def timeline(
+        self, tell: Callable[[str], object] = lambda _: None
+    ) -> Iterator[tuple[float, BagMessage | ClockTick]]:
+        """Each message or clock tick with its time in s after the start of the replay.
+
+        Messages come in recorded order but for small disorder, see `ordering.by_log_time`.
+
+        Args:
+            tell: Called with one line for each jump of the recording's clock.
+
+        Raises:
+            BagError: The bag is corrupt where it is being read, or ends before the start offset.
+        """
+        time = self._time(tell)
+        period = int(1e9 * self.rate / self._options.clock_hz) if self._options.clock_hz else 0
+        next_tick, played = self._skipped_ns, False
+        recorded = by_log_time(self._reader.messages(self.topics))
+        for message, clock_stands in with_standing_clocks(recorded):
+            offset = time.offset_ns
+            due = time.due(message, clock_stands)
+            if due < self._skipped_ns:
                 continue
-            if self._options.duration and self.bag_seconds(message) > self._options.duration:
-                break
-            while tick_ns and next_tick <= message.log_time_ns:
-                tick = ClockTick(next_tick)
-                yield self.bag_seconds(tick) / rate, tick
-                next_tick += tick_ns
-            yield self.bag_seconds(message) / rate, message
+            if self._options.duration and due - self._skipped_ns > self._options.duration * 1e9:
+                return
+            offset = offset if played else time.offset_ns
+            while period and next_tick <= due:
+                yield self._seconds(next_tick), ClockTick(max(0, next_tick + offset))
+                next_tick += period
+            played = True
+            yield self._seconds(due), message
+        if not played:
+            self._refuse_offset(time.now_ns / 1e9)
+
+    def _seconds(self, due: int) -> float:
+        """s after the start of the replay at which something is due."""
+        return (due - self._skipped_ns) / 1e9 / self.rate

@@ -16,13 +16,14 @@ from bicycle_bag.metadata import NO_START, BagMetadata, FileInformation, Topic
 
 
 class BagMessage(NamedTuple):
-    """One recorded message; ``data`` is its CDR encoding, times are in nanoseconds."""
+    """One recorded message in its encoding, nearly always CDR; times are in nanoseconds."""
 
     topic: str
     type: str
     log_time_ns: int
     publish_time_ns: int
     data: bytes
+    encoding: str = "cdr"
 
 
 class BagReader:
@@ -89,6 +90,24 @@ class BagReader:
         """From the first message to the last."""
         return self.metadata.duration_ns
 
+    def spans(self) -> list[tuple[int, int]]:
+        """First and last log time of each chunk in recorded order, of a file without any as one.
+
+        Raises:
+            BagError: A file has been damaged since the bag was opened.
+        """
+        found: list[tuple[int, int]] = []
+        for file, about in zip(self.files, self._informations, strict=True):
+            try:
+                chunks = _summary(file).chunks
+            except DamageError as error:
+                raise damaged(file, error) from None
+            start = about.starting_time_ns
+            whole = [(start, start + about.duration_ns)] if about.message_count else []
+            chunks.sort(key=lambda chunk: chunk.offset)
+            found += [(chunk.start_ns, chunk.end_ns) for chunk in chunks] or whole
+        return found
+
     def definition(self, topic: str) -> str:
         """The ``ros2msg`` text of a topic's type; empty where the bag has none.
 
@@ -108,6 +127,24 @@ class BagReader:
         if missing:
             there = ", ".join(sorted(self._topics)) or "none"
             raise BagError(f"{self.path} has no topic {', '.join(missing)}: it has {there}")
+
+    def check_kind(self, topic: str, type_name: str, encoding: str) -> None:
+        """Check that a message can be decoded by its topic's definition.
+
+        Raises:
+            BagError: It is not CDR, or of another type than the topic's first channel.
+        """
+        if encoding != "cdr":
+            raise BagError(
+                f"{self.path} holds {topic} as {encoding or 'unknown'}, not cdr: only what ROS 2 "
+                "recorded can be decoded; leave that topic out"
+            )
+        known = self._topics[topic].type if topic in self._topics else ""
+        if type_name != known:
+            raise BagError(
+                f"{self.path} holds {topic} as {known or 'no type'} and as "
+                f"{type_name or 'no type'}: its messages cannot be read together"
+            )
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
         """Messages in the order they were recorded.
@@ -213,11 +250,15 @@ class _Contents(NamedTuple):
     last_ns: int
 
 
-def _inspect(file: Path) -> _Contents:
+def _summary(file: Path) -> Summary:
     size = container.size_of(file)
     with container.open_binary(file) as stream:
         container.check_magic(file, stream)
-        summary = container.read_summary(stream, size)
+        return container.read_summary(stream, size)
+
+
+def _inspect(file: Path) -> _Contents:
+    summary = _summary(file)
     if summary.statistics is not None and summary.registry.channels:
         found = summary.statistics
         counts = dict(found.channel_message_counts)
@@ -250,23 +291,25 @@ def _raw_messages(file: Path, registry: Registry) -> Iterator[container.RawMessa
 
 def _file_messages(file: Path, topics: Collection[str] | None) -> Iterator[BagMessage]:
     registry = Registry()
-    wanted: dict[int, tuple[str, str] | None] = {}
+    wanted: dict[int, tuple[str, str, str] | None] = {}
     try:
         for channel_id, log_time, publish_time, data in _raw_messages(file, registry):
             if channel_id not in wanted:
-                wanted[channel_id] = _name_and_type(registry, channel_id, topics)
-            if (names := wanted[channel_id]) is not None:
-                yield BagMessage(*names, log_time, publish_time, data)
+                wanted[channel_id] = _kind(registry, channel_id, topics)
+            if (kind := wanted[channel_id]) is not None:
+                topic, type_name, encoding = kind
+                yield BagMessage(topic, type_name, log_time, publish_time, data, encoding)
     except DamageError as error:
         raise damaged(file, error) from None
 
 
-def _name_and_type(
+def _kind(
     registry: Registry, channel_id: int, topics: Collection[str] | None
-) -> tuple[str, str] | None:
+) -> tuple[str, str, str] | None:
+    """Topic, type and encoding of a channel's messages; None where they are not wanted."""
     channel = registry.channels.get(channel_id)
     if channel is None:
         raise DamageError(f"a message belongs to no channel ({channel_id})")
     if topics is not None and channel.topic not in topics:
         return None
-    return channel.topic, registry.type_of(channel)
+    return channel.topic, registry.type_of(channel), channel.message_encoding

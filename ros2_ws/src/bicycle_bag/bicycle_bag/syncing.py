@@ -5,6 +5,20 @@ from __future__ import annotations
 import os
 import threading
 import time
+from pathlib import Path
+
+
+def sync_folder(folder: Path) -> None:
+    """Hand the names of a folder's files to the disk: a file that was renamed stays so.
+
+    Raises:
+        OSError: The disk does not take them.
+    """
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
 
 
 class Syncer:

@@ -6,176 +6,24 @@ import argparse
 import re
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-from rclpy.duration import Duration
-from rclpy.node import Node
-from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
-from rosgraph_msgs.msg import Clock
 from tqdm import tqdm
 
 from bicycle_bag.arguments import RULES, OneLineParser
 from bicycle_bag.errors import BagError
 from bicycle_bag.nodes.controls import Controls
-from bicycle_bag.nodes.others import guarded, other_publishers, told
-from bicycle_bag.nodes.session import (
-    Stop,
-    message_class,
-    overridden_profile,
-    publisher_profile,
-    ros_node,
-)
-from bicycle_bag.playback import CLOCK, ClockTick, Playback, PlayOptions
-from bicycle_bag.qos import QosProfile
+from bicycle_bag.nodes.player import Player
+from bicycle_bag.nodes.session import Stop, ros_node
+from bicycle_bag.playback import LONGEST_GAP, Playback, PlayOptions
 from bicycle_bag.qos_overrides import read_overrides
 from bicycle_bag.reader import BagReader
 from bicycle_bag.selection import absolute
-from bicycle_bag.tempo import SLICE, Tempo
+from bicycle_bag.tempo import Tempo
 from bicycle_sim.nodes.runner import UserError
 
-QUEUE = 1000
-LATCHED = 10
-ACKNOWLEDGE_SECONDS = 1.0
-BAR_SECONDS = 0.1
-DISCOVERY_SECONDS = 1.0
-"""For other publishers to be seen; nodes of this machine announce themselves within 0.3 s."""
-SETTLE_SECONDS = 0.3
-"""For all that another node publishes, and for its companions, to be seen."""
-LOOK_SECONDS = 0.5
-"""Between two looks for others that begin to publish the same topics."""
 NAME = re.compile(r"/?[A-Za-z_~][\w~]*(/[A-Za-z_][\w]*)*")
-
-
-class Player:
-    """Publishers for a bag's topics, and the loop that serves them in time.
-
-    Args:
-        node: that publishes.
-        reader: the bag.
-        playback: what is played, and when.
-        tempo: the clock that the replay goes by.
-        clock: whether to publish `/clock`.
-        overrides: profiles to publish with, by the topics' names in the bag.
-        names: names to publish topics under, by their names in the bag.
-    """
-
-    def __init__(
-        self,
-        node: Node,
-        reader: BagReader,
-        playback: Playback,
-        tempo: Tempo,
-        clock: bool,
-        overrides: Mapping[str, QosProfile],
-        names: Mapping[str, str],
-    ) -> None:
-        self.published = 0
-        self._node = node
-        self._playback = playback
-        self._tempo = tempo
-        self._names = {name: names.get(name, name) for name in playback.topics}
-        played = [*self._names.values(), *([CLOCK] if clock else [])]
-        self._guarded = guarded(map(node.resolve_topic_name, played))
-        self._publishers: dict[str, Publisher] = {}
-        self._looked = time.monotonic()
-        self._look_around(own=0, patience=DISCOVERY_SECONDS)
-        for name in playback.topics:
-            topic = reader.topics[name]
-            try:
-                kind = message_class(topic.type)
-            except BagError as error:
-                node.get_logger().warning(f"{name} is not played: {error}")
-                continue
-            profile = _profile(topic.qos, overrides.get(name))
-            self._publishers[name] = node.create_publisher(kind, self._names[name], profile)
-        if not self._publishers:
-            raise BagError("no topic can be played: source the workspace that has their types")
-        self._clock = node.create_publisher(Clock, CLOCK, LATCHED) if clock else None
-
-    def play(self, stop: Stop, controls: Controls) -> None:
-        """Publish everything once, each message when it is due; ends early on a signal.
-
-        Raises:
-            BagError: Another node begins to publish what is played.
-        """
-
-        def rest(seconds: float) -> bool:
-            controls.serve()
-            self.watch()
-            return stop.wait(seconds)
-
-        self._tempo.restart()
-        drawn = served = time.monotonic()
-        shown = "{l_bar}{bar}| {n:.1f}/{total:.1f} s of the bag [{elapsed}<{remaining}]"
-        with tqdm(total=self._playback.duration, bar_format=shown, disable=None) as bar:
-            for due, item in self._playback.timeline():
-                if not self._tempo.wait_until(due, rest) or stop.requested:
-                    break
-                now = time.monotonic()
-                if now - served > SLICE:  # where one message is due after the other
-                    rest(0.0)
-                    served = now
-                if isinstance(item, ClockTick):
-                    self._publish_clock(item.log_time_ns)
-                elif item.topic in self._publishers:
-                    self._publishers[item.topic].publish(item.data)
-                    self.published += 1
-                if now - drawn > BAR_SECONDS:
-                    bar.update(self._playback.bag_seconds(item) - bar.n)
-                    drawn = now
-            else:
-                bar.update(bar.total - bar.n)
-
-    def watch(self) -> None:
-        """Look for others now and then.
-
-        Raises:
-            BagError: Another node publishes what is played.
-        """
-        now = time.monotonic()
-        if now - self._looked > LOOK_SECONDS:
-            self._looked = now
-            self._look_around(own=1)
-
-    def _look_around(self, own: int, patience: float = 0.0) -> None:
-        """Look for others, so long as some may not have been seen yet.
-
-        Raises:
-            BagError: Another node publishes what is played.
-        """
-        deadline = time.monotonic() + patience
-        while not other_publishers(self._node, self._guarded, own):
-            if time.monotonic() >= deadline:
-                return
-            time.sleep(SLICE)
-        time.sleep(SETTLE_SECONDS)
-        found = other_publishers(self._node, self._guarded, own)
-        raise BagError(
-            f"the same topics are published by {told(found)}: end that (stop.sh), play on another "
-            "ROS_DOMAIN_ID, leave topics out with --exclude-topics, or rename them with --remap"
-        )
-
-    def finish(self) -> None:
-        """Give reliable subscribers a moment to confirm the last messages."""
-        deadline = time.monotonic() + ACKNOWLEDGE_SECONDS
-        for publisher in self._publishers.values():
-            left = max(0.0, deadline - time.monotonic())
-            publisher.wait_for_all_acked(Duration(nanoseconds=int(left * 1e9)))
-
-    def _publish_clock(self, time_ns: int) -> None:
-        message = Clock()
-        message.clock.sec, message.clock.nanosec = divmod(int(time_ns), 1_000_000_000)
-        assert self._clock is not None
-        self._clock.publish(message)
-
-
-def _profile(recorded: Sequence[QosProfile], override: QosProfile | None) -> QoSProfile:
-    """What to publish a topic with."""
-    if override is not None:
-        return overridden_profile(override, QUEUE)
-    return publisher_profile(recorded, QUEUE, LATCHED)
 
 
 def parse(arguments: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
@@ -219,6 +67,14 @@ def parse(arguments: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
         "in place of a recorded /clock",
     )
     add(
+        "--max-gap",
+        type=float,
+        default=LONGEST_GAP,
+        metavar="S",
+        help="bag seconds in which nothing was recorded that are waited for; a longer silence, or "
+        "a clock that was set meanwhile, is told and left out (%(default)s)",
+    )
+    add(
         "--delay",
         "-d",
         type=float,
@@ -260,6 +116,7 @@ def play(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
         options.delay,
         options.exclude_topics,
         options.playback_duration,
+        options.max_gap,
     )
     overrides = read_overrides(options.qos_profile_overrides_path)
     reader = BagReader(options.bag)
@@ -270,19 +127,28 @@ def play(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
         player = Player(node, reader, playback, tempo, chosen.clock_hz > 0.0, overrides, names)
         keyboard = not options.disable_keyboard_controls
         controls = Controls(node, tempo, keyboard, lambda line: tqdm.write(line, file=sys.stderr))
-        print(f"playing {options.bag}: {playback.duration:.1f} s; Ctrl-C ends it", flush=True)
+        guess = ", by guess, as the recording's clock jumps" if playback.clock_jumps else ""
+        length = f"{playback.duration:.1f} s{guess}"
+        print(f"playing {options.bag}: {length}; Ctrl-C ends it", flush=True)
         if options.start_paused:
             print("paused: the space bar or the service ~/resume goes on", flush=True)
         began = time.monotonic()
         with controls.reading():
             ended = stop.wait(options.delay)
             while not ended:
-                player.play(stop, controls)
+                try:
+                    player.play(stop, controls)
+                except BagError as error:
+                    played = f"{player.published} messages were played"
+                    raise BagError(f"{error}; until then {played}{player.remarks}") from None
                 ended = stop.requested or not options.loop
         player.finish()
         controls.close()
     took = time.monotonic() - began
-    return f"played {player.published} messages of {len(playback.topics)} topics in {took:.1f} s"
+    return (
+        f"played {player.published} messages of {len(playback.topics)} topics in {took:.1f} s"
+        f"{player.remarks}"
+    )
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

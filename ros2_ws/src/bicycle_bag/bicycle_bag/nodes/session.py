@@ -77,9 +77,12 @@ def message_class(type_name: str) -> type[Any]:
         BagError: It is not installed here.
     """
     package, _, name = type_name.partition("/msg/")
+    if not (package.isidentifier() and name.isidentifier()):
+        raise BagError(f"its type is {type_name!r}, which is not one of ROS 2's messages")
     try:
         found: type[Any] = getattr(importlib.import_module(f"{package}.msg"), name)
-    except (ImportError, AttributeError, ValueError):
+        found.get_fields_and_field_types()
+    except (ImportError, AttributeError, TypeError, ValueError):
         raise BagError(f"{type_name} is not installed: source the workspace that has it") from None
     return found
 

@@ -44,10 +44,10 @@ class Recording:
     """The messages of one bicycle, in recorded order."""
 
     states: list[tuple[int, bytes]] = field(default_factory=list)
-    """Log time in ns, and CDR."""
+    """Place in the recorded order, and CDR."""
     commands: dict[Key, list[Command]] = field(default_factory=lambda: defaultdict(list))
     episodes: list[tuple[int, EpisodeInfo]] = field(default_factory=list)
-    """Log time in ns, and message."""
+    """Place in the recorded order, and message."""
     pushes: dict[tuple[int, int], list[float]] = field(default_factory=lambda: defaultdict(list))
     """rad/s by episode and step of the state that was pushed, in the paper's signs."""
 
@@ -112,29 +112,75 @@ def read(path: Path) -> Recording:
     reader.require(list(kinds))
     if prefix + PUSHED in reader.topics:  # older bags lack it
         kinds[prefix + PUSHED] = Push
-    schemas = Schemas()
-    for name in kinds:
+    for name, kind in kinds.items():
         topic = reader.topics[name]
-        if topic.type_hash and topic.type_hash != schemas.type_hash(topic.type):
-            raise BagError(
-                f"{path} has another version of {topic.type}: verify it with the release that "
-                "recorded it"
-            )
+        _check_kind(path, name, topic.type, topic.serialization_format, kind)
+    _check_versions(reader, list(kinds))
     recording = Recording()
-    for item in reader.messages(list(kinds)):
+    # The recorded order tells what came first; the recording's clock may have been set meanwhile.
+    for place, item in enumerate(reader.messages(list(kinds))):
         kind = kinds[item.topic]
+        _check_kind(path, item.topic, item.type, item.encoding, kind)
         if kind is BicycleState:
-            recording.states.append((item.log_time_ns, item.data))
-        elif kind is BicycleCommand:
-            command = convert.to_command(deserialize_message(item.data, kind))
+            recording.states.append((place, item.data))
+            continue
+        message = decoded(item.data, kind)
+        if kind is BicycleCommand:
+            command = convert.to_command(message)
             key = command.episode, command.step, command.controller
             recording.commands[key].append(command)
         elif kind is Push:
-            push = convert.to_push(deserialize_message(item.data, kind))
+            push = convert.to_push(message)
             recording.pushes[push.episode, push.step].append(push.lean_rate)
         else:
-            recording.episodes.append((item.log_time_ns, deserialize_message(item.data, kind)))
+            recording.episodes.append((place, message))
     return recording
+
+
+def _check_kind(path: Path, topic: str, type_name: str, encoding: str, kind: type[Any]) -> None:
+    """Refuse messages of other types and encodings.
+
+    Raises:
+        BagError: these are of one.
+    """
+    wanted = f"bicycle_msgs/msg/{kind.__name__}"
+    if type_name != wanted or encoding != "cdr":
+        raise BagError(
+            f"{path} holds {topic} as {type_name or 'no type'} in {encoding or 'no encoding'}, "
+            f"where {wanted} in cdr is needed: record the ride with record.sh or ros2 bag record"
+        )
+
+
+def _check_versions(reader: BagReader, topics: list[str]) -> None:
+    """Refuse a bag whose messages have other fields than today's.
+
+    Raises:
+        BagError: it is one.
+    """
+    schemas = Schemas()
+    for name in topics:
+        topic = reader.topics[name]
+        if topic.type_hash and topic.type_hash != schemas.type_hash(topic.type):
+            raise BagError(
+                f"{reader.path} has another version of {topic.type}: verify it with the release "
+                "that recorded it"
+            )
+
+
+def decoded(data: bytes, kind: type[Any]) -> Any:
+    """A message of its CDR.
+
+    Raises:
+        BagError: it is none of this kind.
+    """
+    try:
+        return deserialize_message(data, kind)
+    except Exception as error:  # the middleware's errors have no common base
+        raise BagError(
+            f"a message of {len(data)} bytes is not a {kind.__name__} "
+            f"({' '.join(str(error).split())[:100]}): the bag's recorder was another version or "
+            "the message was damaged before it was recorded"
+        ) from None
 
 
 def verify(recording: Recording) -> Iterator[Verdict]:
@@ -152,20 +198,20 @@ def verify(recording: Recording) -> Iterator[Verdict]:
     verdict = Verdict()
     before: BicycleState | None = None
     simulator: Simulator | None = None
-    for time_ns, data in recording.states:
-        state = deserialize_message(data, BicycleState)
+    for place, data in recording.states:
+        state = decoded(data, BicycleState)
         if before is not None and (state.episode, state.step) == (before.episode, before.step):
             yield verdict  # the state of a bicycle that is held, published again
             continue
         follows = before is not None and state.episode == before.episode
         if before is None or simulator is None or not follows or state.step < before.step:
             verdict.begun += 1
-            simulator = _restored(recording, state, time_ns)
+            simulator = _restored(recording, state, place)
         elif state.step != before.step + 1:
             _skip(verdict, state)
-            simulator = _restored(recording, state, time_ns)
+            simulator = _restored(recording, state, place)
         else:
-            simulator = _compute(recording, verdict, simulator, state, time_ns)
+            simulator = _compute(recording, verdict, simulator, state, place)
         before = state
         yield verdict
         if verdict.difference:
@@ -177,7 +223,7 @@ def _compute(
     verdict: Verdict,
     simulator: Simulator,
     state: BicycleState,
-    time_ns: int,
+    place: int,
 ) -> Simulator:
     """Compute one state; returns the simulator to go on with."""
     stamp = state.header.stamp.sec * 10**9 + state.header.stamp.nanosec
@@ -194,12 +240,12 @@ def _compute(
         if gap <= ROUNDING:
             verdict.checked, verdict.rounded = verdict.checked + 1, verdict.rounded + 1
             verdict.largest = max(verdict.largest, gap)
-            return _restored(recording, state, time_ns)
+            return _restored(recording, state, place)
     if computed is None:
         _skip(verdict, state)
     else:
         verdict.difference = f"{_place(state)}: {_difference(state, computed)}"
-    return _restored(recording, state, time_ns)
+    return _restored(recording, state, place)
 
 
 def _candidates(recording: Recording, state: BicycleState) -> list[Command | None]:
@@ -210,13 +256,13 @@ def _candidates(recording: Recording, state: BicycleState) -> list[Command | Non
     return list(recording.commands.get(key, []))
 
 
-def _restored(recording: Recording, state: BicycleState, time_ns: int) -> Simulator:
+def _restored(recording: Recording, state: BicycleState, place: int) -> Simulator:
     """A simulator in this recorded state.
 
     Raises:
         BagError: see `verify`.
     """
-    infos = [(abs(at - time_ns), info) for at, info in recording.episodes]
+    infos = [(abs(at - place), info) for at, info in recording.episodes]
     infos = [(distance, info) for distance, info in infos if info.episode == state.episode]
     if not infos:
         raise BagError(
@@ -226,7 +272,7 @@ def _restored(recording: Recording, state: BicycleState, time_ns: int) -> Simula
     try:
         scenario, physics = convert.to_setting(info)
         snapshot = convert.to_snapshot(state)
-    except (ValueError, TypeError) as error:
+    except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
         raise BagError(
             f"episode {state.episode} is not one of this simulator's ({error}): verify it with "
             f"version {info.version}"
