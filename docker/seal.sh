@@ -3,7 +3,7 @@
 #
 # Usage: seal.sh SET...      inside the image's build, see Dockerfile; it cannot be undone
 set -euo pipefail
-root=$(cd -P "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+root=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 ws=$root/ros2_ws
 python=$root/.venv/bin/python
 
@@ -20,4 +20,6 @@ done
 "$python" "$root/docker/prune.py" "${files[@]}"
 find "$root" -name __pycache__ -not -path "$root/.venv/*" -prune -exec rm -rf {} +
 "$python" -m compileall -q "$root/bicycle_sim" "$root/bicycle_controller" "$ws/src" "$ws/install"
+/opt/sbom/bin/python -W ignore -m cyclonedx_py environment --pyproject "$ws/requirements/sbom.toml" --output-reproducible \
+  --output-format JSON --output-file "$root/sbom.cdx.json" "$python"
 touch "$ws/install/.bicycle.sealed"

@@ -5,6 +5,10 @@
 #   BICYCLE_NETWORK   local (default): DDS on 127.0.0.1 only; lan: DDS on every network interface, with
 #                     FASTRTPS_DEFAULT_PROFILES_FILE if it is set
 #   ROS_DOMAIN_ID     0 to 101, 42 unless set: only nodes with the same number meet
+#   BICYCLE_KEEP      names of variables that are kept although lib/shell.sh would set them aside
+#
+# What another set-up has left in the shell and does not fit (another middleware, another numpy) is set aside,
+# in one line that names it; lib/shell.sh decides.
 #
 # It exports the few variables that colcon's setup scripts would work out in half a second. With a
 # sourced /opt/ros/jazzy it uses that ROS 2 and no virtual environment: the two never mix.
@@ -37,7 +41,6 @@ _bicycle_network() { # WORKSPACE: chooses where DDS traffic goes, and checks the
       return 2
       ;;
   esac
-  unset ROS_LOCALHOST_ONLY # deprecated, and would override the range
   export ROS_AUTOMATIC_DISCOVERY_RANGE=$range
   export ROS_DOMAIN_ID=${ROS_DOMAIN_ID:-42}
   if ! [[ $ROS_DOMAIN_ID =~ ^(0|[1-9][0-9]{0,2})$ ]] || ((ROS_DOMAIN_ID > 101)); then
@@ -75,7 +78,7 @@ _bicycle_overlay() { # WORKSPACE: the packages that colcon built, and the source
     [[ ! -d $folder ]] || _bicycle_prepend PYTHONPATH "$folder"
   done
   for package in "$ws"/src/bicycle_*; do
-    [[ ! -d $package/${package##*/} ]] || _bicycle_prepend PYTHONPATH "$(cd -P "$package" && pwd)"
+    [[ ! -d $package/${package##*/} ]] || _bicycle_prepend PYTHONPATH "$(builtin cd -P "$package" && pwd)"
   done
 }
 
@@ -83,26 +86,31 @@ _bicycle_logs() { # WORKSPACE: where nodes log; every process leaves a file, so 
   export ROS_LOG_DIR=${ROS_LOG_DIR:-$1/log/ros}
   [[ $ROS_LOG_DIR == "$1/log/ros" && -d $ROS_LOG_DIR ]] || return 0
   # shellcheck disable=SC2012 # the names are ROS's own: node, process, milliseconds
-  (cd "$ROS_LOG_DIR" && ls -t | tail -n +21 | while read -r old; do rm -f -- "$old"; done)
+  (builtin cd "$ROS_LOG_DIR" && command ls -t | tail -n +21 | while read -r old; do command rm -f -- "$old"; done)
 }
 
 _bicycle_environment() {
-  local here ws
+  local here ws venv=''
   if [[ -n ${ZSH_VERSION:-} ]]; then
     setopt local_options null_glob ksh_arrays
     eval 'here=${(%):-%x}'
   else
     here=${BASH_SOURCE[0]}
   fi
-  ws=$(cd -P "$(dirname "$here")" && pwd) || return 1
+  ws=$(CDPATH='' builtin cd -P "$(dirname "$here")" && pwd) || return 1
+  # shellcheck source-path=SCRIPTDIR source=lib/shell.sh
+  . "$ws/lib/shell.sh"
   case ":${AMENT_PREFIX_PATH:-}:" in
     *:/opt/ros/jazzy:*) ;;
     *:/opt/ros/*)
       echo "env.sh: ROS 2 '${ROS_DISTRO:-}' is sourced here, but this workspace needs jazzy: open a fresh shell." >&2
       return 1
       ;;
-    *) _bicycle_wheels "$(dirname "$ws")/.venv" || return ;;
+    *) venv=$(dirname "$ws")/.venv ;;
   esac
+  _bicycle_set_aside run "$(dirname "$ws")" "$venv"
+  [[ -z $_bicycle_aside ]] || echo "env.sh: $_bicycle_aside" >&2
+  [[ -z $venv ]] || _bicycle_wheels "$venv" || return
   _bicycle_network "$ws" || return
   _bicycle_overlay "$ws"
   _bicycle_prepend PATH "$ws/bin"
@@ -113,7 +121,10 @@ _bicycle_environment() {
 _bicycle_environment
 # A sourced file's last status is the caller's $?, so the helpers go without changing it.
 _bicycle_status=$?
-unset -f _bicycle_prepend _bicycle_network _bicycle_wheels _bicycle_overlay _bicycle_logs _bicycle_environment
+unset -f _bicycle_prepend _bicycle_network _bicycle_wheels _bicycle_overlay _bicycle_logs _bicycle_environment \
+  _bicycle_set_aside _bicycle_exported _bicycle_holds _bicycle_builds _bicycle_has_middleware \
+  _bicycle_entries_hold _bicycle_hides _bicycle_python_names _bicycle_library_names _bicycle_package_names
+unset _bicycle_aside
 if ((_bicycle_status)); then
   unset _bicycle_status
   # shellcheck disable=SC2317 # false in a script that is run instead of sourced

@@ -12,7 +12,7 @@
 # Exit status: 0 accepted (with --wait: reached), 2 bad input or rejected, 3 fallen,
 # 4 timed out, missed or given up.
 set -euo pipefail
-ws=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+ws=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 

@@ -11,7 +11,7 @@
 # closes the bag.
 # Exit status: 0 closed, 2 bad input, 1 anything else.
 set -euo pipefail
-ws=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+ws=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 

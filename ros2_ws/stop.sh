@@ -7,7 +7,7 @@
 # controller, which it would miss, and recorders go last, so that they record the end. Who does not follow SIGINT within 2 s gets SIGTERM, then SIGKILL.
 # Exit status: 0 all ended (or nothing ran), 1 something had to be killed, 2 bad arguments.
 set -euo pipefail
-ws=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+ws=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 

@@ -8,7 +8,7 @@
 #
 # Exit status: 0, 1 no such topic or no message, 2 bad arguments.
 set -euo pipefail
-ws=$(cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+ws=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 

@@ -60,6 +60,7 @@ enter_workspace() { # Loads env.sh, or says what to do
   # shellcheck source-path=SCRIPTDIR source=../env.sh
   . "$ws/env.sh" || status=$?
   ((status == 0)) || exit "$status"
+  export PYTHONSAFEPATH=1 # a module in the working directory must not take another's place
   [[ -d $ws/install/bicycle_msgs ]] || die 1 "the workspace is not built; run $ws/setup.sh first."
   if [[ -n ${VIRTUAL_ENV:-} && :$PATH: == *":$VIRTUAL_ENV/bin:"* ]]; then
     python=$VIRTUAL_ENV/bin/python

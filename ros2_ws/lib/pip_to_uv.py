@@ -12,15 +12,17 @@ NAMES = {
     "index-url": "UV_DEFAULT_INDEX",
     "extra-index-url": "UV_INDEX",
     "find-links": "UV_FIND_LINKS",
-    "constraint": "UV_CONSTRAINT",
+    "no-index": "UV_NO_INDEX",
     "cert": "SSL_CERT_FILE",
     "default-timeout": "UV_HTTP_TIMEOUT",
     "timeout": "UV_HTTP_TIMEOUT",
 }
 HARMLESS = {"disable-pip-version-check", "no-input", "progress-bar", "cache-dir", "no-cache-dir"}
 HARMLESS |= {"root-user-action", "quiet", "verbose", "break-system-packages", "require-virtualenv"}
+HARMLESS |= {"constraint"}  # the locks name every version
+HARMLESS |= {"user", "target", "prefix", "root"}  # it goes into the virtual environment
 PLACES = ("global", "install", ":env:")
-LISTS = {"UV_INDEX": " ", "UV_FIND_LINKS": ",", "UV_CONSTRAINT": " "}
+LISTS = {"UV_INDEX": " ", "UV_FIND_LINKS": ","}
 
 
 def main() -> int:

@@ -1,11 +1,20 @@
-# shellcheck shell=bash disable=SC2154,SC2034 # ws, venv and force are the caller's; it reads native
+# shellcheck shell=bash disable=SC2154,SC2034 # ws, venv, force and aside are the caller's; it reads native
 # The stages of setup.sh: what the machine must have, what is done already, and progress. Sourced.
-# The caller sets: ws, venv, force.
+# The caller sets: ws, venv, force, aside.
 
 log=$ws/log/setup.log
 stages=0
 python=
 native=
+
+check_path() { # PATH and LD_LIBRARY_PATH cannot hold some characters, colcon's scripts not others
+  local root
+  root=$(dirname "$ws")
+  [[ $root != *[:\;\$\`\"{}[:cntrl:]]* ]] ||
+    die 3 "the path $(printf %q "$root") holds a character that ROS's tools cannot take (one of : ; \$ \` \" { } or a control character): rename or move the folder."
+  LC_ALL=C.UTF-8 grep -qax '.*' <<<"$root" ||
+    die 3 "the path $(printf %q "$root") is not UTF-8, which ROS's tools need: rename or move the folder."
+}
 
 make_folders() { # colcon looks into none of them for packages
   mkdir -p "$ws/log" "$ws/install" "$ws/build" "$ws/runs"
@@ -140,7 +149,10 @@ progress() { # COUNTER LOG-OFFSET: how far the running stage is, from what it lo
 stage() { # LABEL COUNTER COMMAND...: runs quietly with one line of progress; ends the script on failure
   local label=$1 counter=$2 start=$SECONDS offset status=0 line=
   shift 2
-  ((stages++)) || : >"$log"
+  if ((stages++ == 0)); then
+    : >"$log"
+    [[ -z $aside ]] || printf 'setup.sh: %s\n' "$aside" >&2
+  fi
   printf '\n=== %s: %s\n' "$label" "$*" >>"$log"
   offset=$(stat -c %s "$log")
   [[ -t 1 ]] || printf '%s ... ' "$label"

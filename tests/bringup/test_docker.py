@@ -61,7 +61,7 @@ def test_every_service_runs_closed_and_is_looked_after(compose: dict[str, Any]) 
 
 def test_the_image_is_pinned_and_nobody_in_it_is_root() -> None:
     text = (DOCKER / "Dockerfile").read_text()
-    assert re.search(r"^ARG BASE=\S+:bookworm-\d{8}-slim$", text, re.MULTILINE)
+    assert re.search(r"^ARG BASE=\S+:bookworm-\d{8}-slim@sha256:[0-9a-f]{64}$", text, re.MULTILINE)
     stages = re.split(r"^FROM ", text, flags=re.MULTILINE)[1:]
     for stage in stages:
         name = stage.split()[2]

@@ -108,9 +108,9 @@ def test_another_ros_is_refused(clone: Path, bare: dict[str, str]) -> None:
     [
         (
             ["--with", "everything"],
-            "--with takes train, foxglove, dev or bench, not 'everything'.",
+            "--with takes train, foxglove, sbom, dev or bench, not 'everything'.",
         ),
-        (["--with"], "--with takes train, foxglove, dev or bench, not ''."),
+        (["--with"], "--with takes train, foxglove, sbom, dev or bench, not ''."),
         (["--fast"], "unknown option '--fast'; see setup.sh --help."),
     ],
 )
@@ -157,7 +157,9 @@ def test_a_bad_network_is_refused() -> None:
     assert "set it to 'local' or 'lan'" in done.stderr
 
 
-def test_the_network_is_chosen() -> None:
+def test_the_network_is_chosen(tmp_path: Path) -> None:
+    (tmp_path / "lib").mkdir()
+    (tmp_path / "lib" / "librmw_cyclonedds_cpp.so").touch()  # as in an overlay of one's own
     show = (
         'echo "$ROS_AUTOMATIC_DISCOVERY_RANGE ${SKIP_DEFAULT_XML_FILE:-0} '
         '${FASTRTPS_DEFAULT_PROFILES_FILE:-none}"'
@@ -168,6 +170,7 @@ def test_the_network_is_chosen() -> None:
         ("lan", "rmw_fastrtps_cpp", f"SUBNET 0 {WORKSPACE}/fastdds_lan.xml"),
     ):
         env = {**os.environ, "BICYCLE_NETWORK": network, "RMW_IMPLEMENTATION": middleware}
+        env["AMENT_PREFIX_PATH"] = str(tmp_path)
         assert bash(f". {WORKSPACE}/env.sh && {show}", env).stdout == f"{chosen}\n"
     own = {**os.environ, "FASTRTPS_DEFAULT_PROFILES_FILE": "/my.xml", "BICYCLE_NETWORK": "lan"}
     assert bash(f". {WORKSPACE}/env.sh && {show}", own).stdout.endswith(" /my.xml\n")
