@@ -8,8 +8,9 @@
 #   --repair BAG      make a bag whole again that was cut short by a crash or a full disk
 #
 # It records what is published, so a ride must be running beside it. Ctrl-C or stop.sh ends it and
-# closes the bag.
-# Exit status: 0 closed, 2 bad input, 1 anything else.
+# closes the bag. On a slow disk that takes a while, which a line tells; a Ctrl-C after that line does not
+# wait for the disk any more.
+# Exit status: 0 closed, 2 bad input, 130 not waited for the disk, 1 anything else.
 set -euo pipefail
 ws=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh

@@ -3,9 +3,12 @@
 #
 # Usage: stop.sh [NAME]...      simulator, controller, recorder, player, ride, goal...; all unless named
 #
-# A ride is asked first and given time to write its summary. The simulator goes before the
-# controller, which it would miss, and recorders go last, so that they record the end. Who does not follow SIGINT within 2 s gets SIGTERM, then SIGKILL.
-# Exit status: 0 all ended (or nothing ran), 1 something had to be killed, 2 bad arguments.
+# A ride and a cockpit are asked first: they end their own processes in good order. The simulator
+# goes before the controller, which it would miss, and recorders go last, so that they record the end.
+# Who does not follow SIGINT within 10 s gets SIGTERM, and 10 s later SIGKILL. Who may be saving is
+# waited for instead, and never killed: recorder, repair, ride, cockpit, trainer. Ctrl-C ends the waiting.
+# Exit status: 0 all ended (or nothing ran), 1 something had to be killed or left a bag unfinished,
+# 2 bad arguments, 130 interrupted.
 set -euo pipefail
 ws=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
@@ -17,13 +20,21 @@ for name in "$@"; do
 done
 enter_workspace
 folder=$ws/runs/pids/$ROS_DOMAIN_ID
+savers=" recorder repair ride cockpit trainer "
 status=0
 count=0
 
 runs() { # FILE: whether the very process that it names still runs
-  local file=$1
-  [[ -f $file && -d /proc/${file##*.} && $(start_time "${file##*.}" 2>/dev/null) == "$(<"$file")" ]] &&
-    [[ $(sed -n 's/^State:\t\(.\).*/\1/p' "/proc/${file##*.}/status" 2>/dev/null) != Z ]]
+  local noted state born
+  { read -r noted <"$1"; } 2>/dev/null || return 1
+  look_at "${1##*.}" && [[ $born == "$noted" && $state != Z ]]
+}
+
+bag_of() { # PID: the folder that a recorder writes into
+  local bag
+  bag=$(tr '\0' '\n' <"/proc/$1/cmdline" | sed -n '/^\(--output\|-o\)$/{n;p};s/^--output=//p' | tail -n 1)
+  [[ -z $bag || $bag == /* ]] || bag=$(readlink "/proc/$1/cwd")/$bag
+  printf '%s' "$bag"
 }
 
 wait_until_gone() { # FILE SECONDS
@@ -34,36 +45,62 @@ wait_until_gone() { # FILE SECONDS
   done
 }
 
-end() { # FILE PATIENCE: ends one process, PATIENCE seconds after the first signal at the latest
-  local file=$1 patience=$2 pid=${1##*.} name=${1##*/} signal
+wait_for_saver() { # FILE: as long as it takes, or until Ctrl-C
+  local begun=$SECONDS word=2 waited left=
+  trap 'left=1' INT TERM
+  while ! wait_until_gone "$1" 1; do
+    waited=$((SECONDS - begun))
+    if [[ -n $left ]]; then
+      die 130 "left $waited_for, which ends alone: do not kill it."
+    elif ((waited >= word)); then
+      word=$((waited + 10))
+      echo "waiting for $waited_for ($waited s so far); Ctrl-C leaves it to end alone"
+      ((waited < 10)) || kill -s TERM "$pid" 2>/dev/null || true
+    fi
+  done
+  trap - INT TERM
+}
+
+end() { # FILE: ends one process
+  local file=$1 pid=${1##*.} name=${1##*/} signal=INT bag waited_for
   name=${name%.*}
+  bag=$([[ $name != recorder ]] || bag_of "$pid" 2>/dev/null || true)
+  waited_for="$name (process $pid)${bag:+, which is still writing $bag}"
   if runs "$file"; then
     count=$((count + 1))
-    for signal in INT TERM KILL; do
-      kill -s "$signal" "$pid" 2>/dev/null || true
-      wait_until_gone "$file" "$patience" && break
-      patience=2
-    done
-    [[ $signal != KILL ]] || status=1
+    kill -s INT "$pid" 2>/dev/null || true
+    kill -s CONT "$pid" 2>/dev/null || true # one that is stopped would not follow
+    if [[ $savers == *" $name "* ]]; then
+      wait_for_saver "$file"
+    elif ! wait_until_gone "$file" 10; then
+      for signal in TERM KILL; do
+        kill -s "$signal" "$pid" 2>/dev/null || true
+        wait_until_gone "$file" 10 && break
+      done
+      [[ $signal != KILL ]] || status=1
+    fi
     echo "stopped $name (process $pid, SIG$signal)"
+    if [[ -n $bag && ! -f $bag/metadata.yaml && -d $bag ]]; then
+      echo "stop.sh: $bag was not finished; recover it with record.sh --repair $bag" >&2
+      status=1
+    fi
   fi
   rm -f "$file"
 }
 
-end_all() { # PATIENCE NAME...: every process of these names
-  local patience=$1 name file
-  shift
+end_all() { # NAME...: every process of these names
+  local name file
   for name in "$@"; do
     for file in "$folder/$name".*; do
-      [[ ! -f $file ]] || end "$file" "$patience"
+      [[ ! -f $file ]] || end "$file"
     done
   done
 }
 
 if (($#)); then
-  end_all 2 "$@"
+  end_all "$@"
 else
-  end_all 30 ride
+  end_all ride cockpit
   others=()
   for file in "$folder"/*; do
     name=${file##*/}
@@ -73,7 +110,7 @@ else
       *) others+=("$name") ;;
     esac
   done
-  end_all 2 simulator "${others[@]}" recorder
+  end_all simulator "${others[@]}" recorder
 fi
 ((count)) || echo "nothing of this workspace runs on domain $ROS_DOMAIN_ID"
 exit "$status"

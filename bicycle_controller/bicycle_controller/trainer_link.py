@@ -22,7 +22,7 @@ from bicycle_sim.scenario import Scenario
 
 NICE = 10
 """Added to the learning process's niceness: the loop and the controller come first."""
-PATIENCE = 1.5
+PATIENCE = 60.0
 """s for the learning process to save and end."""
 
 SET_PARENT_DEATH_SIGNAL = 1

@@ -69,21 +69,23 @@ enter_workspace() { # Loads env.sh, or says what to do
   fi
 }
 
-start_time() { # PID: when the process began, in the kernel's ticks; with the pid it names one process for ever
-  local stat fields
-  stat=$(<"/proc/$1/stat") || return 1
+look_at() { # PID: sets its state and when it was born in the kernel's ticks, which with the pid names it
+  local stat= fields
+  # No $( ): a trap that strikes within one is lost, or ends bash with a syntax error (5.2.15).
+  { read -r -d '' stat <"/proc/$1/stat" || [[ -n $stat ]]; } 2>/dev/null || return 1
   read -ra fields <<<"${stat##*) }" # the name in brackets before may hold spaces
-  echo "${fields[19]}"
+  state=${fields[0]} born=${fields[19]}
 }
 
 register() { # NAME: lets stop.sh find this process, which keeps its pid through exec
-  local folder=$ws/runs/pids/$ROS_DOMAIN_ID file pid
+  local folder=$ws/runs/pids/$ROS_DOMAIN_ID file pid state born
   mkdir -p "$folder"
   for file in "$folder"/*; do
     pid=${file##*.}
     [[ ! -f $file || -d /proc/$pid ]] || rm -f "$file"
   done
-  start_time $$ >"$folder/$1.$$"
+  look_at $$
+  echo "$born" >"$folder/$1.$$"
 }
 
 ros_arguments() { # ARGUMENT...: sets arguments, with name:=value and *.yaml turned into what ROS takes

@@ -16,7 +16,7 @@ from bicycle_bag import repair
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import Topic
 from bicycle_bag.reader import BagReader
-from bicycle_bag.writer import BagWriter
+from bicycle_bag.writer import MOST_OWED, BagWriter
 
 TOPIC = Topic("/numbers", "x/msg/Numbers")
 MESSAGE = b"\0\1\0\0" + bytes(512)
@@ -77,13 +77,15 @@ def test_a_finished_bag_is_on_the_disk_before_it_is_called_so(
     writer = opened(tmp_path / "bag")
     write_on(writer, 10)
     writer.split()
-    finished = (tmp_path / "bag" / "bag_0.mcap").read_bytes()
-    assert synced == [("bag_0.mcap", finished)], "a file that is finished, with its footer"
     write_on(writer, 10)
     writer.close()
     files = {path.name: path.read_bytes() for path in (tmp_path / "bag").iterdir()}
-    assert synced[1:] == [
+    # Each file has a thread of its own; metadata.yaml calls them whole.
+    assert sorted(synced[:2], key=lambda one: one[0]) == [
+        ("bag_0.mcap", files["bag_0.mcap"]),
         ("bag_1.mcap", files["bag_1.mcap"]),
+    ]
+    assert synced[2:] == [
         (".metadata.yaml.tmp", files["metadata.yaml"]),
         ("bag", sorted(files)),
     ]
@@ -102,6 +104,48 @@ def test_a_sync_that_fails_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert failed.wait(60.0)
     with pytest.raises(BagError, match=r"Input/output error.*check the disk"):
         write_on(writer, 10**6)
+
+
+def test_a_new_file_begins_while_the_disk_still_takes_the_old_one(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    released = threading.Event()
+    for name in ("fsync", "fdatasync"):
+        monkeypatch.setattr(os, name, lambda _: released.wait(60.0))
+    writer = opened(tmp_path / "bag")
+    for number in range(5):
+        writer.write("/numbers", MESSAGE, number, number)
+        writer.split()
+    # Each has its footer before the disk has taken anything.
+    files = sorted((tmp_path / "bag").glob("*.mcap"))
+    assert [file.read_bytes().endswith(b"\x89MCAP0\r\n") for file in files] == 5 * [True] + [False]
+    released.set()
+    writer.close()
+    assert BagReader(tmp_path / "bag").message_count == 5
+
+
+def test_a_disk_that_owes_many_files_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    released, split = threading.Event(), threading.Event()
+    monkeypatch.setattr(os, "fsync", lambda _: released.wait(60.0))
+    writer = opened(tmp_path / "bag")
+    for _ in range(MOST_OWED):
+        writer.split()
+    threads = threading.active_count()
+
+    def split_once_more() -> None:
+        writer.split()
+        split.set()
+
+    one_more = threading.Thread(target=split_once_more)
+    one_more.start()
+    assert not split.wait(0.2)
+    assert threading.active_count() <= threads + 1
+    released.set()
+    one_more.join(60.0)
+    writer.close()
+    assert len(BagReader(tmp_path / "bag").files) == MOST_OWED + 2
 
 
 @pytest.fixture

@@ -9,7 +9,10 @@ import sys
 import time
 from pathlib import Path
 
-from bicycle_bringup.processes import Child, Exit
+import pytest
+
+from bicycle_bringup import processes
+from bicycle_bringup.processes import Child, Crew, Exit, Vigil
 
 STUBBORN = (
     "import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); "
@@ -69,6 +72,78 @@ def test_who_ignores_signals_is_killed(tmp_path: Path) -> None:
     assert until(lambda: made.last_lines() == ["up"])
     assert made.stop(patience=0.2) == -signal.SIGKILL
     assert made.stop() == -signal.SIGKILL
+
+
+SAVING = (
+    "import signal, time; from pathlib import Path; asked = []\n"
+    "for number in (signal.SIGINT, signal.SIGTERM): signal.signal(number, lambda n, _: "
+    "asked.append(n))\n"
+    "print('up', flush=True)\n"
+    "while not (asked and Path('saved').exists()): time.sleep(0.02)\n"
+)
+
+
+@pytest.fixture
+def soon(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
+    """Waits are told at once; the file that ends one."""
+    monkeypatch.setattr(processes, "FIRST_WORD", 0.1)
+    monkeypatch.setattr(processes, "NEXT_WORD", 0.1)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path / "saved"
+
+
+def test_who_saves_is_waited_for_and_never_killed(tmp_path: Path, soon: Path) -> None:
+    made = Child("node", [sys.executable, "-c", SAVING], tmp_path / "node.log", saves="a bag")
+    made.start()
+    assert until(lambda: made.last_lines() == ["up"])
+    told: list[str] = []
+
+    def tell(line: str) -> None:
+        told.append(line)
+        if len(told) == 8:  # long after a SIGKILL would have come
+            soon.touch()
+
+    assert made.stop(Vigil(tell, lambda: 0), patience=0.05) == 0
+    assert told[0].startswith("the node is still writing a bag (the disk is slow), waiting (")
+    assert len(told) >= 8
+
+
+def test_a_ctrl_c_that_answers_the_line_leaves_it_to_end_alone(tmp_path: Path, soon: Path) -> None:
+    log, registry = tmp_path / "node.log", tmp_path / "pids"
+    made = Child("node", [sys.executable, "-c", SAVING], log, registry, saves="a bag")
+    made.start()
+    assert until(lambda: made.last_lines() == ["up"])
+    interrupts = [signal.SIGINT]  # the one that ended the ride answers nothing
+    vigil = Vigil(lambda _: interrupts.append(signal.SIGINT), lambda: len(interrupts))
+    assert made.stop(vigil, patience=0.05) is None
+    assert len(interrupts) == 2
+    assert made.running
+    assert "which goes on writing a bag: do not kill it" in made.left()
+    assert list(registry.iterdir()), "stop.sh could not find it"
+    soon.touch()
+    assert until(lambda: made.ended() == Exit("node", 0))
+
+
+def test_a_crew_tells_of_each_that_does_not_end_with_status_0(tmp_path: Path) -> None:
+    programs = {"well": "pass", "badly": "print('lost it'); sys.exit(3)"}
+    commands = {
+        name: [
+            sys.executable,
+            "-c",
+            "import signal, sys\nsignal.signal(signal.SIGINT, lambda *_: None)\n"
+            f"print('up', flush=True)\nsignal.pause()\n{last}",
+        ]
+        for name, last in programs.items()
+    }
+    crew = Crew(commands, tmp_path)
+    crew.start()
+    logs = [tmp_path / f"{name}.log" for name in programs]
+    assert until(lambda: all("up" in log.read_text() for log in logs))
+    assert crew.stop(*programs) == [
+        f"badly exited with status 3: lost it (log: {tmp_path / 'badly.log'})"
+    ]
+    assert crew.stop(*programs) == []
+    assert not crew.left
 
 
 def test_it_dies_with_a_ride_that_is_killed(tmp_path: Path) -> None:

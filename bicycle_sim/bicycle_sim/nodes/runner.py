@@ -1,4 +1,4 @@
-"""Start, spin and end a node: clean on SIGINT and SIGTERM, one line for a user's mistake."""
+"""Start, spin and end a node: clean on signals, one line for a user's mistake."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
+from types import FrameType
 from typing import Any, Protocol
 
 import rclpy
@@ -53,8 +54,16 @@ class _Stop:
     def __init__(self) -> None:
         self.asked = False
 
-    def __call__(self, number: int, frame: object) -> None:
+    def __call__(self, number: int, frame: FrameType | None) -> None:
         self.asked = True
+
+
+def on_signals(handler: Callable[[int, FrameType | None], object]) -> None:
+    """Have `handler` called when the program is asked to end, or its terminal is closed."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        # nohup has SIGHUP ignored.
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, handler)
 
 
 def run(
@@ -81,8 +90,7 @@ def run(
     try:
         if not _understood(words, usage):
             return 0
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, stop)
+        on_signals(stop)
         _spin(words, make, executor, stop)
     except UserError as error:
         print(f"{name}: {error}", file=sys.stderr, flush=True)

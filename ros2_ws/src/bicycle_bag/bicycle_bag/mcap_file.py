@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from pathlib import Path
 
 from mcap.writer import CompressionType, IndexType, Writer
@@ -103,20 +102,38 @@ class McapFile:
         self._writer.flush()  # type: ignore[no-untyped-call]
         self._syncer.ask()
 
-    def finish(self) -> None:
-        """Write index and footer and close the file."""
+    def end(self) -> None:
+        """Write index and footer, give all to the kernel, and have it synced; does not wait."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._stream.flush()
+        self._syncer.end()
+
+    @property
+    def on_disk(self) -> bool:
+        """Whether `wait` would not wait."""
+        return self._syncer.ended
+
+    def wait(self) -> None:
+        """Wait until the disk has all, after `end`, and close the file."""
         try:
-            self._writer.finish()  # type: ignore[no-untyped-call]
-            self._stream.flush()
-            self._syncer.close()
-            os.fsync(self._stream.fileno())
+            self._syncer.wait()
         finally:
             self.abandon()
 
+    def finish(self) -> None:
+        """Write index and footer, wait until the disk has all, and close the file."""
+        try:
+            self.end()
+        except OSError:
+            self.abandon()
+            raise
+        self.wait()
+
     def abandon(self) -> None:
         """Close the file as it is, after an error."""
+        self._syncer.end()
         with contextlib.suppress(OSError):
-            self._syncer.close()
+            self._syncer.wait()
         with contextlib.suppress(OSError):
             self._stream.close()
 

@@ -114,8 +114,13 @@ def _file_map(file: FileInformation) -> dict[str, Any]:
     }
 
 
-def write(folder: Path, metadata: BagMetadata) -> None:
+def write(folder: Path, metadata: BagMetadata, sync: bool = True) -> None:
     """Write ``metadata.yaml`` into ``folder``: whole or not at all, also on a power cut.
+
+    Args:
+        folder: The bag's.
+        metadata: What it says.
+        sync: Wait until the disk has the text; without it, a power cut may leave an empty file.
 
     Raises:
         OSError: The disk does not take it.
@@ -124,9 +129,11 @@ def write(folder: Path, metadata: BagMetadata) -> None:
     with temporary.open("w", encoding="utf-8") as file:
         file.write(yaml_text.dump({ROOT: metadata.to_yaml_map()}))
         file.flush()
-        os.fsync(file.fileno())
+        if sync:
+            os.fsync(file.fileno())
     temporary.replace(folder / FILE_NAME)
-    sync_folder(folder)
+    if sync:
+        sync_folder(folder)
 
 
 def read(folder: Path) -> BagMetadata:

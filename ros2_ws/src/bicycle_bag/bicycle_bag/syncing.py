@@ -1,4 +1,4 @@
-"""Hands written data to the disk in a thread of its own, so that a slow disk holds nobody up."""
+"""Hands written data to the disk in threads of their own, so that a slow disk holds nobody up."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Syncer:
     """
 
     def __init__(self, descriptor: int) -> None:
-        """Prepare to sync the file of this descriptor, which must stay open until `close`."""
+        """Prepare to sync the file of this descriptor, which must stay open until `wait`."""
         self.slowest = 0.0
         self._descriptor = descriptor
         self._asked = threading.Condition()
@@ -53,32 +53,42 @@ class Syncer:
             self._wanted = True
             self._asked.notify()
 
-    def close(self) -> None:
-        """Wait for what was asked for, and end.
+    def end(self) -> None:
+        """Have all that is written synced a last time, with the file's size and times, and end."""
+        with self._asked:
+            self._ending = True
+            self._asked.notify()
+
+    def wait(self) -> None:
+        """Wait for the last sync, which `end` has asked for.
 
         Raises:
             OSError: A sync has failed.
         """
-        with self._asked:
-            self._ending = True
-            self._asked.notify()
         self._thread.join()
         self._raise()
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing is to be waited for: the last sync is done, or one has failed."""
+        return not self._thread.is_alive()
 
     def _raise(self) -> None:
         if self._error is not None:
             raise self._error
 
     def _run(self) -> None:
-        while True:
+        last = False
+        while not last:
             with self._asked:
                 self._asked.wait_for(lambda: self._wanted or self._ending)
-                if not self._wanted:
-                    return
-                self._wanted = False
+                last, self._wanted = self._ending, False
             began = time.monotonic()
             try:
-                os.fdatasync(self._descriptor)
+                if last:
+                    os.fsync(self._descriptor)
+                else:
+                    os.fdatasync(self._descriptor)
             except OSError as error:
                 self._error = error
                 return

@@ -17,6 +17,8 @@ from bicycle_bag.metadata import BagMetadata, FileInformation, Topic
 FLUSH_SECONDS = 0.3
 MIN_SPLIT_BYTES = 1024
 MAX_SPLIT_SECONDS = 1e9
+# Finished files that a slow disk may owe us, each with a thread and an open file.
+MOST_OWED = 8
 
 
 @contextlib.contextmanager
@@ -46,7 +48,7 @@ class BagWriter:
         chunk_bytes: Size at which a chunk is packed and written.
 
     Attributes:
-        slowest_sync: s, longest that the disk took for it in the files finished so far; a power
+        slowest_sync: s, longest that the disk took for it in the files that it has whole; a power
             cut loses so much more.
 
     Raises:
@@ -78,6 +80,8 @@ class BagWriter:
         self._topics: dict[str, Topic] = {}
         self._definitions: dict[str, str] = {}
         self._done: list[FileInformation] = []
+        self._owed: list[McapFile] = []
+        self._ended = False
         self._counts: dict[str, int] = {}
         self.slowest_sync = 0.0
         self._create_directory()
@@ -126,27 +130,45 @@ class BagWriter:
         """Hand all messages to the disk now."""
         with _disk_errors(self.path, self._file):
             self._file.flush()
+            self._collect(MOST_OWED)
         self._flushed = time.monotonic()
 
     def split(self) -> None:
-        """Finish the present file and begin the next."""
+        """Finish the present file and begin the next; the disk takes the old one meanwhile."""
         with _disk_errors(self.path, self._file):
-            self._finish_file()
+            self._end_file()
+            self._collect(MOST_OWED)
             self._file = self._open_file()
             for name, topic in self._topics.items():
                 self._file.add_topic(topic, self._definitions[name])
 
     def close(self) -> BagMetadata:
-        """Finish the bag and write ``metadata.yaml``.
+        """Finish the bag, write ``metadata.yaml``, and wait until the disk has it all.
 
         Returns:
             What the bag holds.
         """
         with _disk_errors(self.path, self._file):
-            self._finish_file()
+            self._end_file()
+            self._ended = True
             final = self._metadata()
+            self._collect(0)
             metadata.write(self.path, final)
         return final
+
+    def leave(self) -> bool:
+        """Leave to the kernel what `close`, in another thread, waits for, and write the metadata.
+
+        Returns:
+            Whether all has been given to the kernel, so that this process may end. If not, `close`
+            is still writing.
+        """
+        if not self._ended:
+            return False
+        # Where it is missing, `close` has written it meanwhile.
+        with _disk_errors(self.path), contextlib.suppress(FileNotFoundError):
+            metadata.write(self.path, self._metadata(), sync=False)
+        return True
 
     def __enter__(self) -> BagWriter:
         return self
@@ -167,13 +189,21 @@ class BagWriter:
         file.flush()
         return file
 
-    def _finish_file(self) -> None:
+    def _end_file(self) -> None:
+        """Give the present file to the kernel whole, and to the disk as soon as it takes it."""
         self._file.add_metadata(self._metadata(self._file))
-        self._file.finish()
-        self.slowest_sync = max(self.slowest_sync, self._file.slowest_sync)
+        self._file.end()
+        self._owed.append(self._file)
         self._done.append(self._file.information)
         for name, count in self._file.counts.items():
             self._counts[name] = self._counts.get(name, 0) + count
+
+    def _collect(self, most: int) -> None:
+        """Close finished files that the disk has, and wait until it owes `most` at most."""
+        while self._owed and (self._owed[0].on_disk or len(self._owed) > most):
+            file = self._owed.pop(0)
+            file.wait()
+            self.slowest_sync = max(self.slowest_sync, file.slowest_sync)
 
     def _metadata(self, open_file: McapFile | None = None) -> BagMetadata:
         counts = dict(self._counts)

@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import signal
 import subprocess
-from collections.abc import Mapping, Sequence
+import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-PATIENCE = 2.0
-"""s that a process gets to follow a signal."""
+PATIENCE = 10.0
+"""s that a process gets to follow a signal: on a busy machine it is slow, not stuck."""
+FIRST_WORD, NEXT_WORD = 2.0, 10.0
+"""s after which people are told that somebody is waited for, and between such lines."""
+ASKED = (-signal.SIGINT, -signal.SIGTERM)
+"""Ends as good as any of a process that saves nothing, such as one that is still starting."""
+LOOK = 0.05
+"""s between two looks at a process that is waited for."""
 
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
@@ -32,24 +40,63 @@ class Exit:
         return f"{self.name} exited with status {self.status}"
 
 
+class Vigil:
+    """Waits for a process that is saving, tells people so, and leaves it where they want that.
+
+    Args:
+        say: takes a line.
+        interrupts: how many Ctrl-C have come; one after a line of `say` ends the wait.
+    """
+
+    def __init__(self, say: Callable[[str], object], interrupts: Callable[[], int]) -> None:
+        self._say = say
+        self._interrupts = interrupts
+        self.begin("")
+
+    def begin(self, what: str) -> None:
+        """Begin to wait for something, which `what` says in the present tense."""
+        self._what = what
+        self._told: int | None = None
+        self._next = FIRST_WORD
+
+    def goes_on(self, waited: float) -> bool:
+        """Whether to wait on, after `waited` seconds."""
+        if self._told is not None and self._interrupts() > self._told:
+            return False
+        if waited >= self._next:
+            self._next = waited + NEXT_WORD
+            self._told = self._interrupts()
+            self._say(
+                f"{self._what}, waiting ({waited:.0f} s so far); Ctrl-C leaves it to end alone"
+            )
+        return True
+
+
 class Child:
     """One node in a session of its own, so that a terminal's Ctrl-C reaches the ride alone.
 
-    It dies with this process, however that ends, and its output goes to a log.
+    It is told to end when this process is gone, however that ended, and its output goes to a log.
 
     Args:
         name: for people and for the log's name.
         command: program and arguments.
         log: file that its output is added to.
         registry: folder where stop.sh looks for what runs; None leaves no note.
+        saves: what it writes that must not be lost: then it is waited for, and never killed.
     """
 
     def __init__(
-        self, name: str, command: Sequence[str], log: Path, registry: Path | None = None
+        self,
+        name: str,
+        command: Sequence[str],
+        log: Path,
+        registry: Path | None = None,
+        saves: str = "",
     ) -> None:
         self.name = name
         self.command = list(command)
         self.log = log
+        self.saves = saves
         self._registry = registry
         self._note: Path | None = None
         self._process: subprocess.Popen[bytes] | None = None
@@ -90,24 +137,46 @@ class Child:
             return []
         return [line for line in lines if line.strip()][-count:]
 
-    def stop(self, patience: float = PATIENCE) -> int | None:
+    def stop(self, vigil: Vigil | None = None, patience: float = PATIENCE) -> int | None:
         """End it: SIGINT, then SIGTERM, then SIGKILL, each after `patience` seconds.
 
+        One that saves gets no SIGKILL: it is waited for.
+
+        Args:
+            vigil: tells of that and may end the wait; without it, nobody is told.
+            patience: s.
+
         Returns:
-            Its exit status; None if it never ran.
+            Its exit status; None if it never ran, or was left to end alone.
         """
         if self._process is None:
             return None
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGKILL):
-            if self._process.poll() is not None:
-                break
-            self._process.send_signal(number)
-            try:
-                self._process.wait(patience)
-            except subprocess.TimeoutExpired:
-                continue
+        steps = [(0.0, signal.SIGINT), (patience, signal.SIGTERM), (2 * patience, signal.SIGKILL)]
+        if self.saves:
+            steps.pop()
+        if vigil is not None:
+            vigil.begin(f"the {self.name} is still writing {self.saves} (the disk is slow)")
+        began = time.monotonic()
+        while self._process.poll() is None:
+            waited = time.monotonic() - began
+            if steps and waited >= steps[0][0]:
+                self._process.send_signal(steps.pop(0)[1])
+                # One that is stopped would not follow.
+                self._process.send_signal(signal.SIGCONT)
+            if self.saves and vigil is not None and not vigil.goes_on(waited):
+                return None
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(LOOK)
         self._forget()
-        return self._process.wait()
+        return self._process.returncode
+
+    def left(self) -> str:
+        """A line for people who did not wait for it."""
+        assert self._process is not None
+        return (
+            f"left the {self.name} (process {self._process.pid}), which goes on writing "
+            f"{self.saves}: do not kill it; stop.sh waits for it"
+        )
 
     def _forget(self) -> None:
         """Remove the note for stop.sh."""
@@ -122,13 +191,20 @@ class Crew:
         commands: program and arguments of each, by name, in the order to start them.
         folder: where their logs go.
         registry: as for `Child`.
+        saves: by name, what one writes; see `Child`.
     """
 
     def __init__(
-        self, commands: Mapping[str, Sequence[str]], folder: Path, registry: Path | None = None
+        self,
+        commands: Mapping[str, Sequence[str]],
+        folder: Path,
+        registry: Path | None = None,
+        saves: Mapping[str, str] | None = None,
     ) -> None:
         self._children = {
-            name: Child(name, command, folder / f"{name}.log", registry)
+            name: Child(
+                name, command, folder / f"{name}.log", registry, (saves or {}).get(name, "")
+            )
             for name, command in commands.items()
         }
 
@@ -148,10 +224,28 @@ class Crew:
         lines = child.last_lines(1)
         return f"{lines[0] if lines else 'it said nothing'} (log: {child.log})"
 
-    def stop(self, *order: str) -> None:
-        """End these one after the other."""
+    def stop(self, *order: str, vigil: Vigil | None = None) -> list[str]:
+        """End these one after the other.
+
+        Returns:
+            A line about each that was left, or ended otherwise than with status 0.
+        """
+        lines = []
         for name in order:
-            self._children[name].stop()
+            child = self._children[name]
+            if not child.running:
+                continue
+            status = child.stop(vigil)
+            if status is None:
+                lines.append(child.left())
+            elif status != 0 and (child.saves or status not in ASKED):
+                lines.append(f"{Exit(name, status)}: {self.last_words(name)}")
+        return lines
+
+    @property
+    def left(self) -> bool:
+        """Whether one of them still runs."""
+        return any(child.running for child in self._children.values())
 
 
 def _die_with_parent() -> None:

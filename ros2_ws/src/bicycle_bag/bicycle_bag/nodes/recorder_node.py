@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import sys
 import time
@@ -17,7 +18,8 @@ from bicycle_bag import __version__
 from bicycle_bag.arguments import OneLineParser
 from bicycle_bag.errors import BagError
 from bicycle_bag.mcap_file import COMPRESSIONS
-from bicycle_bag.metadata import BagMetadata, Topic
+from bicycle_bag.metadata import Topic
+from bicycle_bag.nodes.closing import LeftError, close, say
 from bicycle_bag.nodes.recorded_topic import RecordedTopic
 from bicycle_bag.nodes.session import Stop, offered, ros_node
 from bicycle_bag.ordering import Reorder
@@ -39,6 +41,7 @@ TELL_POLLS = 10
 # s between two turns of the executor, one of which takes longer than ten messages: what comes
 # meanwhile waits in the subscription, with the time at which it came.
 REST = 0.005
+INTERRUPTED = 130
 
 
 class Recorder:
@@ -90,8 +93,8 @@ class Recorder:
         for topic in self.topics.values():
             topic.drain()
 
-    def finish(self) -> BagMetadata:
-        """Take what has arrived until now and close the bag."""
+    def finish(self) -> None:
+        """Take what has arrived until now."""
         now = time.time_ns()
         for topic in self.topics.values():
             # Else a state could be in it without the command that led there, taken just before.
@@ -99,7 +102,6 @@ class Recorder:
         self._write(self._order.rest())
         self._tell_lost()
         self._writer.custom_data["lost_messages"] = str(self.lost)
-        return self._writer.close()
 
     def _tell_lost(self) -> None:
         """Warn of each topic that has lost messages since the last time."""
@@ -194,6 +196,7 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
 
     Raises:
         BagError: An option is wrong, the directory exists, or the disk fails.
+        LeftError: The user did not wait for the disk.
         UserError: The heartbeat's file cannot be written.
     """
     stop = Stop()
@@ -227,13 +230,14 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
             recorder.drain()
             heart.beat()
             time.sleep(REST)
-        bag = recorder.finish()
-        if writer.slowest_sync > SLOW_SYNC:
-            node.get_logger().warning(
-                f"the disk took up to {writer.slowest_sync:.1f} s to take what was written: a "
-                "power cut would have cost so much more than a second; record onto a faster one"
-            )
+        recorder.finish()
         executor.shutdown()
+    bag = close(writer, stop, options.output)
+    if writer.slowest_sync > SLOW_SYNC:
+        say(
+            f"the disk took up to {writer.slowest_sync:.1f} s to take what was written: a power "
+            "cut would have cost so much more than a second; record onto a faster one"
+        )
     return (
         f"recorded {bag.message_count} messages of {len(bag.topics)} topics in "
         f"{time.monotonic() - began:.1f} s, {recorder.lost} lost on the way: {options.output}"
@@ -245,10 +249,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         options, ros_arguments = parse(words)
-        print(record(options, ros_arguments), flush=True)
+        line = record(options, ros_arguments)
     except (BagError, UserError) as error:
-        print(f"bicycle_record: {error}", file=sys.stderr)
+        say(str(error))
         return 1
+    except LeftError as error:
+        say(str(error))
+        return INTERRUPTED
+    with contextlib.suppress(OSError):  # the terminal is gone
+        print(line, flush=True)
     return 0
 
 

@@ -20,12 +20,12 @@ from bicycle_bag.errors import BagError
 from bicycle_bringup.display import Display
 from bicycle_bringup.nodes.rider import Rider, progress_text
 from bicycle_bringup.plan import Plan
-from bicycle_bringup.processes import Crew, registry_of
+from bicycle_bringup.processes import Crew, Vigil, registry_of
 from bicycle_bringup.report import report
 from bicycle_bringup.ride_options import MODULES, RideOptions, parse, workspace
 from bicycle_bringup.summary import RideSummary
 from bicycle_controller.goals import Status
-from bicycle_sim.nodes.runner import start_tool
+from bicycle_sim.nodes.runner import on_signals, start_tool
 
 DISCOVERY = 0.5
 """s for nodes of this machine to be seen."""
@@ -54,7 +54,7 @@ class Ride:
 
     Attributes:
         events: lines about what happened to processes.
-        interrupted: set by SIGINT or SIGTERM.
+        interrupted: set by SIGINT, SIGTERM or SIGHUP.
         begun: whether goals have been sent.
     """
 
@@ -65,7 +65,9 @@ class Ride:
         self._options = options
         self._rider = rider
         commands = {name: options.command(name) for name in MODULES}
-        self._crew = Crew(commands, options.folder, registry_of(workspace()))
+        saves = {"recorder": str(options.folder / "bag")}
+        self._crew = Crew(commands, options.folder, registry_of(workspace()), saves)
+        self._ctrl_c = 0
         self._plan = Plan(options.draw_goals())
         self._deaths = 0
         self._last_step = (0, 0)
@@ -80,6 +82,7 @@ class Ride:
     def on_signal(self, number: int, frame: FrameType | None) -> None:
         """Ask the ride to end."""
         self.interrupted = True
+        self._ctrl_c += number == signal.SIGINT
 
     def run(self) -> None:
         """Start everything and ride until the goals are decided or the time is over.
@@ -102,10 +105,20 @@ class Ride:
             self._check_bicycle()
             self._show()
 
-    def close(self) -> None:
-        """End the processes: the recorder last, so that it hears the others' last words."""
+    def close(self) -> list[str]:
+        """End the processes: the recorder last, so that it hears the others' last words.
+
+        Returns:
+            A line about each that did not end well.
+        """
         self._display.close()
-        self._crew.stop("simulator", "controller", "recorder")
+        vigil = Vigil(_tell, lambda: self._ctrl_c)
+        return self._crew.stop("simulator", "controller", "recorder", vigil=vigil)
+
+    @property
+    def recording(self) -> bool:
+        """Whether the recorder still writes, left to do so alone."""
+        return self._crew.left
 
     def all_reached(self, summary: RideSummary) -> bool:
         """Whether the bag shows that everything asked for was ridden to."""
@@ -249,25 +262,32 @@ def ride(options: RideOptions) -> int:
     start_tool("ride.sh")
     rider = Rider("bicycle_ride")
     one = Ride(options, rider)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, one.on_signal)
-    failure = ""
+    on_signals(one.on_signal)
+    failures = []
     try:
         one.run()
     except RideError as error:
-        failure = str(error)
+        failures.append(str(error))
     finally:
-        one.close()
+        failures += one.close()
         rider.close()
         rclpy.try_shutdown()
-    if failure:
+    for failure in failures:
         one.events.append(failure)
-        print(f"ride.sh: {failure}", file=sys.stderr, flush=True)
-    return _sum_up(options, one, failed=bool(failure))
+        _tell(failure)
+    return _sum_up(options, one, failed=bool(failures))
+
+
+def _tell(line: str) -> None:
+    """One line for a person, beside the summary."""
+    print(f"ride.sh: {line}", file=sys.stderr, flush=True)
 
 
 def _sum_up(options: RideOptions, one: Ride, failed: bool) -> int:
     """Print the summary of the bag; returns the exit status."""
+    if one.recording:
+        print(f"ride.sh: for the summary: report.sh {options.folder} when it has ended")
+        return 130
     if failed and not one.begun:
         return 1
     try:

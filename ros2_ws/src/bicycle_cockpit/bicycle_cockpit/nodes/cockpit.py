@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import time
 from pathlib import Path
 
-from bicycle_bringup.processes import Crew, registry_of
+from bicycle_bringup.processes import Crew, Vigil, registry_of
 from bicycle_bringup.ride_options import config_folder, node_command, workspace
 from bicycle_cockpit.nodes.cockpit_node import NAME, CockpitNode
 from bicycle_cockpit.nodes.recording import Recording
 from bicycle_cockpit.options import RIDE, Options, parse
 from bicycle_sim.nodes import interfaces
-from bicycle_sim.nodes.runner import UserError, run
+from bicycle_sim.nodes.runner import UserError, on_signals, run
 
 BACK_OFF = 1.0
 """s between a controller's death and its next start."""
@@ -66,10 +67,13 @@ class Ride:
             return words
         return ""
 
-    def close(self) -> None:
-        """End them, the simulator first: it would miss the controller."""
-        if self._crew is not None:
-            self._crew.stop(*RIDE)
+    def close(self) -> list[str]:
+        """End them, the simulator first: it would miss the controller.
+
+        Returns:
+            A line about each that did not end well.
+        """
+        return [] if self._crew is None else self._crew.stop(*RIDE)
 
 
 class Announced:
@@ -108,15 +112,37 @@ def main() -> int:
         return 2
     os.nice(NICENESS)
     announced = Announced(ride, options)
+    recording = Recording(options.bags, logs)
 
     def make() -> CockpitNode:
-        announced.node = CockpitNode(options, Recording(options.bags, logs), announced.tick)
+        announced.node = CockpitNode(options, recording, announced.tick)
         return announced.node
 
     try:
-        return run("cockpit.sh", make, args=[NAME, *options.ros])
+        status = run("cockpit.sh", make, args=[NAME, *options.ros])
     finally:
-        ride.close()
+        failures = _end(ride, recording)
+    return status or bool(failures)
+
+
+def _end(ride: Ride, recording: Recording) -> list[str]:
+    """End the processes, the recorder last, so that it hears the others' last words.
+
+    Returns:
+        A line, told already, about each process that did not end well.
+    """
+    interrupts: list[int] = []
+    on_signals(lambda number, _: interrupts.append(number))
+    failures = ride.close()
+    recording.close(Vigil(_tell, lambda: interrupts.count(signal.SIGINT)))
+    failures += recording.failures
+    for failure in failures:
+        _tell(failure)
+    return failures
+
+
+def _tell(line: str) -> None:
+    print(f"cockpit.sh: {line}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -105,9 +105,8 @@ class CockpitNode(Node):
         self.create_subscription(topic.type, topic.name, self._on_goal_status, profile)
 
     def close(self) -> None:
-        """Say good-bye to the pages and close a bag."""
+        """Say good-bye to the pages."""
         self.server.stop()
-        self._recording.close()
 
     # What the topics bring.
 

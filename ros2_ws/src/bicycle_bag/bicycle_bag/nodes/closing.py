@@ -1,0 +1,84 @@
+"""Closes a bag on a disk that may be slow, and says what it waits for."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+import threading
+import time
+
+from bicycle_bag.errors import BagError
+from bicycle_bag.metadata import BagMetadata
+from bicycle_bag.nodes.session import Stop
+from bicycle_bag.writer import BagWriter
+
+# s after which a wait is told for the first time, and from then on.
+FIRST_WORD = 1.0
+NEXT_WORD = 10.0
+# s between two looks at the signals that have come.
+LOOK = 0.05
+
+
+class LeftError(Exception):
+    """The user did not wait for the disk; the text says what that means."""
+
+
+class Closing(threading.Thread):
+    """Runs `BagWriter.close`, so that the main thread can answer signals on a disk that hangs."""
+
+    def __init__(self, writer: BagWriter) -> None:
+        super().__init__(name="close", daemon=True)
+        self.bag: BagMetadata | None = None
+        self.error: BagError | None = None
+        self._writer = writer
+
+    def run(self) -> None:
+        """Close the bag; what comes of it stays in `bag` or `error`."""
+        try:
+            self.bag = self._writer.close()
+        except BagError as error:
+            self.error = error
+
+
+def close(writer: BagWriter, stop: Stop, name: str) -> BagMetadata:
+    """Close the bag, for as long as the disk takes.
+
+    Args:
+        writer: Of the bag.
+        stop: Whose second SIGINT leaves the rest to the kernel, once the wait has been told and
+            all is with the kernel.
+        name: Of the bag, for people.
+
+    Raises:
+        BagError: The disk fails.
+        LeftError: The user did not wait.
+    """
+    closing = Closing(writer)
+    closing.start()
+    began = time.monotonic()
+    next_word = FIRST_WORD
+    while closing.is_alive():
+        closing.join(LOOK)
+        waited = time.monotonic() - began
+        if waited > next_word and closing.is_alive():
+            next_word = waited + NEXT_WORD
+            stop.interrupts = 0  # a Ctrl-C from before this line does not answer it
+            say(f"still writing {name}: the disk is slow, waiting ({waited:.0f} s so far)")
+        elif stop.interrupts and waited > FIRST_WORD:
+            stop.interrupts = 0
+            if writer.leave():
+                raise LeftError(
+                    f"not waiting for the disk: {name} is whole unless the power fails before "
+                    "the system has written it; the command sync waits for that"
+                )
+            say(f"{name} would lose messages if it were left now: waiting for the disk")
+    if closing.error is not None:
+        raise closing.error
+    assert closing.bag is not None
+    return closing.bag
+
+
+def say(text: str) -> None:
+    """One line on standard error, which may be closed by now: the terminal is gone."""
+    with contextlib.suppress(OSError):
+        print(f"bicycle_record: {text}", file=sys.stderr, flush=True)
