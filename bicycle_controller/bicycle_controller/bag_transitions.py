@@ -203,11 +203,11 @@ def _observed(
 
 def _applied(states: Columns, run: np.ndarray, rows: np.ndarray, commands: Columns) -> np.ndarray:
     """For each state of `rows` (M,) the row of the command that led to it, -1 where it is lost."""
-    starts = states["log_time"][np.flatnonzero(np.diff(run)) + 1]
+    starts = states["recorded_order"][np.flatnonzero(np.diff(run)) + 1]
     names = np.concatenate([states["controller"][rows], commands["controller"]]).astype(str)
     _, who = np.unique(names, return_inverse=True)
     keys = _keys(
-        np.concatenate([run[rows], np.searchsorted(starts, commands["log_time"], "right")]),
+        np.concatenate([run[rows], np.searchsorted(starts, commands["recorded_order"], "right")]),
         np.concatenate([states["episode"][rows], commands["episode"]]),
         np.concatenate([states["command_step"][rows], commands["step"].astype(np.int64)]),
         who,

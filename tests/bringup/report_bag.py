@@ -12,7 +12,10 @@ from bicycle_bag.writer import BagWriter
 
 sys.path.append(str(Path(__file__).parents[1] / "bag"))
 
+from clocks import CLOCKS, with_clock
 from ride_bag import PERIOD_NS, START_NS, schemas, serialise
+
+__all__ = ["CLOCKS", "with_clock"]
 
 TYPES = {
     "/bicycle/state": "BicycleState",

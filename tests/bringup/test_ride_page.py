@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from mcap.opcode import Opcode
-from report_bag import EVIL, FELL_AT, STEPS, TYPES, write
+from report_bag import CLOCKS, EVIL, FELL_AT, STEPS, TYPES, with_clock, write
 
 from bicycle_bag import container
 from bicycle_bag.columns import load as load_columns
@@ -279,9 +280,24 @@ def test_one_of_several_bicycles_is_chosen(tmp_path: Path) -> None:
 
 def test_times_of_a_ride_without_states_count_from_the_bags_start(tmp_path: Path) -> None:
     page = load(write(tmp_path / "ride", leave_out=["/bicycle/state"]), "ride")
-    logged = load_columns(tmp_path / "ride", "/bicycle/command")["log_time"]
-    assert page.time_of(logged[:1])[0] == pytest.approx(0.0, abs=1e-6)
-    assert page.time_of(logged[-1:])[0] == pytest.approx(0.025 * (2 * STEPS - 1), abs=1e-6)
+    times = page.time_of(load_columns(tmp_path / "ride", "/bicycle/command"))
+    assert times[0] == pytest.approx(0.0, abs=1e-6)
+    assert times[-1] == pytest.approx(0.025 * (2 * STEPS - 1), abs=1e-6)
+
+
+@pytest.mark.parametrize("publishers", [False, True])
+@pytest.mark.parametrize("name", CLOCKS)
+def test_the_recordings_clock_does_not_matter(
+    bag: Path, tmp_path: Path, name: str, publishers: bool
+) -> None:
+    """Set back, set ahead, standing still: the page tells the same ride."""
+    other = load(with_clock(bag, tmp_path / "bag", CLOCKS[name], publishers), "ride")
+    sound = load(bag, "ride")
+    assert happenings(other) == happenings(sound)
+    assert list(other.ends_of(other.outcomes)) == list(sound.ends_of(sound.outcomes))
+    untimed = [[replace(goal, known_at=0.0) for goal in p.outcomes] for p in (other, sound)]
+    assert untimed[0] == untimed[1]
+    assert "1 of 2 goals reached" in html([other])
 
 
 def test_two_bags_stand_side_by_side_on_the_page_and_the_picture(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import sys
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,9 @@ from bicycle_cockpit import bags
 from bicycle_cockpit.bags import BagShelf, session
 from bicycle_cockpit.choices import Choices
 from bicycle_controller.policy import load_policy, save_policy
+
+sys.path.append(str(Path(__file__).parents[1] / "bag"))
+from clocks import CLOCKS, with_clock
 
 STEPS = 200
 TOPICS = {
@@ -130,3 +134,12 @@ def test_a_page_can_name_only_the_controllers_it_was_offered(tmp_path: Path) -> 
     for name in ("../mine", str(tmp_path / "loose.safetensors"), "nobody"):
         with pytest.raises(KeyError):
             choices.path(name)
+
+
+@pytest.mark.parametrize("publishers", [False, True])
+@pytest.mark.parametrize("name", CLOCKS)
+def test_the_recordings_clock_does_not_matter(
+    bag: Path, tmp_path: Path, name: str, publishers: bool
+) -> None:
+    """Set back, set ahead, standing still: the page draws the same ride."""
+    assert session(with_clock(bag, tmp_path / "bag", CLOCKS[name], publishers)) == session(bag)

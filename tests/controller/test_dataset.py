@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,9 @@ from bicycle_controller.replay import Returns, Valuation
 from bicycle_sim.nodes import convert
 from bicycle_sim.scenario import SCENARIOS
 from bicycle_sim.simulator import Source
+
+sys.path.append(str(Path(__file__).parents[1] / "bag"))
+from clocks import CLOCKS, with_clock
 
 STEPS = 1200
 STATE, COMMAND, TRANSITION = "/bicycle/state", "/bicycle/command", "/bicycle/transition"
@@ -342,3 +346,17 @@ def test_bags_that_will_not_do_are_refused_in_one_line(
     with pytest.raises(ValueError, match="learn from each alone"):
         dataset.load([mute.parent / "narrow", write_bag(tmp_path / "wide", iter(ride))])
     assert narrow.exists()
+
+
+@pytest.mark.parametrize("leave_out", [(), (TRANSITION,)], ids=["recorded", "rebuilt"])
+@pytest.mark.parametrize("name", CLOCKS)
+def test_the_recordings_clock_does_not_matter(
+    ride: list[Message], tmp_path: Path, name: str, leave_out: tuple[str, ...]
+) -> None:
+    """Two lives of a simulator, so that steps and episodes occur twice."""
+    sound = write_bag(tmp_path / "sound", iter(ride + ride), leave_out)
+    other = with_clock(sound, tmp_path / "other", CLOCKS[name], publishers=True)
+    found, wanted = dataset.load([other]), dataset.load([sound])
+    assert len(found.transitions) > STEPS
+    assert found.lost == wanted.lost
+    assert_equal(found.transitions, wanted.transitions)

@@ -43,7 +43,8 @@ def load_topics(bag: BagReader | Path | str, topics: Collection[str]) -> dict[st
         fixed length k, or of a length that happens to be equal in all messages; objects for
         strings and other sequences. Besides, in seconds as float64: ``log_time``,
         ``publish_time`` and, of each ``builtin_interfaces/Time``, its sum by its own name
-        (``header.stamp``).
+        (``header.stamp``); and ``recorded_order``, the place in the bag among all its messages:
+        what came before what, also where the recording's clock was set meanwhile.
 
     Raises:
         BagError: The bag cannot be read, lacks a topic, or a type is not made of numbers and
@@ -52,11 +53,12 @@ def load_topics(bag: BagReader | Path | str, topics: Collection[str]) -> dict[st
     reader = bag if isinstance(bag, BagReader) else BagReader(bag)
     reader.require(topics)
     leaves = {topic: _leaves(reader, topic) for topic in topics}
-    times: dict[str, list[tuple[int, int]]] = {topic: [] for topic in topics}
+    times: dict[str, list[tuple[int, int, int]]] = {topic: [] for topic in topics}
     data: dict[str, list[bytes]] = {topic: [] for topic in topics}
     for message in reader.messages(topics):
         reader.check_kind(message.topic, message.type, message.encoding)
-        times[message.topic].append((message.log_time_ns, message.publish_time_ns))
+        moment = message.log_time_ns, message.publish_time_ns, message.number
+        times[message.topic].append(moment)
         data[message.topic].append(message.data)
     return {
         topic: {**_time_columns(times[topic]), **_decode(topic, leaves[topic], data[topic])}
@@ -75,10 +77,14 @@ def _leaves(reader: BagReader, topic: str) -> list[Leaf]:
         ) from None
 
 
-def _time_columns(times: list[tuple[int, int]]) -> Columns:
+def _time_columns(times: list[tuple[int, int, int]]) -> Columns:
     # Unsigned, as the format has them: signed ones end in 2262.
-    nanoseconds = np.array(times, dtype=np.uint64).reshape(-1, 2)
-    return {"log_time": nanoseconds[:, 0] * 1e-9, "publish_time": nanoseconds[:, 1] * 1e-9}
+    numbers = np.array(times, dtype=np.uint64).reshape(-1, 3)
+    return {
+        "log_time": numbers[:, 0] * 1e-9,
+        "publish_time": numbers[:, 1] * 1e-9,
+        "recorded_order": numbers[:, 2].astype(np.int64),
+    }
 
 
 def _decode(topic: str, leaves: list[Leaf], data: list[bytes]) -> Columns:

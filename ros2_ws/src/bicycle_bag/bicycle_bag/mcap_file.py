@@ -87,7 +87,8 @@ class McapFile:
         self.counts[topic.name] = 0
 
     def add_message(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
-        """Append one message of a registered topic."""
+        """Append one message of a registered topic; times before 1970 become 0."""
+        log_time_ns, publish_time_ns = max(0, log_time_ns), max(0, publish_time_ns)
         self._writer.add_message(self._channels[topic], log_time_ns, data, publish_time_ns)
         self.counts[topic] += 1
         self._first_ns = min(self._first_ns, log_time_ns)

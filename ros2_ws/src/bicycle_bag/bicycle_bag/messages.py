@@ -41,7 +41,7 @@ def read(
     """
     reader = bag if isinstance(bag, BagReader) else BagReader(bag)
     decoders: dict[str, Callable[[bytes], Any]] = {}
-    for topic, type_name, log_time, publish_time, data, encoding in reader.messages(topics):
+    for topic, type_name, log_time, publish_time, data, encoding, _ in reader.messages(topics):
         reader.check_kind(topic, type_name, encoding)
         if topic not in decoders:
             decoders[topic] = _decoder(topic, type_name, reader.definition(topic))

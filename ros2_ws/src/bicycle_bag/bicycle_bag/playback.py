@@ -23,8 +23,8 @@ LONGEST_DELAY = 86_400.0
 """s."""
 LONGEST_GAP = 60.0
 """Bag seconds in which nothing was recorded that are waited for, unless another is chosen."""
-MOST_GAP = 1e9
-"""Bag seconds."""
+MOST_SECONDS = 1e9
+"""Bag seconds, 31 years."""
 
 
 @dataclass(frozen=True)
@@ -60,11 +60,14 @@ class PlayOptions:
             raise BagError(
                 f"rate is {self.rate}: choose {SLOWEST:g} to {FASTEST:g}, as 2 for twice as fast"
             )
-        if not (math.isfinite(self.start_offset) and self.start_offset >= 0.0):
-            raise BagError(f"start offset is {self.start_offset}: choose 0 or more")
         if not (math.isfinite(self.duration) and self.duration >= 0.0):
             raise BagError(f"playback duration is {self.duration}: choose more than 0")
-        bounds = {"clock_hz": MOST_TICKS, "delay": LONGEST_DELAY, "max_gap": MOST_GAP}
+        bounds = {
+            "start_offset": MOST_SECONDS,
+            "clock_hz": MOST_TICKS,
+            "delay": LONGEST_DELAY,
+            "max_gap": MOST_SECONDS,
+        }
         for name, most in bounds.items():
             value = getattr(self, name)
             if not 0.0 <= value <= most:

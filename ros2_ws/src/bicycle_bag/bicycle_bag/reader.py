@@ -16,7 +16,10 @@ from bicycle_bag.metadata import NO_START, BagMetadata, FileInformation, Topic
 
 
 class BagMessage(NamedTuple):
-    """One recorded message in its encoding, nearly always CDR; times are in nanoseconds."""
+    """One recorded message in its encoding, nearly always CDR; times are in nanoseconds.
+
+    ``number`` is its place in the bag's recorded order, which no clock can change.
+    """
 
     topic: str
     type: str
@@ -24,6 +27,7 @@ class BagMessage(NamedTuple):
     publish_time_ns: int
     data: bytes
     encoding: str = "cdr"
+    number: int = 0
 
 
 class BagReader:
@@ -157,8 +161,10 @@ class BagReader:
         """
         if topics is not None:
             self.require(topics)
-        for file in self.files:
-            yield from _file_messages(file, topics)
+        before = 0
+        for file, about in zip(self.files, self._informations, strict=True):
+            yield from _file_messages(file, topics, before)
+            before += about.message_count
 
     def _open(self, file: Path) -> None:
         try:
@@ -289,16 +295,20 @@ def _raw_messages(file: Path, registry: Registry) -> Iterator[container.RawMessa
                     registry.take(item)
 
 
-def _file_messages(file: Path, topics: Collection[str] | None) -> Iterator[BagMessage]:
+def _file_messages(
+    file: Path, topics: Collection[str] | None, before: int
+) -> Iterator[BagMessage]:
+    """Messages of a file, numbered on from how many came before."""
     registry = Registry()
     wanted: dict[int, tuple[str, str, str] | None] = {}
     try:
-        for channel_id, log_time, publish_time, data in _raw_messages(file, registry):
+        raw = enumerate(_raw_messages(file, registry), before)
+        for number, (channel_id, log_time, publish_time, data) in raw:
             if channel_id not in wanted:
                 wanted[channel_id] = _kind(registry, channel_id, topics)
             if (kind := wanted[channel_id]) is not None:
                 topic, type_name, encoding = kind
-                yield BagMessage(topic, type_name, log_time, publish_time, data, encoding)
+                yield BagMessage(topic, type_name, log_time, publish_time, data, encoding, number)
     except DamageError as error:
         raise damaged(file, error) from None
 

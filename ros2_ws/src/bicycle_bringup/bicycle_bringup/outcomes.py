@@ -27,6 +27,8 @@ class Outcome:
     """s of simulated time on the way to it."""
     known_at: float = float("nan")
     """s, log time of the last word on it; NaN where the columns have none."""
+    place: int = -1
+    """Place of that word in the bag's recorded order; -1 where the columns have none."""
     message: str = ""
     """That word, for a person."""
     begun_before: bool = False
@@ -76,6 +78,7 @@ def _update(
         path_length=float(statuses["path_length"][row]),
         elapsed=float(statuses["elapsed"][row]),
         known_at=float(statuses["log_time"][row]) if "log_time" in statuses else float("nan"),
+        place=int(statuses["recorded_order"][row]) if "recorded_order" in statuses else -1,
         message=str(statuses["message"][row]) if "message" in statuses else "",
         begun_before=begun_before,
     )

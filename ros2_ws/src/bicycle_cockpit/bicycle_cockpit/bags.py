@@ -108,7 +108,7 @@ def session(path: Path) -> dict[str, Any]:
         raise BagError(f"{path} holds no state of a bicycle: record a ride with record.sh")
     time = _simulated_time(ride)
     scenario = _scenario(ride)
-    newest = _newest_before(ride.commands, ride.states["log_time"])
+    newest = _newest_before(ride.commands, ride.states["recorded_order"])
     table = _table(ride, time, newest, scenario)
     stride = -(-len(time) // MOST_ROWS)
     timing = [
@@ -144,11 +144,13 @@ def _scenario(ride: RideLog) -> Scenario | None:
     return None
 
 
-def _newest_before(messages: Mapping[str, NDArray[Any]], times: Numbers) -> NDArray[np.intp]:
-    """(n,) row of the newest message at each time, -1 for none."""
-    if "log_time" not in messages:
-        return np.full(len(times), -1)
-    return np.searchsorted(messages["log_time"], times, side="left") - 1
+def _newest_before(
+    messages: Mapping[str, NDArray[Any]], places: NDArray[np.int64]
+) -> NDArray[np.intp]:
+    """(n,) row of the newest message before each place in the recorded order, -1 for none."""
+    if "recorded_order" not in messages:
+        return np.full(len(places), -1)
+    return np.searchsorted(messages["recorded_order"], places, side="left") - 1
 
 
 def _table(
@@ -184,10 +186,11 @@ def _at(messages: Mapping[str, NDArray[Any]], name: str, rows: NDArray[np.intp])
     return np.where(rows >= 0, messages[name][np.maximum(rows, 0)], np.nan)
 
 
-def _when(ride: RideLog, time: Numbers, log_times: Numbers) -> Numbers:
-    """Simulated time of what was recorded at some log times."""
-    rows = np.searchsorted(ride.states["log_time"], log_times)
-    return time[np.minimum(rows, len(time) - 1)]
+def _when(ride: RideLog, time: Numbers, messages: Mapping[str, NDArray[Any]]) -> Numbers:
+    """Simulated time of some messages: that of the newest state recorded by then."""
+    places = messages["recorded_order"]
+    rows = np.searchsorted(ride.states["recorded_order"], places, side="right") - 1
+    return time[np.maximum(rows, 0)]
 
 
 def _goal_marks(ride: RideLog, time: Numbers) -> Iterator[dict[str, Any]]:
@@ -195,7 +198,7 @@ def _goal_marks(ride: RideLog, time: Numbers) -> Iterator[dict[str, Any]]:
     found = ride.statuses
     if "status" not in found:
         return
-    moments = _when(ride, time, found["log_time"])
+    moments = _when(ride, time, found)
     for row, moment in enumerate(moments):
         status = Status(int(found["status"][row]))
         x, y = float(found["position.x"][row]), float(found["position.y"][row])
@@ -228,9 +231,7 @@ def _push_marks(path: Path, ride: RideLog, time: Numbers) -> Iterator[dict[str, 
     if topic not in reader.topics or not reader.counts.get(topic):
         return
     pushes = load(reader, topic)
-    for moment, rate in zip(
-        _when(ride, time, pushes["log_time"]), pushes["lean_rate"], strict=True
-    ):
+    for moment, rate in zip(_when(ride, time, pushes), pushes["lean_rate"], strict=True):
         text = f"pushed to the {'right' if rate > 0 else 'left'}, {abs(rate):.2f} rad/s"
         yield {"t": round(float(moment), 3), "kind": "push", "text": text}
 

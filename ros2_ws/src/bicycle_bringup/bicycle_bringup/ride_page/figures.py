@@ -138,6 +138,5 @@ def _mark(axes: Axes, marks: Sequence[Happening]) -> None:
 
 def _mark_goals(axes: Axes, page: RidePage) -> None:
     """A thin line where each goal ended."""
-    ends = [goal.known_at for goal in page.outcomes if np.isfinite(goal.known_at)]
-    for time in page.time_of(np.array(ends))[:MOST_MARKS]:
+    for time in page.ends_of(page.outcomes)[:MOST_MARKS]:
         axes.axvline(time, color=REACHED, linewidth=0.7, alpha=0.5, zorder=0)

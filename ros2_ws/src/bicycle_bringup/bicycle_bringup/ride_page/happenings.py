@@ -97,6 +97,6 @@ def _changes(columns: Columns, name: str) -> list[int]:
 def _rejections(page: RidePage) -> Iterator[Happening]:
     statuses = page.log.statuses
     for row in np.flatnonzero(statuses.get("status", np.empty(0)) == Status.REJECTED):
-        when = float(page.time_of(statuses["log_time"][[row]])[0])
+        when = float(page.time_of({name: column[[row]] for name, column in statuses.items()})[0])
         text = f"a goal was rejected: {statuses['message'][row]}"
         yield Happening(when, "rejected", text, when)

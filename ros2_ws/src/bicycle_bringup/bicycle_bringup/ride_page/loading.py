@@ -57,21 +57,28 @@ class RidePage:
         """(n,) s of simulated time since the start, of each state."""
         return ride_time(self.log)
 
-    def time_of(self, log_time: NDArray[Any]) -> Floats:
+    def time_of(self, columns: Columns) -> Floats:
         """When messages were recorded, on the axis of time that the page has.
 
         Args:
-            log_time: (m,) s.
+            columns: of m messages, with `recorded_order` and `log_time`.
 
         Returns:
-            (m,) s of simulated time, of the newest state by then; since the bag's start where
-            it has no states.
+            (m,) s of simulated time, of the newest state recorded by then; since the bag's start
+            by the recording's clock where it has no states.
         """
         if not self.has_states:
-            return np.asarray(log_time, dtype=np.float64) - self.start
-        logged = np.maximum.accumulate(self.log.states["log_time"])
-        rows = np.searchsorted(logged, log_time, side="right") - 1
+            logged: NDArray[Any] = columns.get("log_time", np.empty(0))
+            return np.asarray(logged, dtype=np.float64) - self.start
+        places: NDArray[Any] = columns.get("recorded_order", np.empty(0))
+        rows = np.searchsorted(self.log.states["recorded_order"], places, side="right") - 1
         return self.state_time[np.clip(rows, 0, None)]
+
+    def ends_of(self, goals: Sequence[Outcome]) -> Floats:
+        """When the last word on each goal was recorded, see `time_of`."""
+        places = np.array([goal.place for goal in goals], dtype=np.int64)
+        logged = np.array([goal.known_at for goal in goals], dtype=np.float64)
+        return self.time_of({"recorded_order": places, "log_time": logged})
 
     def step_time(self, columns: Columns) -> Floats:
         """When the steps were that messages speak of; better than when they were recorded.
@@ -83,7 +90,7 @@ class RidePage:
             One time per message, on the axis of `time_of`, which also serves steps that the
             bag has no state of, and every step once the simulator was started anew.
         """
-        logged = self.time_of(columns.get("log_time", np.empty(0)))
+        logged = self.time_of(columns)
         keys, wanted = _keys(self.log.states), _keys(columns)
         known, rows = np.unique(keys, return_index=True)
         if len(known) < len(keys) or not len(keys):

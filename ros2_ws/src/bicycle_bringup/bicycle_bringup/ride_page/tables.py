@@ -8,8 +8,6 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from html import escape
 
-import numpy as np
-
 from bicycle_bringup.outcomes import Outcome
 from bicycle_bringup.ride_page.happenings import Happening, happenings
 from bicycle_bringup.ride_page.loading import RidePage
@@ -90,7 +88,7 @@ def _goal(number: int, goal: Outcome, page: RidePage) -> list[str]:
     if goal.begun_before:
         word += " <small>under way when the recording began</small>"
     ratio = goal.path_length / goal.straight if goal.straight > 0 else math.nan
-    at = float(page.time_of(np.array([goal.known_at]))[0])
+    at = float(page.ends_of([goal])[0])
     ended = kind != ""
     return [
         str(number),
