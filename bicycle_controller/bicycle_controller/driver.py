@@ -13,6 +13,7 @@ from bicycle_controller.controllers import Controller
 from bicycle_controller.goals import GoalTracker, Pose
 from bicycle_controller.noise import Noise
 from bicycle_controller.safety import Reason, Safety, stopping_pedal
+from bicycle_controller.standby import Standby
 from bicycle_sim.simulator import Command, Snapshot, Source
 from bicycle_sim.transitions import observation
 
@@ -34,6 +35,7 @@ class Driver:
         missed: steps that were never seen.
         handed_over: answers that the fallback gave.
         failing: the policy failed at the last answer.
+        standby: knows whether another controller drives.
         times: s that the latest answers took to compute.
         policy_times: s of them that the policy itself took, where it was asked.
     """
@@ -79,12 +81,13 @@ class Driver:
         self._last: tuple[int, int] | None = None
         self._command: Command | None = None
         self.failing = False
+        self.standby = Standby(name)
 
     def answer(self, snapshot: Snapshot, simulated_time: float) -> Answer:
         """Answer one state; `simulated_time` in s.
 
-        A state that came before another that is answered already, or answers after a fall, get
-        no command.
+        A state that came before another that is answered already, answers after a fall, and
+        states to which another controller drives get no command.
         """
         started = time.perf_counter()
         found_riding = self._last is None and snapshot.step > 0
@@ -93,11 +96,15 @@ class Driver:
         pose = _pose(snapshot, simulated_time)
         if found_riding and self._take_over and not snapshot.fallen:
             self._ride_on(snapshot)
-        events = self.tracker.update(pose)
+        regained = self.standby.look(snapshot)
+        resumed = self.tracker.resumed() if regained else []
+        events = resumed + self.standby.of_own(self.tracker.update(pose))
         if again and self._command is not None:
             return Answer(self._command, events)
         self._last = (snapshot.episode, snapshot.step)
-        self._command, warning, hand_over = None, "", None
+        self._command, warning, hand_over = None, self.standby.warning(), None
+        if self.standby.keeps_out(snapshot, again):
+            return Answer(None, events, warning)
         if self.tracker.steers and not snapshot.fallen:
             self._command, warning, hand_over = self._decide(snapshot, pose, steps)
             self.answered += 1

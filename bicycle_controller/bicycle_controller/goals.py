@@ -220,6 +220,13 @@ class GoalTracker:
             self._pursuit.move(pose)
         return events + self._advance(pose)
 
+    def resumed(self) -> list[Event]:
+        """Tell of the goal under way once more, after another controller drove for a time."""
+        if not self._pursuit:
+            return []
+        text = f"{self._pursuit.distance:.1f} m to go"
+        return [self._event(Status.ACTIVE, self._pursuit, text)]
+
     def _start_again(self, pose: Pose) -> None:
         """The simulator itself was started again: its goals stand, from where it is now."""
         self._held_heading = None

@@ -12,13 +12,13 @@ import pytest
 from bicycle_controller import driver as driving
 from bicycle_controller.config import NoiseConfig
 from bicycle_controller.driver import Driver
-from bicycle_controller.goals import GoalTracker
+from bicycle_controller.goals import GoalTracker, Status
 from bicycle_controller.lqr import LqrController
 from bicycle_controller.noise import Noise
 from bicycle_controller.policy import load_policy
 from bicycle_controller.safety import Safety
 from bicycle_sim.scenario import named
-from bicycle_sim.simulator import Command, Simulator, Start
+from bicycle_sim.simulator import Command, Simulator, Snapshot, Source, Start
 
 SCENARIO = named("random-start-random-goal")
 LIMITS = SCENARIO.action_limits
@@ -260,3 +260,50 @@ def test_skipped_steps_are_counted(simulator: Simulator) -> None:
     for step in (0, 1, 5, 6):
         rider.answer(replace(simulator.snapshot, step=step), 0.025 * step)
     assert rider.missed == 3
+
+
+def others(state: Snapshot, source: Source = Source.FRESH) -> Snapshot:
+    """The state as another controller's command led to it."""
+    return replace(state, controller="other", command_source=source)
+
+
+def test_states_that_another_controller_drives_to_are_not_answered(simulator: Simulator) -> None:
+    """Such are the states of a bag that is replayed, too."""
+    rider = driver(constant(1.0, 0.1, 0.0), take_over=False)
+    rider.tracker.replace([GOAL])
+    told = []
+    for step in range(60):
+        # A bag may lead right through the goal.
+        state = replace(others(simulator.snapshot), step=step, rear_x=0.0, rear_y=float(step))
+        answer = rider.answer(state, 0.025 * step)
+        assert answer.command is None
+        assert [event.status for event in answer.events] == ([Status.QUEUED] if step == 0 else [])
+        told += [answer.warning] if answer.warning else []
+    assert len(told) == 1
+    assert "other drives this bicycle" in told[0]
+
+
+def test_the_goal_that_another_one_rode_to_is_told_when_it_is_taken_over(
+    simulator: Simulator,
+) -> None:
+    rider = driver(constant(1.0, 0.1, 0.0))
+    rider.tracker.replace([GOAL])
+    state = others(simulator.snapshot)
+    assert rider.answer(state, 0.0).command is None
+    late = replace(others(state, Source.HELD), step=1)
+    assert rider.answer(late, 0.025).command is not None, "the other one is late: be ready"
+    mine = replace(late, step=2, controller="me", command_source=Source.FRESH)
+    answer = rider.answer(mine, 0.05)
+    assert answer.command is not None
+    assert [event.status for event in answer.events] == [Status.ACTIVE]
+
+
+def test_a_bicycle_that_waits_for_a_dead_controller_is_answered(simulator: Simulator) -> None:
+    """In lock-step, and after a watchdog's pause, the same state comes again and again."""
+    rider = driver(constant(1.0, 0.1, 0.0))
+    rider.tracker.replace([GOAL])
+    state = others(replace(simulator.snapshot, step=7, command_step=6))
+    assert rider.answer(state, 0.2).command is None
+    command = rider.answer(state, 0.2).command
+    assert command is not None
+    assert rider.answer(state, 0.2).command is command

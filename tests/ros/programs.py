@@ -22,7 +22,7 @@ import pytest
 from bicycle_bag.nodes import player_node, recorder_node
 from bicycle_bag.repair import main as repair
 from bicycle_bag.writer import BagWriter
-from bicycle_bringup.nodes import goal, topic, verify
+from bicycle_bringup.nodes import goal, push, reset, service, topic, verify
 from bicycle_bringup.ride_options import parse as parse_ride
 from bicycle_bringup.ride_page import command as report
 from bicycle_cockpit.options import parse as parse_cockpit
@@ -197,6 +197,28 @@ PROGRAMS = (
         positionals=lambda _: ["1", "2"],
         work=("bicycle_bringup.nodes.goal:start_tool",),
     ),
+    Program(
+        "reset.sh",
+        main_of(reset),
+        positionals=lambda _: ["1", "2", "0.5"],
+        work=("bicycle_bringup.nodes.reset:run_tool",),
+    ),
+    Program(
+        "push.sh",
+        main_of(push),
+        positionals=lambda _: ["left", "0.3"],
+        work=("bicycle_bringup.nodes.push:run_tool",),
+    ),
+    *(
+        Program(
+            "service.sh",
+            main_of(service),
+            positionals=lambda _: ["bicycle/reset"],
+            work=("bicycle_bringup.nodes.service:run_tool",),
+            verb=[verb],
+        )
+        for verb in ("type", "call")
+    ),
     *(
         Program(
             "topic.sh",
@@ -205,7 +227,7 @@ PROGRAMS = (
             work=("bicycle_bringup.nodes.topic:start_tool",),
             verb=[verb],
         )
-        for verb in ("info", "echo", "rate")
+        for verb in ("info", "type", "echo", "rate", "hz", "pub")
     ),
 )
 

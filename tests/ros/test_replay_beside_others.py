@@ -8,6 +8,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from node_process import NodeProcess
@@ -15,7 +16,8 @@ from probe import Probe, goal
 from std_srvs.srv import Trigger
 from test_scripts import script
 
-from bicycle_sim.nodes.interfaces import GOAL_POSE, GOAL_STATUS, STATE, Service
+from bicycle_bringup.ride_log import read_ride
+from bicycle_sim.nodes.interfaces import COMMAND, GOAL_POSE, GOAL_STATUS, STATE, Service
 
 pytestmark = pytest.mark.ros
 
@@ -71,6 +73,27 @@ def test_what_others_publish_is_not_played(simulator: NodeProcess, replay: Start
 def test_a_controller_alone_is_not_ridden_by_a_bag(start_node: Start, replay: Start) -> None:
     start_node(WORKSPACE / "controller.sh", ["policy:=lqr"]).wait_for_line("waits for a goal")
     refused(replay(), "/bicycle_controller (/bicycle/")
+
+
+def test_a_goal_is_not_reached_by_the_states_of_a_bag(
+    start_node: Start, probe: Probe, replay: Start
+) -> None:
+    """Other programs play a bag beside a controller, and refuse nothing."""
+    controller = start_node(WORKSPACE / "controller.sh", ["policy:=lqr"])
+    controller.wait_for_line("waits for a goal")
+    commands: list[Any] = []
+    probe.node.create_subscription(COMMAND.type, COMMAND.name, commands.append, 1000)
+    states = read_ride(BAG).states
+    x, y = (float(states[f"rear_contact.{axis}"][-10]) for axis in "xy")
+    probe.say(GOAL_POSE, goal(x, y))
+    running = replay("--topics", "/bicycle/state", "--start-offset", "0.25", "--delay", "2")
+    assert running.wait() == 0, running.output
+    probe.spin_until(lambda: len(probe[STATE]) > 5)
+    probe.spin_until(lambda: probe[GOAL_STATUS])
+    told = [(status.status, status.message) for status in probe[GOAL_STATUS]]
+    assert [status for status, _ in told] == [0]
+    assert "drives the bicycle" in told[0][1]
+    assert commands == []
 
 
 def test_a_stack_that_starts_while_a_replay_runs_is_not_disturbed(

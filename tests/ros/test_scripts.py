@@ -23,6 +23,9 @@ SCRIPTS = (
     "sim",
     "controller",
     "goal",
+    "reset",
+    "push",
+    "service",
     "record",
     "replay",
     "topic",
@@ -100,7 +103,25 @@ def test_the_controllers_file_holds_its_defaults() -> None:
         (("goal", "nan", "1"), 2, "not finite"),
         (("goal", "1", "2", "--timeout", "0"), 2, "--timeout is 0.0"),
         (("goal", "--file", "/none.csv"), 2, "cannot read /none.csv"),
-        (("goal", "1", "2", "--timeout", "0.5"), 4, "no controller within 0.5 s"),
+        (
+            ("goal", "1", "2", "--timeout", "0.5"),
+            4,
+            "no simulator (start sim.sh) and no controller (start controller.sh) within 0.5 s",
+        ),
+        (("reset", "--timeout", "0.5"), 4, "nobody offers /bicycle/reset within 0.5 s: start sim"),
+        (("reset", "1", "inf"), 2, "y is inf: give a finite number"),
+        (("reset", "1", "--random"), 2, "give a place or --random, not both"),
+        (("push", "left", "--timeout", "0.5"), 4, "nobody offers /bicycle/push within 0.5 s"),
+        (("push", "up"), 2, "invalid choice: 'up'"),
+        (("push", "left", "-1"), 2, "the strength is -1.0"),
+        (("service", "call", "no/such", "--timeout", "0.5"), 1, "nobody offers /no/such"),
+        (("service", "call", "a", "no/srv/Such"), 1, "type 'no/srv/Such' is not installed here"),
+        (("service",), 2, "required: list|type|call"),
+        (("topic", "pub", "a", "no/msg/Such"), 1, "the type no/msg/Such of /a is not installed"),
+        (("topic", "pub", "a", "--rate", "0"), 2, "--rate is 0.0"),
+        (("topic", "pub", "a", "std_msgs/msg/Bool", "{data: 2}"), 2, "must be true or false"),
+        (("goal", "1", "2", "timeout:=3"), 2, "there are no parameters here"),
+        (("record", "pace:=lockstep"), 2, "there are no parameters here"),
         (("replay", "/none"), 1, "no bag /none"),
         (("replay", "--verify", "/none"), 1, "no bag /none"),
         (("record", "--repair", "/none"), 1, "no bag /none"),
@@ -108,7 +129,7 @@ def test_the_controllers_file_holds_its_defaults() -> None:
         (("report", "--output", "x.html"), 2, "required: bags"),
         (("foxglove", "port:=70000"), 2, "port"),
         (("foxglove", "topics:=("), 2, "not a regular expression"),
-        (("topic",), 2, "required: list|info|echo|rate"),
+        (("topic",), 2, "required: list|info|type|echo|rate|hz|pub"),
         (("topic", "watch"), 2, "invalid choice: 'watch'"),
         (("stop", "--now"), 2, "unknown option '--now'"),
         (("ride", "--gaols", "3"), 2, "unrecognized arguments: --gaols"),
@@ -210,6 +231,119 @@ def test_a_wrong_topic_is_one_line(
     assert done.returncode == 1
     assert complaint in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+def test_a_goal_for_a_bicycle_that_lies_is_told_at_once_and_a_reset_mends_it(
+    start_script: Start, tmp_path: Path
+) -> None:
+    simulator = start_script("sim")
+    simulator.wait_for_line("waits for its first command")
+    start_script("controller", "policy:=lqr").wait_for_line("waits for a goal")
+    waiting = start_script("goal", 900, 0, "--wait")
+    simulator.wait_for_line("rides under")
+    for _ in range(40):
+        if script("push", "left", 2).returncode == 3:
+            break
+    # It falls while it is waited for, and is found lying.
+    assert waiting.wait() == 3, waiting.output
+    for words in (("goal", 5, 5, "--wait"), ("goal", 5, 5)):
+        done = script(*words)
+        assert (done.returncode, done.stdout) == (3, "")
+        assert done.stderr == (
+            "goal.sh: the bicycle lies: reset.sh puts it up again; no goal was sent\n"
+        )
+    done = script("push", "left")
+    assert (done.returncode, done.stderr) == (
+        3,
+        "push.sh: the bicycle lies: reset.sh puts it up again\n",
+    )
+    done = script("reset", 3, 4, 1.5, "--speed", 2)
+    assert (done.returncode, done.stdout) == (
+        0,
+        "episode 2 waits for its first command, seed 2\n",
+    )
+    placed = script("topic", "echo", "bicycle/state", "--once", "--field", "rear_contact").stdout
+    assert placed.splitlines()[:2] == ["rear_contact.x: 3.0", "rear_contact.y: 4.0"]
+    assert script("goal", 3, 25, "--wait").returncode == 0
+
+
+def test_a_controller_that_is_gone_is_not_waited_for(
+    bicycle: tuple[NodeProcess, NodeProcess], start_script: Start
+) -> None:
+    waiting = start_script("goal", 9000, 0, "--wait")
+    bicycle[1].wait_for_line(r"goal 1 \(9000, 0\) active")
+    assert bicycle[1].stop() == 0
+    assert waiting.wait(60.0) == 4, waiting.output
+    assert "no controller for 10 s: start controller.sh" in waiting.lines[-1]
+
+
+def test_a_bicycle_that_stands_still_is_not_said_to_ride_on(
+    bicycle: tuple[NodeProcess, NodeProcess], start_script: Start
+) -> None:
+    waiting = start_script("goal", 9000, 0, "--wait", "--timeout", 8)
+    bicycle[1].wait_for_line(r"goal 1 \(9000, 0\) active")
+    assert script("service", "call", "bicycle/pause", "{data: true}").returncode == 0
+    assert waiting.wait(60.0) == 4
+    assert "not reached within 8 s; the bicycle stands still: is it paused?" in waiting.lines[-1]
+
+
+def test_services_are_listed_described_and_called(
+    bicycle: tuple[NodeProcess, NodeProcess],
+) -> None:
+    listed = script("service", "list").stdout.splitlines()
+    assert "/bicycle/pause                std_srvs/srv/SetBool" in [
+        f"{line.split()[0]:<30}{line.split()[1]}" for line in listed
+    ]
+    assert "get_parameters" not in "".join(listed)
+    assert "get_parameters" in script("service", "list", "--all").stdout
+    assert script("service", "type", "bicycle/push").stdout.splitlines() == [
+        "bicycle_msgs/srv/Push",
+        "  lean_rate: double",
+    ]
+    done = script("service", "call", "bicycle/pause", "std_srvs/srv/SetBool", "{data: true}")
+    assert (done.returncode, done.stdout) == (0, "success: true\nmessage: paused\n")
+    done = script("service", "call", "bicycle/load_policy", "{path: nothing}")
+    assert done.returncode == 1, "the service said that it failed"
+    assert "success: false" in done.stdout
+    for values, complaint in {
+        "{dta: true}": "has no field 'dta' (did you mean 'data'?)",
+        "{data: 1}": "data must be true or false, not 1",
+        "[1": "is not YAML",
+        "true": "must be fields",
+    }.items():
+        done = script("service", "call", "bicycle/pause", values)
+        assert done.returncode == 2
+        assert complaint in done.stderr
+        assert done.stderr.count("\n") == 1
+
+
+def test_a_message_is_published_and_arrives(bicycle: tuple[NodeProcess, NodeProcess]) -> None:
+    values = "{header: {frame_id: odom}, pose: {position: {x: 12, y: 3.5}}}"
+    done = script("topic", "pub", "--once", "goal_pose", values)
+    assert (done.returncode, done.stdout) == (0, "published 1 message on /goal_pose\n")
+    bicycle[1].wait_for_line(r"goal 1 \(12, 3.5\) active")
+    sent = script("topic", "pub", "/mine", "std_msgs/msg/String", "data: a", "-t", 3, "-w", 0)
+    assert sent.stdout == "published 3 messages on /mine\n"
+    alone = script("topic", "pub", "/mine", "std_msgs/msg/String", "data: a", "--once")
+    assert alone.returncode == 1
+    assert "0 subscribe to /mine after 3 s, not 1" in alone.stderr
+    unknown = script("topic", "pub", "/mine", "data: a", "--once")
+    assert (unknown.returncode, "write pkg/msg/Type" in unknown.stderr) == (2, True)
+    assert script("topic", "type", "goal_pose").stdout.splitlines()[0] == (
+        "geometry_msgs/msg/PoseStamped"
+    )
+
+
+def test_tools_find_a_bicycle_in_a_namespace(start_script: Start) -> None:
+    space = "__ns:=/red"
+    start_script("sim", "pace:=lockstep", space).wait_for_line("waits for its first command")
+    start_script("controller", "policy:=lqr", space).wait_for_line("waits for a goal")
+    assert script("goal", 12, 3, "--timeout", 1).returncode == 4
+    assert script("goal", 12, 3, "--wait", space).returncode == 0
+    assert script("topic", "echo", "bicycle/state", "--once", space).returncode == 0
+    assert script("push", "left", space).returncode == 0
+    assert script("reset", space).returncode == 0
+    assert script("service", "call", "bicycle/pause", "{data: true}", space).returncode == 0
 
 
 def test_a_goal_is_ridden_to(bicycle: tuple[NodeProcess, NodeProcess]) -> None:

@@ -272,7 +272,11 @@ class ControllerNode(Node):
             text = f"no state for {silence:.0f} s: is the simulator running on this domain?"
         if driver.driving:
             text = f"{driver.driving} drives, not {driver.policy.policy_id}"
-        bad = self._state_was_bad or driver.failing or bool(driver.driving) or silence > SILENCE
+        other = driver.standby.other
+        if other:
+            text = f"stands by: {other} drives this bicycle"
+        bad = self._state_was_bad or driver.failing or bool(driver.driving or other)
+        bad = bad or silence > SILENCE
         name = f"{self.get_fully_qualified_name().lstrip('/')}: policy"
         values: dict[str, object] = {
             "policy": driver.policy.policy_id,

@@ -138,10 +138,15 @@ def made_heartbeat() -> Heartbeat:
         ) from None
 
 
-def start_tool(name: str) -> None:
-    """Start rclpy for a tool; ends the program with status 2 and one line if that cannot be."""
+def start_tool(name: str, words: Sequence[str] = ()) -> None:
+    """Start rclpy for a tool; ends the program with status 2 and one line if that cannot be.
+
+    Args:
+        name: in front of that line.
+        words: ROS arguments, such as a namespace.
+    """
     try:
-        start_ros([])
+        start_ros(words)
     except UserError as error:
         print(f"{name}: {error}", file=sys.stderr, flush=True)
         raise SystemExit(2) from None

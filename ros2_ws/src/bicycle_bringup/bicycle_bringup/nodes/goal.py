@@ -16,12 +16,13 @@ from tqdm import tqdm
 
 from bicycle_bag.arguments import OneLineParser
 from bicycle_bringup.course import Point, read_waypoints
+from bicycle_bringup.nodes.calling import LYING, NOBODY
 from bicycle_bringup.nodes.rider import Rider, progress_text
 from bicycle_bringup.plan import Plan
 from bicycle_controller.goals import Status
 from bicycle_sim.nodes.runner import start_tool
 
-EXIT = {Status.REACHED: 0, Status.FALLEN: 3, Status.MISSED: 4, Status.GIVEN_UP: 4}
+EXIT = {Status.REACHED: 0, Status.FALLEN: LYING, Status.MISSED: 4, Status.GIVEN_UP: 4}
 """What goal.sh ends with for each end of a goal."""
 SETTLE = 0.2
 """s for what the controller published before to arrive: it is kept for who comes later."""
@@ -31,6 +32,12 @@ GRACE = 0.5
 """s in which a goal that was taken away may come back: a repeated one replaces itself."""
 REPEAT = 2.0
 """s without an answer after which the goals are sent once more."""
+ABSENT = 10.0
+"""s without a state, or without a controller, after which nothing is waited for any more: whoever
+starts one again after a crash has done so by then."""
+LYING_FOR = 1.0
+"""s that the bicycle may lie before the controller says what became of the goal."""
+LIES = "the bicycle lies: reset.sh puts it up again"
 
 
 class ErrandError(Exception):
@@ -55,6 +62,7 @@ class Errand:
         self._plan = Plan(goals)
         self._timeout = timeout
         self._taken_away = (math.inf, "")
+        self._missing: dict[str, float] = {}
 
     def on_signal(self, number: int, frame: FrameType | None) -> None:
         """Ask to end."""
@@ -64,28 +72,46 @@ class Errand:
         """Send the goals and wait until the controller has taken them.
 
         Raises:
-            ErrandError: when there is no controller, it does not answer, or it rejects them.
+            ErrandError: when there is no bicycle or no controller, the bicycle lies, or the
+                controller does not answer or rejects the goals.
         """
         patience = min(self._timeout, ACCEPT)
-        if not self._spin_until(self._rider.controller_listens, patience):
-            raise ErrandError(
-                4,
-                f"no controller within {patience:g} s: start controller.sh",
-            )
+        self._look(patience)
         self._spin_until(lambda: False, SETTLE)
         self._rider.changes.clear()
         deadline = time.monotonic() + patience
         while not self.stopped:
             self._rider.send(self._plan.goals)
             if self._spin_until(self._heard, min(REPEAT, deadline - time.monotonic())):
+                if self._rider.state is not None and self._rider.state.fallen:
+                    raise ErrandError(LYING, f"{LIES}; the goal waits until then")
                 return
             if time.monotonic() >= deadline:
                 raise ErrandError(
-                    4,
-                    f"the controller did not answer within {patience:g} s: "
-                    "is sim.sh running, and the bicycle not paused?",
+                    NOBODY, f"the controller did not answer within {patience:g} s: see its log"
                 )
         raise ErrandError(130, "interrupted; the goal may have been sent")
+
+    def _look(self, patience: float) -> None:
+        """Wait until there is who can ride.
+
+        Raises:
+            ErrandError: when there is not, or the bicycle lies.
+        """
+        rider = self._rider
+        there = self._spin_until(
+            lambda: rider.state is not None and (rider.state.fallen or rider.controller_listens()),
+            patience,
+        )
+        if self.stopped:
+            raise ErrandError(130, "interrupted; no goal was sent")
+        if rider.state is not None and rider.state.fallen:
+            raise ErrandError(LYING, f"{LIES}; no goal was sent")
+        if there:
+            return
+        missing = [] if rider.state is not None else ["no simulator (start sim.sh)"]
+        missing += [] if rider.controller_listens() else ["no controller (start controller.sh)"]
+        raise ErrandError(NOBODY, f"{' and '.join(missing)} within {patience:g} s")
 
     def wait(self) -> int:
         """Wait for the end of every goal with a progress bar.
@@ -94,25 +120,51 @@ class Errand:
             The exit status of the worst one.
 
         Raises:
-            ErrandError: when a goal takes too long, or somebody else takes the bicycle away.
+            ErrandError: when a goal takes too long, the bicycle lies, somebody else takes it
+                away, or simulator or controller are gone.
         """
         worst = 0
         with tqdm(total=len(self._plan.goals), disable=None, bar_format="{desc} {elapsed}") as bar:
             deadline = time.monotonic() + self._timeout
-            while not self._plan.finished:
+            while True:
                 self._rider.spin()
                 bar.set_description_str(f"goal {self._plan.number}: {self._progress()}")
                 for status, text in self._ends():
                     tqdm.write(text)
                     worst = max(worst, EXIT[status])
                     deadline = time.monotonic() + self._timeout
+                if self._plan.finished:
+                    return worst
                 if self.stopped:
-                    raise ErrandError(130, "interrupted; the bicycle rides on")
+                    raise ErrandError(130, f"interrupted; {self._rider.condition()}")
+                self._check()
                 if time.monotonic() > deadline:
                     raise ErrandError(
-                        4, f"not reached within {self._timeout:g} s; the bicycle rides on"
+                        4, f"not reached within {self._timeout:g} s; {self._rider.condition()}"
                     )
-        return worst
+
+    def _check(self) -> None:
+        """Look whether there is still something to wait for.
+
+        Raises:
+            ErrandError: when there is not.
+        """
+        rider = self._rider
+        fallen = rider.state is not None and rider.state.fallen
+        if self._lasts("lying", fallen, LYING_FOR):
+            raise ErrandError(LYING, LIES)
+        if self._lasts("simulator", rider.silence() > 1.0, ABSENT):
+            raise ErrandError(NOBODY, f"no state for {rider.silence():.0f} s: start sim.sh")
+        if self._lasts("controller", not rider.controller_listens(), ABSENT):
+            raise ErrandError(NOBODY, f"no controller for {ABSENT:g} s: start controller.sh")
+
+    def _lasts(self, what: str, holds: bool, seconds: float) -> bool:
+        """Whether something has held for so long."""
+        now = time.monotonic()
+        if not holds:
+            self._missing.pop(what, None)
+            return False
+        return now - self._missing.setdefault(what, now) > seconds
 
     def _progress(self) -> str:
         return progress_text(self._rider.state)
@@ -168,7 +220,7 @@ class Errand:
         return True
 
 
-def parse(arguments: list[str]) -> argparse.Namespace:
+def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
     """Read the command line; ends the program with status 2 and one line when it is wrong."""
     parser = OneLineParser(prog="goal.sh", add_help=False)
     add = parser.add_argument
@@ -178,7 +230,7 @@ def parse(arguments: list[str]) -> argparse.Namespace:
     add("--wait", action="store_true")
     add("--timeout", type=float)
     # A negative coordinate is a number, not an option: argparse knows that by itself.
-    given = parser.parse_args(arguments)
+    given, ros = parser.parse_with_ros(arguments)
     if given.timeout is None:
         given.timeout = 300.0 if given.wait else 10.0
     if not (math.isfinite(given.timeout) and given.timeout > 0):
@@ -190,19 +242,19 @@ def parse(arguments: list[str]) -> argparse.Namespace:
             given.goals = read_waypoints(given.file)
         except ValueError as error:
             parser.error(str(error))
-        return given
+        return given, ros
     if given.y is None:
         parser.error("give X and Y in metres, or --file")
     if not (math.isfinite(given.x) and math.isfinite(given.y)):
         parser.error(f"({given.x}, {given.y}) is not finite: give metres")
     given.goals = [(given.x, given.y)]
-    return given
+    return given, ros
 
 
 def main() -> int:
     """Send the goals of the command line; returns the exit status."""
-    given = parse(sys.argv[1:])
-    start_tool("goal.sh")
+    given, ros = parse(sys.argv[1:])
+    start_tool("goal.sh", ros)
     rider = Rider("bicycle_goal")
     errand = Errand(rider, given.goals, given.timeout)
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections import deque
 from collections.abc import Sequence
 from typing import Any
@@ -31,6 +32,10 @@ RECORDED = (
 """What a bag of a ride must not miss the beginning of."""
 
 
+STILL = 1.0
+"""s without a new step after which a bicycle is said to stand still."""
+
+
 class Rider(Node):
     """Sends goals, sees the bicycle's newest state, and keeps the goals' changes in order.
 
@@ -44,6 +49,7 @@ class Rider(Node):
         self.state: BicycleState | None = None
         self.changes: deque[GoalStatus] = deque()
         self._dead: set[bytes] = set()
+        self._heard = self._moved = time.monotonic()
         self._goal_publishers = advertise(self, interfaces.GOAL_POSE, interfaces.GOAL_PATH)
         listen(self, interfaces.STATE, self._on_state, depth=1)
         listen(self, interfaces.GOAL_STATUS, lambda message: self.changes.append(message))
@@ -52,7 +58,24 @@ class Rider(Node):
         self._executor.add_node(self)
 
     def _on_state(self, message: BicycleState) -> None:
-        self.state = message
+        before, self.state = self.state, message
+        self._heard = time.monotonic()
+        if before is None or (before.episode, before.step) != (message.episode, message.step):
+            self._moved = self._heard
+
+    def silence(self) -> float:
+        """s since the last state, or since this node was made."""
+        return time.monotonic() - self._heard
+
+    def condition(self) -> str:
+        """What the bicycle does now, for a person."""
+        if self.state is None or self.silence() > STILL:
+            return f"no state has come for {self.silence():.0f} s"
+        if self.state.fallen:
+            return "the bicycle lies"
+        if time.monotonic() - self._moved > STILL:
+            return "the bicycle stands still: is it paused?"
+        return "the bicycle rides on"
 
     def spin(self, timeout: float = 0.05) -> None:
         """Serve what has come, waiting at most `timeout` seconds for it."""

@@ -1,4 +1,4 @@
-"""`topic.sh`: list, info, echo and rate of any topic, for those who have no `ros2` command."""
+"""`topic.sh`: look at any topic and publish on it, for those who have no `ros2` command."""
 
 from __future__ import annotations
 
@@ -17,6 +17,8 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from bicycle_bag.arguments import OneLineParser
+from bicycle_bringup.nodes import publishing
+from bicycle_bringup.nodes.filling import FillingError
 from bicycle_bringup.nodes.flat import flat, shown
 from bicycle_bringup.rates import Rate
 from bicycle_sim.config import nearest
@@ -65,19 +67,40 @@ class Watcher:
         found = self.node.get_topic_names_and_types()
         return {name: ", ".join(types) for name, types in sorted(found)}
 
-    def find(self, name: str) -> tuple[str, str]:
-        """The full name and the type of a topic that somebody publishes.
+    def find(self, name: str, published: bool = True) -> tuple[str, str]:
+        """The full name and the type of a topic.
+
+        Args:
+            name: of the topic.
+            published: whether somebody must publish it; else a subscriber will do.
 
         Raises:
-            TopicError: when nobody does.
+            TopicError: when there is none.
         """
-        full = name if name.startswith("/") else f"/{name}"
-        self.spin(LONGEST_WAIT, lambda: bool(self.node.count_publishers(full)))
-        if not self.node.count_publishers(full):
+        full = self.node.resolve_topic_name(name)
+
+        def there() -> bool:
+            return bool(self.node.count_publishers(full) if published else full in self.topics())
+
+        if not self.spin(LONGEST_WAIT, there):
             known = self.topics()
-            hint = nearest(full, known)
-            raise TopicError(f"nobody publishes {full}{hint}: see topic.sh list")
+            hint = nearest(full, [topic for topic in known if topic != full])
+            what = "nobody publishes" if published else "there is no topic"
+            raise TopicError(f"{what} {full}{hint}: see topic.sh list")
         return full, self.topics()[full]
+
+    def message_type(self, full: str, kind: str) -> type[Any]:
+        """The class of a topic's type.
+
+        Raises:
+            TopicError: when it is not installed.
+        """
+        package, _, short = kind.partition("/msg/")
+        try:
+            found: type[Any] = getattr(importlib.import_module(f"{package}.msg"), short)
+        except (ImportError, AttributeError, ValueError):
+            raise TopicError(f"the type {kind} of {full} is not installed here") from None
+        return found
 
     def subscribe(self, name: str, callback: Callable[[Any], None], raw: bool = False) -> None:
         """Listen to a topic with what its publishers offer.
@@ -86,11 +109,7 @@ class Watcher:
             TopicError: when its type is not installed.
         """
         full, kind = self.find(name)
-        package, _, short = kind.partition("/msg/")
-        try:
-            message_type = getattr(importlib.import_module(f"{package}.msg"), short)
-        except (ImportError, AttributeError):
-            raise TopicError(f"the type {kind} of {full} is not installed here") from None
+        message_type = self.message_type(full, kind)
         offers = [p.qos_profile for p in self.node.get_publishers_info_by_topic(full)]
         profile = QoSProfile(depth=100)
         if any(offer.reliability is not ReliabilityPolicy.RELIABLE for offer in offers):
@@ -113,11 +132,20 @@ def show_list(watcher: Watcher, _: argparse.Namespace) -> int:
 
 def show_info(watcher: Watcher, given: argparse.Namespace) -> int:
     """Who publishes and who subscribes, and with which quality of service."""
-    full, kind = watcher.find(given.topic)
+    full, kind = watcher.find(given.topic, published=False)
     watcher.spin(DISCOVERY)
     print(f"{full}  {kind}")
     _print_ends("published by", watcher.node.get_publishers_info_by_topic(full))
     _print_ends("subscribed by", watcher.node.get_subscriptions_info_by_topic(full))
+    return 0
+
+
+def show_type(watcher: Watcher, given: argparse.Namespace) -> int:
+    """The type of a topic and the fields of its messages."""
+    full, kind = watcher.find(given.topic, published=False)
+    print(kind)
+    for field, type_name in watcher.message_type(full, kind).get_fields_and_field_types().items():
+        print(f"  {field}: {type_name}")
     return 0
 
 
@@ -168,30 +196,48 @@ def show_rate(watcher: Watcher, given: argparse.Namespace) -> int:
     return 0 if rate.count else 1
 
 
-def parse(arguments: list[str]) -> argparse.Namespace:
+def publish(watcher: Watcher, given: argparse.Namespace) -> int:
+    """Messages from the command line."""
+    try:
+        return publishing.publish(watcher, given)
+    except FillingError as error:
+        print(f"topic.sh: {error}", file=sys.stderr)
+        return 2
+    except LookupError as error:
+        raise TopicError(str(error)) from None
+
+
+def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
     """Read the command line; ends the program with status 2 and one line when it is wrong."""
     parser = OneLineParser(prog="topic.sh")
-    verbs = parser.add_subparsers(dest="verb", required=True, metavar="list|info|echo|rate")
+    names = "list|info|type|echo|rate|hz|pub"
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar=names)
     verbs.add_parser("list").set_defaults(action=show_list)
-    for name, action in (("info", show_info), ("echo", echo), ("rate", show_rate)):
+    sent = verbs.add_parser("pub")
+    publishing.add_arguments(sent)
+    sent.set_defaults(action=publish)
+    actions = {"info": show_info, "type": show_type, "echo": echo}
+    for name, action in {**actions, "rate": show_rate, "hz": show_rate}.items():
         verb = verbs.add_parser(name)
         verb.add_argument("topic")
         verb.set_defaults(action=action)
         if name == "echo":
             verb.add_argument("--once", action="store_true")
             verb.add_argument("--field", default="")
-        if name == "rate":
+        if action is show_rate:
             verb.add_argument("--seconds", type=float, default=0.0)
-    given = parser.parse_args(arguments)
-    if given.verb == "rate" and not 0 <= given.seconds < 1e6:
+    given, ros = parser.parse_with_ros(arguments)
+    if given.verb in ("rate", "hz") and not 0 <= given.seconds < 1e6:
         parser.error(f"--seconds is {given.seconds}: choose a positive number")
-    return given
+    if given.verb == "pub" and (wrong := publishing.mistake(given)):
+        parser.error(wrong)
+    return given, ros
 
 
 def main() -> int:
     """Do what the command line says; returns the exit status."""
-    given = parse(sys.argv[1:])
-    start_tool("topic.sh")
+    given, ros = parse(sys.argv[1:])
+    start_tool("topic.sh", ros)
     watcher = Watcher()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, watcher.on_signal)
