@@ -14,6 +14,8 @@ The keys of an evaluation, as `bicycle evaluate --json` prints them:
     mean_torque, mean_displacement, mean_pedal_force     N m, m, N: mean size over all steps
     mean_speed                     m/s over all rides
     mean_return                    sum of rewards (eq. 20), a fall's repeated to the step limit
+    unlike_training                in what the rides differ from those that the controller was
+                                   trained on or designed for, a list of texts
 
 What no ride gives (the time of none that reached the goal) is null.
 """
@@ -157,9 +159,17 @@ def compare(first: Evaluation, second: Evaluation) -> dict[str, Any]:
     """Two controllers over the same starts, ride by ride.
 
     Returns:
-        Counts of rides that both, one or none reached the goal in, and over those that both did:
-        `median_time_s` of each, `time_ratio` (median of the first's time over the second's) and
-        `faster_share` of those that differ, in which the first was sooner, with its interval.
+        Over all rides: `first_better`, `equal` and `second_better`, counts that sum to
+        `episodes`. The better one of a ride reached the goal alone, or sooner; equal are rides
+        in which both took the same number of steps or neither reached it. Their `..._share` are
+        of all rides, each with its interval.
+
+        Of the rides in which both reached the goal (`both_reach`): `first_sooner`, `same_time`
+        and `second_sooner`; `median_time_s` of each; `time_ratio` and `time_saved_s`, the
+        medians of the first's time over the second's and of the second's less the first's;
+        `total_time_ratio`, the sum of the first's times over the sum of the second's.
+
+        Counts of rides that only one or none reached the goal in.
 
     Raises:
         ValueError: when they did not ride from the same starts.
@@ -170,18 +180,34 @@ def compare(first: Evaluation, second: Evaluation) -> dict[str, Any]:
     straight = np.array_equal(first.rides.straight, second.rides.straight)
     require(straight, "the two evaluations did not ride from the same starts; evaluate again")
     both = first.rides.reached & second.rides.reached
+    alone = int((first.rides.reached & ~second.rides.reached).sum())
+    other_alone = int((~first.rides.reached & second.rides.reached).sum())
     mine, other = first.times[both], second.times[both]
-    sooner, differ = int((mine < other).sum()), int((mine != other).sum())
-    return {
+    sooner, later = int((mine < other).sum()), int((mine > other).sum())
+    count = len(both)
+    found: dict[str, Any] = {
         "controllers": [first.controller, second.controller],
-        "episodes": len(both),
+        "episodes": count,
+    }
+    better, worse = sooner + alone, later + other_alone
+    for name, hits in (
+        ("first_better", better),
+        ("equal", count - better - worse),
+        ("second_better", worse),
+    ):
+        found[name] = hits
+        found[f"{name}_share"] = hits / count if count else None
+        found[f"{name}_share_interval"] = list(wilson(hits, count))
+    return found | {
         "both_reach": int(both.sum()),
-        "only_first_reaches": int((first.rides.reached & ~second.rides.reached).sum()),
-        "only_second_reaches": int((second.rides.reached & ~first.rides.reached).sum()),
+        "only_first_reaches": alone,
+        "only_second_reaches": other_alone,
         "neither_reaches": int((~first.rides.reached & ~second.rides.reached).sum()),
+        "first_sooner": sooner,
+        "same_time": len(mine) - sooner - later,
+        "second_sooner": later,
         "median_time_s": [_statistic(np.median, mine), _statistic(np.median, other)],
         "time_ratio": _statistic(np.median, mine / other),
-        "same_time": int(both.sum()) - differ,
-        "faster_share": sooner / differ if differ else None,
-        "faster_share_interval": list(wilson(sooner, differ)),
+        "time_saved_s": _statistic(np.median, other - mine),
+        "total_time_ratio": float(mine.sum() / other.sum()) if len(mine) else None,
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ from bicycle_controller.devices import actor_on
 from bicycle_controller.policy import Policy, load_controller, write_atomically
 from bicycle_controller.rides import Disturbance
 from bicycle_controller.table import as_text, comparison_as_text
+from bicycle_controller.trained_for import unlike_training, warning
 from bicycle_sim.config import nearest
 from bicycle_sim.parameters import Physics
 from bicycle_sim.scenario import Scenario, named
@@ -113,17 +115,31 @@ def run_command(args: argparse.Namespace) -> int:
         )
         for name in names
     ]
+    told = [_unlike(name, scenario, physics, disturbance) for name in names]
     result: dict[str, Any] = found[0].summary()
+    result["unlike_training"] = told[0]
     text = as_text([item.summary() for item in found])
     if args.against:
-        result["against"] = found[1].summary()
+        result["against"] = {**found[1].summary(), "unlike_training": told[1]}
         result["comparison"] = scoring.compare(*found)
         text += "\n\n" + comparison_as_text(result["comparison"])
     written = json.dumps(result, indent=2)
     if args.out is not None:
         write_atomically(args.out, written.encode() + b"\n")
-    print(written if args.json else text)
+    print(written if args.json else text, flush=True)
+    for item, differences in zip(found, told, strict=True):
+        if differences:
+            print(f"bicycle: warning: {warning(item.controller, differences)}", file=sys.stderr)
     return 0
+
+
+def _unlike(
+    name: str, scenario: Scenario, physics: Physics, disturbance: Disturbance
+) -> list[str]:
+    """In what the rides differ from those that a controller was trained on."""
+    if disturbance.speed is not None:
+        scenario = replace(scenario, start_speed=disturbance.speed, speed_limits=None)
+    return unlike_training(load_controller(name, physics), physics, scenario)
 
 
 def _world(args: argparse.Namespace, controller: Controller) -> tuple[Scenario, Physics]:

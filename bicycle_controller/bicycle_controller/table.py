@@ -72,17 +72,32 @@ def as_markdown(summary: dict[str, Any]) -> str:
 def comparison_as_text(comparison: dict[str, Any]) -> str:
     """What `evaluate.compare` found, in words."""
     first, second = comparison["controllers"]
+    shares = {
+        name: f"{comparison[name]:,} ({_share(comparison, name)})"
+        for name in ("first_better", "equal", "second_better")
+    }
     lines = [
-        f"of {comparison['episodes']:,} rides both reach the goal in {comparison['both_reach']:,},"
-        f" only {first} in {comparison['only_first_reaches']:,},"
-        f" only {second} in {comparison['only_second_reaches']:,}"
+        f"of {comparison['episodes']:,} rides {first} does better in {shares['first_better']},",
+        f"{second} in {shares['second_better']}, and {shares['equal']} are equal;",
+        f"both reach the goal in {comparison['both_reach']:,}, only {first} in"
+        f" {comparison['only_first_reaches']:,}, only {second} in"
+        f" {comparison['only_second_reaches']:,}",
     ]
-    if comparison["faster_share"] is not None:
-        share = 100.0 * comparison["faster_share"]
-        low, high = (100.0 * value for value in comparison["faster_share_interval"])
+    if comparison["both_reach"]:
+        less = 100.0 * (1.0 - comparison["time_ratio"])
+        total = 100.0 * (1.0 - comparison["total_time_ratio"])
         lines.append(
-            f"where both do and their times differ, {first} is sooner in {share:.1f} %"
-            f" ({low:.1f} to {high:.1f}); the median ratio of their times is"
-            f" {comparison['time_ratio']:.3f}"
+            f"where both do, {first} is sooner in {comparison['first_sooner']:,}, as soon in"
+            f" {comparison['same_time']:,} and later in {comparison['second_sooner']:,}; it saves"
+            f" {comparison['time_saved_s']:.3g} s in the median ride, {less:.2f} % of the time,"
+            f" and {total:.2f} % of all the time"
         )
     return "\n".join(lines)
+
+
+def _share(comparison: dict[str, Any], name: str) -> str:
+    share = comparison[f"{name}_share"]
+    if share is None:
+        return "-"
+    low, high = (100.0 * value for value in comparison[f"{name}_share_interval"])
+    return f"{100.0 * share:.1f} %, {low:.1f} to {high:.1f}"

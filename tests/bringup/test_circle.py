@@ -16,9 +16,12 @@ RIDE = {"reached": 9, "falls": 1, "ridden_time": 61.25, "path_ratio": 1.125}
 
 
 def comparison(
-    new: tuple[float, float], old: tuple[float, float], sooner: float | None
+    new: tuple[float, float], old: tuple[float, float], rides: tuple[int, int, int]
 ) -> dict[str, Any]:
-    """What `bicycle evaluate --against` gives, for (reach rate, fall rate) of both."""
+    """What `bicycle evaluate --against` gives, for (reach rate, fall rate) of both.
+
+    The new one does better, as well and worse in so many rides.
+    """
     times = {"median_time_s": 20.5, "path_ratio": 1.0625}
     (reach, fall), (old_reach, old_fall) = new, old
     return {
@@ -33,30 +36,33 @@ def comparison(
             "fall_rate": old_fall,
             **times,
         },
-        "comparison": {"faster_share": sooner},
+        "comparison": dict(zip(("first_better", "equal", "second_better"), rides, strict=True)),
     }
 
 
 @pytest.mark.parametrize(
-    ("new", "old", "sooner", "better"),
+    ("new", "old", "rides", "better"),
     [
-        ((0.99, 0.0), (0.98, 0.0), 0.1, True),
-        ((0.98, 0.0), (0.99, 0.0), 0.9, False),
-        ((0.99, 0.01), (0.99, 0.0), 0.9, False),
-        ((1.0, 0.0), (1.0, 0.0), 0.75, True),
-        ((1.0, 0.0), (1.0, 0.0), 0.5, False),
-        ((0.0, 1.0), (0.0, 1.0), None, False),
+        ((0.99, 0.0), (0.98, 0.0), (100, 0, 900), True),
+        ((0.98, 0.0), (0.99, 0.0), (900, 0, 100), False),
+        ((0.99, 0.01), (0.99, 0.0), (900, 0, 100), False),
+        ((1.0, 0.0), (1.0, 0.0), (300, 600, 100), True),
+        ((1.0, 0.0), (1.0, 0.0), (100, 800, 100), False),
+        ((0.0, 1.0), (0.0, 1.0), (0, 1000, 0), False),
     ],
 )
 def test_better_is_more_goals_less_falls_then_sooner(
-    new: tuple[float, float], old: tuple[float, float], sooner: float | None, better: bool
+    new: tuple[float, float],
+    old: tuple[float, float],
+    rides: tuple[int, int, int],
+    better: bool,
 ) -> None:
-    assert is_better(comparison(new, old, sooner)) is better
+    assert is_better(comparison(new, old, rides)) is better
 
 
 def test_the_table_has_before_and_after_in_their_columns(tmp_path: Path) -> None:
     after = {**RIDE, "reached": 10, "falls": 0, "path_ratio": None}
-    found = comparison((1.0, 0.0), (0.9, 0.05), 0.75)
+    found = comparison((1.0, 0.0), (0.9, 0.05), (300, 600, 100))
     text = text_of(RIDE, after, found)
     rows = {line[:30].strip(): line[30:].split() for line in text.splitlines()}
     assert rows["goals reached"] == ["9", "10"]
@@ -64,6 +70,7 @@ def test_the_table_has_before_and_after_in_their_columns(tmp_path: Path) -> None
     assert rows["path over straight line"] == ["1.125", "-"]
     assert rows["reached"] == ["90.0%", "100.0%"]
     assert rows["fell"] == ["5.0%", "0.0%"]
+    assert "better in 300 of them, equal in 600, worse in 100" in text
     assert text.splitlines()[-1] == "the new policy is better"
     for name, data in (("before/summary", RIDE), ("after/summary", after), ("comparison", found)):
         path = tmp_path / f"{name}.json"

@@ -50,7 +50,7 @@ def test_evaluate_prints_what_evaluate_finds(capsys: pytest.CaptureFixture[str])
     found = json.loads(output(capsys, "evaluate", "lqr", *QUICK, "--json"))
     scenario = SCENARIOS["fixed-start-fixed-goal"]
     expected = evaluate(LqrController(), scenario, episodes=20, seed=3).summary()
-    assert found == json.loads(json.dumps(expected))
+    assert found == json.loads(json.dumps(expected)) | {"unlike_training": []}
     assert found["reach_rate"] > 0.5
     promised = {"episodes", "reach_rate", "fall_rate", "timeout_rate", "median_time_s"}
     promised |= {"reach_rate_interval", "fall_rate_interval", "timeout_rate_interval"}
@@ -89,6 +89,40 @@ def test_evaluate_uses_what_the_policy_was_trained_on(
     found = json.loads(output(capsys, "evaluate", str(policy), "--episodes", "5", "--json"))
     assert found["scenario"]["name"] == "random-start-random-goal"
     assert found["controller"] == load_policy(policy).policy_id
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ([], []),
+        (["--physics", "faithful", "--displacement-noise", "0.01"], []),
+        (
+            ["--physics", "corrected"],
+            [
+                "chord_follows_steering true, not false",
+                "gyroscopic_correction true, not false",
+                "stop_absorbs_steering true, not false",
+            ],
+        ),
+        (["--speed", "1"], ["start speed 1 m/s, not 2.78"]),
+    ],
+)
+def test_a_policy_that_rides_another_bicycle_than_it_was_trained_on_is_warned_of(
+    capsys: pytest.CaptureFixture[str], policy: Path, words: list[str], told: list[str]
+) -> None:
+    assert cli.main(["evaluate", str(policy), "--episodes", "2", "--json", *words]) == 0
+    printed = capsys.readouterr()
+    assert json.loads(printed.out)["unlike_training"] == told
+    assert printed.err.count("\n") == bool(told)
+    for text in told:
+        assert text in printed.err
+    assert cli.main(["evaluate", "lqr", *QUICK, *words, "--against", str(policy)]) == 0
+    said = capsys.readouterr().err
+    assert ("lqr" in said, policy_id(policy) in said) == (False, bool(told))
+
+
+def policy_id(path: Path) -> str:
+    return load_policy(path).policy_id
 
 
 def test_evaluate_takes_a_run_folder(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

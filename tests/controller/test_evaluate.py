@@ -7,7 +7,7 @@ import pytest
 
 from bicycle_controller.evaluate import Evaluation, compare, wilson
 from bicycle_controller.rides import Disturbance, Rides
-from bicycle_controller.table import as_markdown, as_text
+from bicycle_controller.table import as_markdown, as_text, comparison_as_text
 from bicycle_sim.parameters import Physics
 from bicycle_sim.scenario import SCENARIOS, Region
 
@@ -87,6 +87,10 @@ def test_summary_worked_by_hand() -> None:
 
 def test_comparison_worked_by_hand() -> None:
     found = compare(FIRST, SECOND)
+    for name, hits in (("first_better", 2), ("equal", 2), ("second_better", 1)):
+        assert found.pop(name) == hits
+        assert found.pop(f"{name}_share") == hits / 5
+        assert found.pop(f"{name}_share_interval") == list(wilson(hits, 5))
     assert found == {
         "controllers": ["first", "second"],
         "episodes": 5,
@@ -94,12 +98,27 @@ def test_comparison_worked_by_hand() -> None:
         "only_first_reaches": 1,
         "only_second_reaches": 0,
         "neither_reaches": 1,
+        "first_sooner": 1,
+        "same_time": 1,
+        "second_sooner": 1,
         "median_time_s": [200 * 0.025, 250 * 0.025],
         "time_ratio": pytest.approx(1.0),
-        "same_time": 1,
-        "faster_share": 0.5,
-        "faster_share_interval": list(wilson(1, 2)),
+        "time_saved_s": 0.0,
+        "total_time_ratio": pytest.approx(600 / 640),
     }
+
+
+def test_ties_are_rides_too() -> None:
+    """A share of only those rides that differ once made 92 % of what is 75 % of all."""
+    found = compare(FIRST, FIRST)
+    assert (found["equal"], found["equal_share"]) == (5, 1.0)
+    assert found["first_better_share"] == found["second_better_share"] == 0.0
+    text = comparison_as_text(compare(FIRST, SECOND))
+    assert "of 5 rides first does better in 2 (40.0 %" in text
+    assert "second in 1 (20.0 %" in text
+    assert "and 2 (40.0 %, 11.8 to 76.9) are equal" in text
+    assert "sooner in 1, as soon in 1 and later in 1" in text
+    assert "saves 0 s in the median ride, 0.00 % of the time, and 6.25 % of all the time" in text
 
 
 def test_comparison_of_different_rides_is_refused() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import signal
 from collections.abc import Callable, Iterator
 from itertools import pairwise
@@ -12,10 +13,12 @@ from typing import Any
 import pytest
 from bicycle_msgs.msg import BicycleState, EpisodeInfo, GoalStatus
 from bicycle_msgs.srv import LoadPolicy
+from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Path as PathMessage
 from node_process import NodeProcess
 from probe import Probe, goal
 
+from bicycle_controller.trained_for import UNLIKE
 from bicycle_sim.nodes import convert, interfaces
 from bicycle_sim.nodes.interfaces import COMMAND, GOAL_PATH, GOAL_POSE, GOAL_STATUS, STATE
 from bicycle_sim.parameters import Physics
@@ -269,6 +272,42 @@ def test_a_policy_that_cannot_be_loaded_changes_nothing(
         assert f"{name} stays in charge" in result.message
         assert result.policy == name
     assert sim.step().policy == name
+
+
+def test_a_policy_that_rides_another_bicycle_than_it_was_trained_on_is_warned_of(
+    start_sim: Any, start_controller: Any, probe: Probe
+) -> None:
+    """In the log, in the answer to who loads it, and in the diagnostics that the page shows."""
+    told: list[str] = []
+
+    def hear(array: DiagnosticArray) -> None:
+        told.extend(i.value for s in array.status for i in s.values if i.key == UNLIKE)
+
+    probe.node.create_subscription(DiagnosticArray, interfaces.DIAGNOSTICS.name, hear, 10)
+    start_sim(physics="corrected")
+    controller = start_controller("fixed-speed", diagnostics_period=0.1)
+    words = r"fixed-speed@\w+ was made for another ride .*gyroscopic_correction true, not false"
+    controller.wait_for_line(words)
+    probe.spin_until(lambda: any(re.search(words, text) for text in told))
+    answer = probe.call(interfaces.LOAD_POLICY, LoadPolicy.Request(path="naf"))
+    assert answer.success
+    assert "naf" in answer.message
+    assert "was made for another ride" in answer.message
+
+
+def test_a_policy_on_its_own_bicycle_is_not_warned_of(
+    start_sim: Any, start_controller: Any, probe: Probe
+) -> None:
+    told: list[DiagnosticArray] = []
+    probe.node.create_subscription(DiagnosticArray, interfaces.DIAGNOSTICS.name, told.append, 10)
+    start_sim()
+    controller = start_controller("fixed-speed", diagnostics_period=0.1)
+    probe.spin_until(
+        lambda: sum(i.key == UNLIKE for a in told for s in a.status for i in s.values) > 5
+    )
+    values = {i.value for a in told for s in a.status for i in s.values if i.key == UNLIKE}
+    assert values == {"no"}
+    assert "another ride" not in controller.output
 
 
 def test_it_rides_without_torch(start_controller: Any) -> None:

@@ -166,6 +166,17 @@ def test_a_controller_killed_on_the_way_is_reported(
     assert "3 of 3 reached" in ride.output
 
 
+def test_a_policy_that_rides_another_bicycle_than_it_was_trained_on_is_warned_of(
+    start_node: Start, tmp_path: Path
+) -> None:
+    words = ["--goals", "1", "simulator.physics:=corrected", "simulator.pace:=lockstep"]
+    ride = start_node(RIDE, [*words, "--output", tmp_path / "run"])
+    ride.wait(120)
+    ride.wait_for_line("event .*fixed-speed@.* was made for another ride")
+    events = json.loads((tmp_path / "run" / "summary.json").read_text())["events"]
+    assert any("gyroscopic_correction true, not false" in event for event in events)
+
+
 def test_without_respawn_a_dead_controller_ends_the_ride(
     start_node: Start, ros_domain: int, tmp_path: Path
 ) -> None:

@@ -25,6 +25,7 @@ from bicycle_controller.nodes.controller_settings import ControllerSettings
 from bicycle_controller.nodes.loading import Making, PolicyLoader
 from bicycle_controller.nodes.messages import from_event, from_hand_over
 from bicycle_controller.policy import PolicyError, load_controller
+from bicycle_controller.trained_for import UNLIKE, unlike_training, warning
 from bicycle_sim.nodes import convert, interfaces
 from bicycle_sim.nodes.interfaces import Topic, advertise, listen
 from bicycle_sim.nodes.params import declare
@@ -32,6 +33,7 @@ from bicycle_sim.nodes.realtime import Priority
 from bicycle_sim.nodes.report import OK, WARN, percentiles, status
 from bicycle_sim.nodes.runner import LOOP_EXECUTOR, UserError, run
 from bicycle_sim.parameters import Physics
+from bicycle_sim.scenario import Scenario
 from bicycle_sim.settings import describe
 
 NAME = "bicycle_controller"
@@ -58,6 +60,8 @@ class ControllerNode(Node):
         self._driver = self._make_driver()
         self._in_use = threading.Lock()
         self._simulator_limits = NO_LIMITS
+        self._ridden: tuple[Physics, Scenario] | None = None
+        self._unlike = ""
         self._bad_states = 0
         self._heard = time.monotonic()
         self._state_was_bad = False
@@ -162,8 +166,10 @@ class ControllerNode(Node):
             self._driver.tracker.radius = scenario.goal_radius
         with self._in_use:
             self._simulator_limits = scenario.action_limits
+            self._ridden = physics, scenario
             self._limit()
             self._suit(physics)
+            self._compare()
         wait = physics.constants.time_step - WARM_UP
         self._warms_up = info.pace == "realtime" and 0.0 < wait < SILENCE
         if self._warms_up:
@@ -172,6 +178,16 @@ class ControllerNode(Node):
         told = self._priority.take(wanted)
         if told:
             self.get_logger().info(told)
+
+    def _compare(self) -> None:
+        """Warn where the policy rides another bicycle than it was trained on."""
+        if self._ridden is None:
+            return
+        policy = self._driver.policy
+        told = warning(policy.policy_id, unlike_training(policy, *self._ridden))
+        if told and told != self._unlike:
+            self._warn(told)
+        self._unlike = told
 
     def _limit(self) -> None:
         """Send nothing that the simulator would refuse."""
@@ -251,12 +267,18 @@ class ControllerNode(Node):
         text = f"goal {event.goal.goal_id} ({x:g}, {y:g}) {name}: {event.message}"
         self.get_logger().info(text)
 
-    def _swap(self, policy: Controller) -> None:
-        """Ride with another policy from the next state on; called in another thread."""
+    def _swap(self, policy: Controller) -> str:
+        """Ride with another policy from the next state on; called in another thread.
+
+        Returns:
+            What must be known of it; empty where nothing.
+        """
         with self._in_use:
             self._driver.policy = policy
             self._limit()
             self._suit(self._physics)
+            self._compare()
+            return self._unlike
 
     def _on_report(self) -> None:
         array = DiagnosticArray(status=[self._status()])
@@ -276,7 +298,7 @@ class ControllerNode(Node):
         if other:
             text = f"stands by: {other} drives this bicycle"
         bad = self._state_was_bad or driver.failing or bool(driver.driving or other)
-        bad = bad or silence > SILENCE
+        bad = bad or silence > SILENCE or bool(self._unlike)
         name = f"{self.get_fully_qualified_name().lstrip('/')}: policy"
         values: dict[str, object] = {
             "policy": driver.policy.policy_id,
@@ -286,6 +308,7 @@ class ControllerNode(Node):
             "answers by the fallback": driver.handed_over,
             **driver.safety_facts(),
             "bad states": self._bad_states,
+            UNLIKE: self._unlike or "no",
             "goals waiting": driver.tracker.waiting,
             **percentiles(list(driver.times), "answer"),
             **percentiles(list(driver.policy_times), "policy"),

@@ -49,14 +49,15 @@ class PolicyLoader:
     """Answers `bicycle/load_policy` on a node and in a thread of its own, beside the loop."""
 
     def __init__(
-        self, node: Node, present: Callable[[], str], swap: Callable[[Controller], None]
+        self, node: Node, present: Callable[[], str], swap: Callable[[Controller], str]
     ) -> None:
         """Begin to answer.
 
         Args:
             node: of the loop.
             present: the id of the policy in charge.
-            swap: puts a policy in charge; called in the loader's thread.
+            swap: puts a policy in charge and gives what must be known of it; called in the
+                loader's thread.
         """
         self._present, self._swap = present, swap
         self._node = Node(
@@ -87,8 +88,10 @@ class PolicyLoader:
     ) -> LoadPolicy.Response:
         try:
             policy = load(request.path)
-            self._swap(policy)
+            told = self._swap(policy)
             response.success, response.message = True, f"{policy.policy_id} is in charge"
+            if told:
+                response.message += f"; {told}"
         except PolicyError as error:
             kept = self._present()
             response.success, response.message = False, f"{error}; {kept} stays in charge"

@@ -27,13 +27,12 @@ EVALUATED = (
 def is_better(comparison: dict[str, Any]) -> bool:
     """Whether the first policy of `bicycle evaluate --against` is the better one.
 
-    It reaches more goals less falls, or as many and is sooner in more than half of the rides
-    that differ.
+    It reaches more goals less falls, or as many and does better in more rides than the other.
     """
     new, old = comparison, comparison["against"]
     gain = (new["reach_rate"] - new["fall_rate"]) - (old["reach_rate"] - old["fall_rate"])
-    sooner = comparison["comparison"]["faster_share"]
-    return gain > 0 or (gain == 0 and sooner is not None and sooner > 0.5)
+    rides = comparison["comparison"]
+    return gain > 0 or (gain == 0 and rides["first_better"] > rides["second_better"])
 
 
 def text_of(before: dict[str, Any], after: dict[str, Any], comparison: dict[str, Any]) -> str:
@@ -44,9 +43,11 @@ def text_of(before: dict[str, Any], after: dict[str, Any], comparison: dict[str,
     lines += [_row(f"  {label}", *_cells(before, after, k, form)) for label, k, form in RIDDEN]
     lines.append(f"the same {new['episodes']:,} random pairs, in simulation:")
     lines += [_row(f"  {label}", *_cells(old, new, k, form)) for label, k, form in EVALUATED]
-    sooner = comparison["comparison"]["faster_share"]
-    if sooner is not None:
-        lines.append(f"sooner at the goal in {sooner:.1%} of the rides that differ")
+    rides = comparison["comparison"]
+    lines.append(
+        f"better in {rides['first_better']:,} of them, equal in {rides['equal']:,}, worse in "
+        f"{rides['second_better']:,}"
+    )
     better = is_better(comparison)
     lines.append("the new policy is better" if better else "the new policy is NOT better")
     return "\n".join(lines)

@@ -69,7 +69,7 @@ class Ride:
         self._crew = Crew(commands, options.folder, registry_of(workspace()), saves)
         self._ctrl_c = 0
         self._plan = Plan(options.draw_goals())
-        self._deaths = 0
+        self._deaths = self._warned = 0
         self._last_step = (0, 0)
         self._stepped = time.monotonic()
         self._sent = math.inf
@@ -102,6 +102,7 @@ class Ride:
             self._rider.spin()
             self._check_processes()
             self._take_changes()
+            self._take_warnings()
             self._check_bicycle()
             self._show()
 
@@ -194,6 +195,12 @@ class Ride:
                 self._send()
         if time.monotonic() - self._sent > ECHO:
             self._send()
+
+    def _take_warnings(self) -> None:
+        """Keep what the controller warns of for the summary."""
+        for line in self._rider.warnings[self._warned :]:
+            self._warned += 1
+            self._note(line)
 
     def _check_processes(self) -> None:
         """Replace a dead controller; any other death ends the ride.

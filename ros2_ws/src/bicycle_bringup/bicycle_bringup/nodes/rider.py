@@ -10,12 +10,14 @@ from typing import Any
 
 from bicycle_msgs.msg import BicycleState, GoalStatus
 from bicycle_msgs.srv import Reset
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from bicycle_bringup.course import Point
+from bicycle_controller.trained_for import UNLIKE
 from bicycle_sim.nodes import interfaces
 from bicycle_sim.nodes.interfaces import Topic, advertise, listen
 
@@ -42,17 +44,20 @@ class Rider(Node):
     Attributes:
         state: newest state; None before the first.
         changes: changes of goals that nobody has taken yet, oldest first.
+        warnings: what the controller warned of, each line once, oldest first.
     """
 
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.state: BicycleState | None = None
         self.changes: deque[GoalStatus] = deque()
+        self.warnings: list[str] = []
         self._dead: set[bytes] = set()
         self._heard = self._moved = time.monotonic()
         self._goal_publishers = advertise(self, interfaces.GOAL_POSE, interfaces.GOAL_PATH)
         listen(self, interfaces.STATE, self._on_state, depth=1)
         listen(self, interfaces.GOAL_STATUS, lambda message: self.changes.append(message))
+        listen(self, interfaces.DIAGNOSTICS, self._on_diagnostics)
         self._reset = self.create_client(interfaces.RESET.type, interfaces.RESET.name)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self)
@@ -62,6 +67,13 @@ class Rider(Node):
         self._heard = time.monotonic()
         if before is None or (before.episode, before.step) != (message.episode, message.step):
             self._moved = self._heard
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        for status in array.status:
+            for item in status.values:
+                told = item.key == UNLIKE and item.value != "no"
+                if told and item.value not in self.warnings:
+                    self.warnings.append(item.value)
 
     def silence(self) -> float:
         """s since the last state, or since this node was made."""

@@ -1,0 +1,66 @@
+"""In what a ride differs from those that a controller was made for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from policy_maker import make_policy
+
+from bicycle_controller.controllers import Controller
+from bicycle_controller.lqr import LqrController
+from bicycle_controller.policy import Policy, load_policy
+from bicycle_controller.trained_for import differences, unlike_training, warning
+from bicycle_sim.parameters import Constants, Physics
+from bicycle_sim.scenario import SCENARIOS
+
+FAITHFUL = Physics()
+LONG = Physics(constants=replace(Constants(), wheelbase=1.2, bicycle_mass=14.0))
+
+
+def test_each_constant_and_switch_that_differs_is_named() -> None:
+    assert differences(FAITHFUL, FAITHFUL) == []
+    assert differences(FAITHFUL, LONG) == ["wheelbase 1.2, not 1.11", "bicycle_mass 14, not 15"]
+    assert differences(Physics.named("corrected"), FAITHFUL) == [
+        "chord_follows_steering false, not true",
+        "gyroscopic_correction false, not true",
+        "stop_absorbs_steering false, not true",
+    ]
+    assert differences(FAITHFUL, replace(FAITHFUL, displacement_noise=0.02)) == [], "a disturbance"
+
+
+@pytest.mark.parametrize("controller", [make_policy(), LqrController()])
+def test_a_controller_is_compared_with_what_it_was_made_for(controller: Controller) -> None:
+    assert unlike_training(controller, FAITHFUL) == []
+    assert unlike_training(controller, LONG) == [
+        "wheelbase 1.2, not 1.11",
+        "bicycle_mass 14, not 15",
+    ]
+
+
+def test_the_speed_counts_as_far_as_the_policy_was_trained_for_it() -> None:
+    fixed, learned = load_policy("fixed-speed"), load_policy("learned-speed")
+    scenario = SCENARIOS["random-start-random-goal"]
+    slow = replace(scenario, start_speed=1.5)
+    assert unlike_training(fixed, FAITHFUL, scenario) == []
+    assert unlike_training(fixed, FAITHFUL, slow) == ["start speed 1.5 m/s, not 2.78"]
+    assert unlike_training(learned, FAITHFUL, slow) == []
+    fast = replace(scenario, start_speed=9.0)
+    assert unlike_training(learned, FAITHFUL, fast) == ["start speed 9 m/s, not 1 to 5"]
+
+
+def test_what_says_nothing_of_itself_differs_in_nothing() -> None:
+    class Free:
+        policy_id = "free"
+
+        act = Policy.act
+
+    assert unlike_training(Free(), LONG, SCENARIOS["fixed-start-fixed-goal"]) == []
+
+
+def test_the_warning_is_one_line_with_the_remedy() -> None:
+    assert warning("mine", []) == ""
+    text = warning("mine", ["wheelbase 1.2, not 1.11"])
+    assert text.startswith("policy mine was made for another ride (wheelbase 1.2, not 1.11)")
+    assert "train one for this" in text
+    assert "\n" not in text
