@@ -18,7 +18,7 @@ typedef float Vector __attribute__((vector_size(LANES * sizeof(float)), aligned(
 
 inline Vector load(const float* from) { return *reinterpret_cast<const Vector*>(from); }
 inline void store(float* to, Vector value) { *reinterpret_cast<Vector*>(to) = value; }
-inline Vector all(float value) { return Vector{} + value; }
+inline Vector all(float value) { return value - Vector{}; }
 inline Vector positive(Vector value) { return value > 0.0f ? value : Vector{}; }
 
 // A(m, k) = a[m * down + k * deep]; B's row k starts at b + k * width.
