@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
 
 NAME = "bicycle_sim"
 VERSION = next(
@@ -15,6 +15,15 @@ setup(
     name=NAME,
     version=VERSION,
     packages=find_packages(),
+    ext_modules=[
+        # Not a module but a library, see native_task.py, which does without it.
+        Extension(
+            f"{NAME}._native_task",
+            [f"{NAME}/native_task.cpp"],
+            extra_compile_args=["-O3", "-ffp-contract=off", "-std=c++17"],
+            optional=True,
+        )
+    ],
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
@@ -22,7 +31,7 @@ setup(
     install_requires=["numpy", "pyyaml"],
     extras_require={"gym": ["gymnasium"], "test": ["pytest"]},
     python_requires=">=3.10",
-    zip_safe=True,
+    zip_safe=False,
     maintainer="Self-driving bicycle maintainers",
     maintainer_email="maintainers@self-driving-bicycle.org",
     description="A simulated bicycle: dynamics, reward, task and ROS 2 node.",

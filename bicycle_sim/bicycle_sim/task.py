@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bicycle_sim import dynamics
+from bicycle_sim import dynamics, native_task
 from bicycle_sim.dynamics import State
 from bicycle_sim.geometry import heading_between, heading_error, wrap_angle
+from bicycle_sim.native_task import DISTANCE, OBSERVED, REWARD, STEPS, TERMS, NativeStep
 from bicycle_sim.parameters import Physics
 from bicycle_sim.reward import reward_terms
 from bicycle_sim.scenario import Scenario
@@ -30,6 +31,11 @@ OBSERVATION_FIELDS = (
 
 ACTION_FIELDS = ("torque", "displacement", "pedal_force")
 """The three actions in the authors' order: N m, m, N."""
+
+TERM_FIELDS = ("lean_angle", "lean_rate", "lean_acceleration", "heading_error")
+"""The terms of the reward, equation 20, in the order in which they are added."""
+
+NOT_FINITE = "action holds a value that is not finite"
 
 
 @dataclass(frozen=True)
@@ -48,6 +54,8 @@ class Step:
     """bool: the bicycle lies; its state is frozen and its reward repeats (row 25)."""
     terms: dict[str, np.ndarray]
     """The reward by named term."""
+    distance: np.ndarray
+    """m from each rear contact to its goal."""
 
 
 class BicycleTask:
@@ -63,7 +71,7 @@ class BicycleTask:
         physics: Physics | None = None,
         count: int = 1,
         rng: np.random.Generator | None = None,
-        advance: Callable[..., State] = dynamics.step,
+        advance: Callable[..., State] | None = None,
     ) -> None:
         """Place `count` bicycles at their first start.
 
@@ -72,7 +80,9 @@ class BicycleTask:
             physics: faithful by default.
             count: N.
             rng: source of starts, goals and displacement noise; unseeded by default.
-            advance: what moves the bicycles, with the arguments of `dynamics.step`.
+            advance: what moves the bicycles, with the arguments and the bits of
+                `dynamics.step`; by default `native_task` where it was built, which makes the
+                whole step of the task, else `dynamics.step`.
 
         Raises:
             ValueError: when `count` is below 1.
@@ -83,7 +93,10 @@ class BicycleTask:
         self.physics = physics or Physics()
         self.count = count
         self.rng = rng if rng is not None else np.random.default_rng()
-        self.advance = advance
+        self.advance = advance or dynamics.step
+        self._native: NativeStep | None = None
+        if advance is None and native_task.load() is not None:
+            self._native = NativeStep(scenario, self.physics)
         self.steps = np.zeros(count, dtype=np.int64)
         self.fallen = np.zeros(count, dtype=bool)
         self.goal_x = np.zeros(count)
@@ -92,6 +105,18 @@ class BicycleTask:
         zero = np.zeros(count)
         self.state = dynamics.upright(zero, zero, zero, zero + 1.0, self.physics.constants)
         self.reset()
+
+    @property
+    def state(self) -> State:
+        """The bicycles as they are."""
+        if self._state is None:
+            assert self._native is not None
+            self._state = self._native.state()
+        return self._state
+
+    @state.setter
+    def state(self, state: State) -> None:
+        self._state: State | None = state
 
     def reset(self, mask: np.ndarray | None = None) -> None:
         """Draw new starts, headings and goals for the bicycles of `mask` (N,), or for all."""
@@ -150,17 +175,50 @@ class BicycleTask:
         action = np.asarray(action, dtype=np.float64)
         if action.shape != (self.count, 3):
             raise ValueError(f"action must have shape ({self.count}, 3), not {action.shape}")
-        if not np.isfinite(action).all():
-            raise ValueError("action holds a value that is not finite")
+        noisy = self.physics.displacement_noise > 0
+        if (noisy or self._native is None) and not np.isfinite(action).all():
+            raise ValueError(NOT_FINITE)
+        noise = None
+        if noisy:
+            spread = self.physics.displacement_noise
+            noise = self.rng.uniform(-spread, spread, self.count)
+        if self._native is None:
+            return self._step(action, noise)
+        return self._step_natively(self._native, action, noise)
+
+    def _step_natively(
+        self, native: NativeStep, action: np.ndarray, noise: np.ndarray | None
+    ) -> Step:
+        """`_step` in one call."""
+        if not native.step(self, self._state, action, noise):
+            raise ValueError(NOT_FINITE)
+        self._state = None
+        result, ends = native.result, native.ends
+        reward = result[REWARD]
+        self.steps = native.wholes[STEPS]
+        self.fallen = ends[2]
+        self._frozen_reward = reward
+        native.follow(self)
+        return Step(
+            result[OBSERVED:REWARD].T,
+            reward,
+            ends[0],
+            ends[1],
+            self.fallen,
+            dict(zip(TERM_FIELDS, result[TERMS:DISTANCE], strict=True)),
+            result[DISTANCE],
+        )
+
+    def _step(self, action: np.ndarray, noise: np.ndarray | None) -> Step:
+        """One step in numpy, which is what `native_task` is held against."""
         limits = self.scenario.action_limits
         # Column by column, so that the dynamics works on contiguous arrays.
         torque, displacement, pedal = (
             np.minimum(np.maximum(wanted, -limit), limit)
             for wanted, limit in zip(action.T, limits, strict=True)
         )
-        if self.physics.displacement_noise > 0:
-            spread = self.physics.displacement_noise
-            displacement = displacement + self.rng.uniform(-spread, spread, self.count)
+        if noise is not None:
+            displacement = displacement + noise
         moved = self.advance(
             self.state, torque, displacement, pedal, self.physics, self.scenario.speed_limits
         )
@@ -172,7 +230,7 @@ class BicycleTask:
 
     def _outcome(self, was_fallen: np.ndarray) -> Step:
         """Reward and ends of the step just made; a fallen bicycle's last reward repeats."""
-        observation = self.observation()
+        observation, distance = self.observation(), self.goal_distance()
         error = observation[:, 5]
         s = self.state
         terms = reward_terms(
@@ -181,9 +239,9 @@ class BicycleTask:
         fresh = terms["lean_angle"] + terms["lean_rate"] + terms["lean_acceleration"]
         reward = np.where(was_fallen, self._frozen_reward, fresh + terms["heading_error"])
         self._frozen_reward = reward
-        terminated = ~self.fallen & (self.goal_distance() <= self.scenario.goal_radius)
+        terminated = ~self.fallen & (distance <= self.scenario.goal_radius)
         truncated = ~terminated & (self.steps >= self.scenario.max_steps)
-        return Step(observation, reward, terminated, truncated, self.fallen, terms)
+        return Step(observation, reward, terminated, truncated, self.fallen, terms, distance)
 
     def observation(self) -> np.ndarray:
         """The six states of every bicycle, (N, 6), see OBSERVATION_FIELDS."""

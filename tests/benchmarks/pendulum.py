@@ -57,7 +57,7 @@ class PendulumTask:
             found = env.step(np.clip(action[index, :1], -2.0, 2.0).astype(np.float32))
             self._observation[index, :3], reward[index], _, truncated[index], _ = found
         no = np.zeros(count, dtype=bool)
-        return Step(self.observation(), reward, no, truncated, no, {})
+        return Step(self.observation(), reward, no, truncated, no, {}, np.zeros(count))
 
 
 def pendulum_run(preset: str, *overrides: str) -> RunConfig:
