@@ -17,7 +17,6 @@ from bicycle_controller.policy import load_controller
 from bicycle_controller.replay import OBSERVATIONS, Returns, Valuation
 from bicycle_controller.starts import restart, ride_on, training_scenario
 from bicycle_controller.tensor_dynamics import TensorDynamics
-from bicycle_sim import dynamics
 from bicycle_sim.dynamics import State
 from bicycle_sim.task import BicycleTask, Step
 
@@ -64,10 +63,11 @@ class Collector:
         seeds = np.random.SeedSequence(config.seed).spawn(3)
         task_rng, noise_rng, self.warm_rng = map(np.random.default_rng, seeds)
         scenario = training_scenario(config.scenario, config.starts)
-        advance = dynamics.step if device == "cpu" else TensorDynamics(device)
+        advance = None if device == "cpu" else TensorDynamics(device)
         self.task = BicycleTask(scenario, config.physics, config.bicycles, task_rng, advance)
         self.limits = scenario.action_limits
         self.driven = driven(self.limits)
+        self._spread = self.limits[self.driven]
         learner, actions = config.learner, len(self.driven)
         self.noise = Noise(config.noise, config.bicycles, actions, noise_rng)
         teacher, spread = config.teacher, np.arange(config.bicycles + 1) * config.teacher.share
@@ -97,7 +97,7 @@ class Collector:
         shown = self._shown()
         action = self._chosen(agent, shown)
         physical = np.zeros((self.config.bicycles, 3))
-        physical[:, self.driven] = action * self.limits[self.driven]
+        physical[:, self.driven] = action * self._spread
         before = self._seen(self.observation)
         step = self.task.step(physical)
         self.replay.add(
@@ -145,7 +145,7 @@ class Collector:
         if self.teacher is None:
             return None
         action = self.teacher.act(self.observation, self.task.state.speed)
-        return np.clip(action[:, self.driven] / self.limits[self.driven], -1.0, 1.0)
+        return np.clip(action[:, self.driven] / self._spread, -1.0, 1.0)
 
     def _chosen(self, agent: Chooser, shown: np.ndarray | None) -> np.ndarray:
         """Normalised actions (N, actions): at random in the warm-up, else the noisy policy's.
@@ -160,7 +160,7 @@ class Collector:
             action = agent.act(self.observation) + noise
         if shown is not None:
             action[self.taught] = shown[self.taught] + noise[self.taught]
-        return self._finite(np.clip(action, -1.0, 1.0))
+        return self._finite(np.minimum(np.maximum(action, -1.0), 1.0))
 
     def _finite(self, action: np.ndarray) -> np.ndarray:
         """The actions as they are.

@@ -86,7 +86,7 @@ class EpisodeLog:
         standing = ~step.fallen
         self.upright += standing
         self.speed += np.where(standing, task.state.speed, 0.0)
-        terms = np.stack([step.terms[name] for name in TERMS], axis=1)
+        terms = np.array([step.terms[name] for name in TERMS]).T
         self.terms += terms
         for index in self.open:
             if standing[index] and task.steps[index] % self.config.track_step == 0:

@@ -73,6 +73,7 @@ class Replay:
         self.actions = actions
         self.columns = [observations, actions, observations, 1, 1, 1, 1, 1] + [actions] * shown
         self.table = torch.zeros((capacity, sum(self.columns)), device=device)
+        self._rows = self.table.numpy() if self.table.device.type == "cpu" else None
         self.size = 0
         self.position = 0
 
@@ -93,13 +94,19 @@ class Replay:
             )
         if not np.isfinite(rows).all():
             raise ValueError("a transition holds a value that is not finite")
-        source = torch.from_numpy(np.ascontiguousarray(rows, dtype=np.float32))
         first = min(count, self.capacity - self.position)
-        self.table[self.position : self.position + first] = source[:first].to(self.table.device)
+        self._put(self.position, rows[:first])
         if first < count:
-            self.table[: count - first] = source[first:].to(self.table.device)
+            self._put(0, rows[first:])
         self.position = (self.position + count) % self.capacity
         self.size = min(self.size + count, self.capacity)
+
+    def _put(self, position: int, rows: np.ndarray) -> None:
+        if self._rows is not None:
+            self._rows[position : position + len(rows)] = rows
+            return
+        source = torch.from_numpy(np.ascontiguousarray(rows, dtype=np.float32))
+        self.table[position : position + len(rows)] = source.to(self.table.device)
 
     def sample(self, count: int, generator: torch.Generator) -> Batch:
         """`count` transitions drawn evenly, with repetition; one gather for several updates.
@@ -223,29 +230,69 @@ class Returns:
         Returns:
             The transitions that are complete now, (M, width) float32, for `Replay.add`.
         """
-        worth, gamma = self.valuation, self.valuation.gamma
-        if worth.cost_cap > 0:
-            reward = np.maximum(reward, -worth.cost_cap)
-        reward = reward + shaping - worth.step_cost - worth.fall_penalty * fallen
-        absorbed = fallen & worth.absorbing
-        reward = np.where(absorbed, reward / (1.0 - gamma), reward)
-        ended = terminated | truncated | absorbed
+        reward, final = self._worth(reward, terminated, fallen, shaping)
         self.observation[self.slot], self.action[self.slot] = observation, action
         if shown is not None:
             self.shown[self.slot] = shown
+        ends = (terminated, truncated, fallen)
+        if self.valuation.n_step == 1:
+            self.sum[0], self.age[0] = reward + 0.0, 1
+            discount = np.where(final, 0.0, self.valuation.gamma)
+            kept = observation, action, next_observation
+            return self._rows(kept, (self.sum[0], discount, *ends), self.shown[0])
+        return self._push(reward, final, next_observation, ends)
+
+    def _worth(
+        self,
+        reward: np.ndarray,
+        terminated: np.ndarray,
+        fallen: np.ndarray,
+        shaping: np.ndarray | float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What the learner is told of a step's reward (N,), and whether nothing follows it."""
+        worth = self.valuation
+        if worth.cost_cap > 0:
+            reward = np.maximum(reward, -worth.cost_cap)
+        reward = reward + shaping - worth.step_cost - worth.fall_penalty * fallen
+        if not worth.absorbing:
+            return reward, terminated
+        return np.where(fallen, reward / (1.0 - worth.gamma), reward), terminated | fallen
+
+    def _push(
+        self,
+        reward: np.ndarray,
+        final: np.ndarray,
+        next_observation: np.ndarray,
+        ends: tuple[np.ndarray, np.ndarray, np.ndarray],
+    ) -> np.ndarray:
+        """Add a step's reward to what is pending; the transitions that are complete with it."""
+        n_step, gamma = self.valuation.n_step, self.valuation.gamma
         self.sum[self.slot], self.age[self.slot], self.open[self.slot] = 0.0, 0, True
         self.sum += np.where(self.open, gamma**self.age * reward, 0.0)
         self.age += self.open
-        ready = self.open & (ended | (self.age == worth.n_step))
+        ready = self.open & (final | ends[1] | (self.age == n_step))
         slots, who = np.nonzero(ready)
-        final = terminated | absorbed
         discount = np.where(final[who], 0.0, gamma ** self.age[slots, who])
         self.open &= ~ready
-        self.slot = (self.slot + 1) % worth.n_step
-        columns = (self.sum[slots, who], discount, terminated[who], truncated[who], fallen[who])
-        first = self.observation[slots, who], self.action[slots, who], next_observation[who]
-        parts = (*first, np.stack(columns, axis=1), self.shown[slots, who])
-        return np.concatenate(parts, axis=1).astype(np.float32)
+        self.slot = (self.slot + 1) % n_step
+        kept = self.observation[slots, who], self.action[slots, who], next_observation[who]
+        columns = (self.sum[slots, who], discount, *(end[who] for end in ends))
+        return self._rows(kept, columns, self.shown[slots, who])
+
+    @staticmethod
+    def _rows(
+        kept: tuple[np.ndarray, ...], columns: tuple[np.ndarray, ...], shown: np.ndarray
+    ) -> np.ndarray:
+        """Transitions side by side, (M, width) float32."""
+        count = len(shown)
+        blocks = [*kept, *columns, shown]
+        widths = [1 if block.ndim == 1 else block.shape[1] for block in blocks]
+        rows = np.empty((count, sum(widths)), dtype=np.float32)
+        at = 0
+        for block, width in zip(blocks, widths, strict=True):
+            rows[:, at : at + width] = block.reshape(count, width)
+            at += width
+        return rows
 
     def state_dict(self) -> dict[str, Any]:
         """What is pending."""

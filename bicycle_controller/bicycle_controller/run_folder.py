@@ -13,10 +13,14 @@ last.safetensors      the policy of the last evaluation
 
 from __future__ import annotations
 
+import fcntl
 import json
+import os
 import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
@@ -30,11 +34,34 @@ RESUMABLE = ("steps", "device", "threads", "save_every", "log_every", "evaluatio
 """What may change when a run goes on: nothing that its numbers so far depend on."""
 
 
+class BusyError(OSError):
+    """Another process trains in a run's folder."""
+
+
 @dataclass(frozen=True)
 class RunFolder:
     """The files of one run."""
 
     path: Path
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Keep other processes of this machine from training here; a crash lets go of it.
+
+        Raises:
+            BusyError: when another one does.
+            ValueError: when the folder cannot be made.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            folder = os.open(self.path, os.O_RDONLY)
+        except OSError as error:
+            raise ValueError(f"cannot write to {self.path}: {error.strerror}") from error
+        try:
+            _lock(folder, self.path)
+            yield
+        finally:
+            os.close(folder)
 
     @property
     def config(self) -> Path:
@@ -73,14 +100,22 @@ class RunFolder:
         except OSError as error:
             raise ValueError(f"cannot write to {self.path}: {error.strerror}") from error
 
+    def require(self) -> None:
+        """Refuse a folder without a run.
+
+        Raises:
+            ValueError: when this is one.
+        """
+        if not self.config.exists():
+            raise ValueError(f"{self.path} holds no run to resume: leave out --resume")
+
     def resumed_config(self, overrides: list[str]) -> RunConfig:
         """The run's configuration, with the changes that a run may go on with.
 
         Raises:
             ValueError: when there is no run here, or on a change that its numbers forbid.
         """
-        if not self.config.exists():
-            raise ValueError(f"{self.path} holds no run to resume: leave out --resume")
+        self.require()
         old, new = settings.load(self.config), settings.load(self.config, overrides)
         # Annealed learning rates depend on how many steps there will be.
         annealed = old.learner.learning_rate_end < 1.0
@@ -96,6 +131,16 @@ class RunFolder:
         if new != old:
             write_atomically(self.config, settings.dump(new).encode())
         return new
+
+
+def _lock(folder: int, path: Path) -> None:
+    """Lock an open folder, which unlocks as it is closed, by a crash too."""
+    try:
+        fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise BusyError(
+            f"another process trains in {path}: wait for it, or choose another --out"
+        ) from None
 
 
 def origin() -> dict[str, Any]:

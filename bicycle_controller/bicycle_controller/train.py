@@ -58,11 +58,13 @@ def run(
 
     Raises:
         ValueError: when the folder holds a run already.
+        BusyError: when another process trains there.
         RuntimeError: when training diverges.
     """
     files = RunFolder(folder)
-    files.create(config)
-    return Trainer(config, files).train(progress, stop)
+    with files.held():
+        files.create(config)
+        return Trainer(config, files).train(progress, stop)
 
 
 def resume(
@@ -81,13 +83,16 @@ def resume(
 
     Raises:
         ValueError: when there is no run, it cannot be read or a change is not allowed.
+        BusyError: when another process trains there.
         RuntimeError: when training diverges.
     """
     files = RunFolder(folder)
-    trainer = Trainer(files.resumed_config(list(overrides)), files)
-    if files.checkpoint.exists():
-        checkpoint.restore(files.checkpoint, trainer.load_state_dict)
-    return trainer.train(progress, stop)
+    files.require()
+    with files.held():
+        trainer = Trainer(files.resumed_config(list(overrides)), files)
+        if files.checkpoint.exists():
+            checkpoint.restore(files.checkpoint, trainer.load_state_dict)
+        return trainer.train(progress, stop)
 
 
 def usable_device(device: str) -> str:

@@ -177,3 +177,22 @@ def test_pending_returns_go_on_to_the_bit() -> None:
     for _ in range(4):
         found = [returns.push(*arguments, *flags) for returns in (rider.returns, other)]
         assert np.array_equal(found[0], found[1])
+
+
+@pytest.mark.parametrize("absorbing", [False, True])
+def test_one_step_returns_are_those_of_the_general_way(absorbing: bool) -> None:
+    """To the bit, and with the same pending state."""
+    worth = Valuation(1, 0.99, 0.3, absorbing, cost_cap=2.0, step_cost=0.1)
+    quick, general = (Returns(5, 2, worth, shown=True) for _ in range(2))
+    rng = np.random.default_rng(1)
+    for _ in range(300):
+        observation, action, following = (rng.normal(size=(5, width)) for width in (6, 2, 6))
+        reward, shown = -rng.exponential(1.0, 5) * rng.integers(0, 2, 5), rng.normal(size=(5, 2))
+        ends = tuple(rng.random((3, 5)) < 0.2)
+        made = quick.push(observation, action, reward, following, *ends, -0.0, shown)
+        worthy, final = general._worth(reward, ends[0], ends[2], -0.0)
+        general.observation[0], general.action[0], general.shown[0] = observation, action, shown
+        wanted = general._push(worthy, final, following, ends)
+        assert made.tobytes() == wanted.tobytes()
+        one, other = quick.state_dict(), general.state_dict()
+        assert all(np.array_equal(one[name], other[name]) for name in other)

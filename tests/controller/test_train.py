@@ -15,11 +15,13 @@ from run_compare import after, assert_same_run, rows, same, state_of
 from training_maker import SMALL, small_run
 
 from bicycle_controller import checkpoint, settings, train
+from bicycle_controller.agents.answer import Answer
 from bicycle_controller.config import RunConfig
 from bicycle_controller.policy import load_policy
-from bicycle_controller.run_folder import RunFolder
+from bicycle_controller.run_folder import BusyError, RunFolder
 from bicycle_controller.score import score
 from bicycle_controller.train_command import add_arguments, run_command
+from bicycle_sim import native_task
 
 PROGRAM = """
 import argparse, sys
@@ -75,6 +77,32 @@ def test_a_resumed_run_gives_the_same_numbers_to_the_bit(name: str, tmp_path: Pa
     kinds = [row["kind"] for row in rows(whole)]
     assert kinds.count("train") >= 2
     assert kinds.count("evaluation") >= 1
+
+
+def slowly(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take the readable way everywhere: numpy's step, the actor as a module."""
+    monkeypatch.setattr(native_task, "load", lambda: None)
+    monkeypatch.setattr(Answer, "__call__", Answer._called)
+
+
+@pytest.mark.parametrize("preset", ["authors", "paper", "naf", "ppo"])
+def test_the_quick_loop_makes_the_run_of_the_readable_one(
+    preset: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    changes = ["steps=1500", "starts.max_steps=60", "evaluation.episodes=5"]
+    changes += ["record.episodes=true", "record.tracks_every=2", "log_every=50"]
+    changes += ["scenario=learned-speed", "tensorboard=false", "seed=3"]
+    changes += ["ppo.rollout=32"] if preset == "ppo" else ["warm_up=300"]
+    changes += [f"evaluation.every={100 if preset == 'ppo' else 600}"]
+    config = settings.preset(preset, changes)
+    train.run(config, tmp_path / "quick")
+    slowly(monkeypatch)
+    train.run(config, tmp_path / "readable")
+    assert_same_run(tmp_path / "quick", tmp_path / "readable")
+    for name in ("episodes.csv", "tracks.csv"):
+        quick, readable = ((tmp_path / kind / name).read_bytes() for kind in ("quick", "readable"))
+        assert quick == readable
+        assert quick.count(b"\n") > 20
 
 
 def test_a_seed_repeats_a_run_and_another_does_not(tmp_path: Path) -> None:
@@ -230,6 +258,19 @@ def test_mistakes_with_folders_are_one_line_with_the_remedy(tmp_path: Path) -> N
     (tmp_path / "file").write_text("")
     with pytest.raises(ValueError, match="cannot write"):
         train.run(config, tmp_path / "file" / "run")
+
+
+def test_two_processes_never_train_in_one_folder(tmp_path: Path) -> None:
+    config = small_run("steps=10_000_000", "save_every=0.2")
+    process = start(command(tmp_path / "run", config=config))
+    wait_for(tmp_path / "run", process, 1)
+    with pytest.raises(BusyError, match=r"another process trains in .*run: wait for it"):
+        train.resume(tmp_path / "run")
+    with pytest.raises(BusyError):
+        train.run(config, tmp_path / "run")
+    process.kill()
+    process.communicate()
+    assert train.resume(tmp_path / "run", stop=lambda: True).status == "interrupted"
 
 
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 not a checkpoint", None])

@@ -1,4 +1,4 @@
-"""The task's step in C++ against the one in numpy: the same bits, whatever happens between steps."""
+"""The task's step in C++ against the one in numpy: the same bits, whatever happens between."""
 
 from __future__ import annotations
 
@@ -131,9 +131,7 @@ def test_it_sees_what_was_changed_between_steps(count: int) -> None:
     def up(task: BicycleTask) -> None:
         task.place(one, *(np.array([value]) for value in (1.0, 2.0, 0.3, 40.0, 50.0)))
 
-    for change in (
-        *(whole, field, in_place, single_precision, strided, goal, late, down, up),
-    ):
+    for change in (*(whole, field, in_place, single_precision, strided, goal, late, down, up),):
         ride(tasks, 3)
         for task in tasks:
             change(task)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from bicycle_controller.agents.answer import Answer
 from bicycle_controller.config import DdpgConfig
 from bicycle_controller.networks import Actor, Critic, initialise
 from bicycle_controller.replay import OBSERVATIONS, Batch, Replay
@@ -85,12 +87,13 @@ class Ddpg:
         self._sums: dict[str, Tensor] = {}
         self._counts: dict[str, int] = {}
 
-    @torch.no_grad()
     def act(self, observation: np.ndarray) -> np.ndarray:
         """Normalised actions (N, actions) for raw observations (N, 6), without noise."""
-        raw = torch.as_tensor(observation, dtype=torch.float32, device=self.device)
-        action: np.ndarray = self.actor(raw / self.scale[:OBSERVATIONS]).cpu().numpy()
-        return action
+        return self._answer(observation)
+
+    @cached_property
+    def _answer(self) -> Answer:
+        return Answer(self.actor, self.scale[:OBSERVATIONS])
 
     @property
     def deployed(self) -> Actor:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 
+from bicycle_controller.agents.answer import Answer
 from bicycle_controller.agents.notes import Notes
 from bicycle_controller.learner_config import NafConfig, PpoConfig
 from bicycle_controller.networks import Actor
@@ -68,11 +70,13 @@ class OneNetwork(Generic[Config]):
         """The policy to score and keep: the same."""
         return self.actor
 
-    @torch.no_grad()
     def act(self, observation: np.ndarray) -> np.ndarray:
         """Normalised actions (N, actions) for raw observations (N, 6), without noise."""
-        action: np.ndarray = self.actor(self.scaled(observation)).cpu().numpy()
-        return action
+        return self._answer(observation)
+
+    @cached_property
+    def _answer(self) -> Answer:
+        return Answer(self.actor, self.scale)
 
     def scaled(self, observation: np.ndarray) -> Tensor:
         """Raw observations (N, 6), scaled and on the device."""

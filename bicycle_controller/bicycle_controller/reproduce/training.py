@@ -12,7 +12,7 @@ from pathlib import Path
 from bicycle_controller import settings, sweep
 from bicycle_controller.config import RunConfig
 from bicycle_controller.reproduce.experiment import Arm, Experiment, Length, Variant
-from bicycle_controller.run_folder import RunFolder
+from bicycle_controller.run_folder import BusyError, RunFolder
 from bicycle_sim.scenario import named
 
 RECORD = ("record.episodes=true", "record.tracks_every=5", "tensorboard=false")
@@ -147,6 +147,8 @@ def there(run: Run) -> Run | None:
 def make(runs: list[Run], rides: int, address: str | None, parallel: int, progress: bool) -> int:
     """Make the runs that are not done: here one after another, or with Ray several at once.
 
+    A run that another process makes is left to it, so that two calls share the work.
+
     Args:
         runs: from `plan`.
         rides: of the score at the end of each.
@@ -165,9 +167,14 @@ def make(runs: list[Run], rides: int, address: str | None, parallel: int, progre
         sweep.sweep(left, rides, address, parallel, progress)
         return 0
     for number, job in enumerate(left, 1):
+        if job.result.exists():  # made by another process meanwhile
+            continue
         if progress:
             print(f"run {number} of {len(left)}: {job.folder}", file=sys.stderr)
-        result, policy = sweep.run_job(job, rides, sys.argv, progress)
+        try:
+            result, policy = sweep.run_job(job, rides, sys.argv, progress)
+        except BusyError:
+            continue
         sweep.store(job, result, policy)
         if result["status"] == "interrupted":
             return int(result["signal"])
