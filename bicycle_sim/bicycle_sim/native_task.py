@@ -120,7 +120,11 @@ class NativeStep:
         self._model = _model(scenario, physics)
         self._size = ctypes.c_long(0)
         arrays = np.zeros(_ARRAYS, dtype=np.uintp)
-        self._at = memoryview(arrays)
+        self._at = arrays.data
+        self._known: tuple[np.ndarray | None, ...]
+        self._views: tuple[np.ndarray, ...]
+        self._results: np.ndarray
+        self._results_at = self._ends_at = self._next = 0
         self._call = functools.partial(
             library.task_step,
             ctypes.byref(self._model),
@@ -201,7 +205,7 @@ class NativeStep:
     def _meet(self, task: BicycleTask) -> None:
         """Find the task's arrays where somebody has put others in their place."""
         for place, (name, kind) in _GIVEN.items():
-            array = np.ascontiguousarray(getattr(task, name), kind)
+            array: np.ndarray = np.ascontiguousarray(getattr(task, name), kind)
             setattr(task, name, array)
             self._at[place] = _address(array)
         self.follow(task)
@@ -220,8 +224,8 @@ class NativeStep:
         """Make memory for further results; what was made before is the callers'."""
         pooled = max(1, POOL // self._count)
         self._results = np.empty((pooled, ROWS, self._count))
-        self._wholes = self._results.view(np.int64)
-        self._ends = np.empty((pooled, 3, self._count), dtype=bool)
+        self._wholes: np.ndarray = self._results.view(np.int64)
+        self._ends: np.ndarray = np.empty((pooled, 3, self._count), dtype=bool)
         self._results_at, self._ends_at = _address(self._results), _address(self._ends)
         self._next = 0
 

@@ -95,6 +95,7 @@ class BicycleTask:
         self.rng = rng if rng is not None else np.random.default_rng()
         self.advance = advance or dynamics.step
         self._native: NativeStep | None = None
+        self._state: State | None = None
         if advance is None and native_task.load() is not None:
             self._native = NativeStep(scenario, self.physics)
         self.steps = np.zeros(count, dtype=np.int64)
@@ -116,7 +117,7 @@ class BicycleTask:
 
     @state.setter
     def state(self, state: State) -> None:
-        self._state: State | None = state
+        self._state = state
 
     def reset(self, mask: np.ndarray | None = None) -> None:
         """Draw new starts, headings and goals for the bicycles of `mask` (N,), or for all."""

@@ -188,11 +188,11 @@ def test_one_step_returns_are_those_of_the_general_way(absorbing: bool) -> None:
     for _ in range(300):
         observation, action, following = (rng.normal(size=(5, width)) for width in (6, 2, 6))
         reward, shown = -rng.exponential(1.0, 5) * rng.integers(0, 2, 5), rng.normal(size=(5, 2))
-        ends = tuple(rng.random((3, 5)) < 0.2)
-        made = quick.push(observation, action, reward, following, *ends, -0.0, shown)
-        worthy, final = general._worth(reward, ends[0], ends[2], -0.0)
+        goal, cut, fall = rng.random((3, 5)) < 0.2
+        made = quick.push(observation, action, reward, following, goal, cut, fall, -0.0, shown)
+        worthy, final = general._worth(reward, goal, fall, -0.0)
         general.observation[0], general.action[0], general.shown[0] = observation, action, shown
-        wanted = general._push(worthy, final, following, ends)
+        wanted = general._push(worthy, final, following, (goal, cut, fall))
         assert made.tobytes() == wanted.tobytes()
         one, other = quick.state_dict(), general.state_dict()
         assert all(np.array_equal(one[name], other[name]) for name in other)
