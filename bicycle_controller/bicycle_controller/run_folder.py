@@ -1,7 +1,7 @@
 """A run's folder: what was asked for, what came out, and all that is needed to go on.
 
 config.yaml           the whole configuration
-run.json              command, commit, version, seed, start
+run.json              command, commit, version, seed, start, processor
 log.jsonl             one line per row of metrics
 episodes.csv          what each training episode came to, where `record.episodes` is on
 tracks.csv            the ways of some, see `episode_log`
@@ -16,6 +16,7 @@ from __future__ import annotations
 import fcntl
 import json
 import os
+import platform
 import shlex
 import subprocess
 import sys
@@ -144,13 +145,22 @@ def _lock(folder: int, path: Path) -> None:
 
 
 def origin() -> dict[str, Any]:
-    """Where a run comes from: command, commit, version and time."""
+    """Where a run comes from: command, commit, version, time, and what its seconds are of."""
     return {
         "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         "commit": _commit(),
         "version": __version__,
         "started": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        "processor": processor(),
     }
+
+
+def processor() -> str:
+    """The processor's name, as the kernel has it."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor()
 
 
 def _commit() -> str:

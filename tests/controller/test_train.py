@@ -181,7 +181,8 @@ def test_the_folder_holds_what_it_promises(tmp_path: Path) -> None:
     assert settings.load(tmp_path / "run" / "config.yaml") == config
     about = json.loads((tmp_path / "run" / "run.json").read_text())
     assert about["seed"] == 7
-    assert {"command", "commit", "version", "started"} < about.keys()
+    assert {"command", "commit", "version", "started", "processor"} < about.keys()
+    assert about["processor"], "seconds of one processor are not those of another"
     assert (result.updates, result.steps) == (176, 1600)
     best = [row for row in rows(tmp_path / "run") if row["kind"] == "evaluation"]
     assert result.best is not None
