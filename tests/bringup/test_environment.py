@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
+from waiting import PATIENCE
 
 ROOT = Path(__file__).resolve().parents[2]
 WORKSPACE = ROOT / "ros2_ws"
@@ -122,7 +123,7 @@ def sourced(script: str, env: Mapping[str, str], shell: str = "bash") -> tuple[s
         cwd="/",
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE,
     )
     assert done.returncode == 0, done.stderr
     return done.stdout, done.stderr.splitlines()
@@ -249,7 +250,7 @@ def test_a_script_runs_in_a_shell_made_for_something_else(everything: dict[str, 
         env={**without_libraries(everything), "ROS_DOMAIN_ID": "101"},
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=PATIENCE,
     )
     assert done.returncode == 0, done.stderr
     assert "/parameter_events" in done.stdout
@@ -262,7 +263,7 @@ def test_a_module_in_the_working_directory_takes_no_other_s_place(foreign: Path)
     words = [str(WORKSPACE / "bin" / "bicycle"), "evaluate", "lqr", "--episodes", "1"]
     for folder in ("python", "standard"):
         done = subprocess.run(
-            words, env=BASE, cwd=foreign / folder, capture_output=True, text=True, timeout=300
+            words, env=BASE, cwd=foreign / folder, capture_output=True, text=True, timeout=PATIENCE
         )
         assert done.returncode == 0, done.stderr
 

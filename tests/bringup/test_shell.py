@@ -11,6 +11,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from waiting import PATIENCE
 
 WORKSPACE = Path(__file__).resolve().parents[2] / "ros2_ws"
 TOOLS = (
@@ -48,13 +49,18 @@ def bash(
     script: str, env: Mapping[str, str], cwd: Path = Path("/")
 ) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        ["bash", "-c", script], env=env, cwd=cwd, capture_output=True, text=True, timeout=60
+        ["bash", "-c", script], env=env, cwd=cwd, capture_output=True, text=True, timeout=PATIENCE
     )
 
 
 def run(words: Sequence[object], env: Mapping[str, str]) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [str(word) for word in words], env=env, cwd="/", capture_output=True, text=True, timeout=60
+        [str(word) for word in words],
+        env=env,
+        cwd="/",
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
     )
 
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import socket
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import aiohttp
 import pytest
+from waiting import until
 
 from bicycle_cockpit.bags import BagShelf
 from bicycle_cockpit.door import Door
@@ -46,13 +46,6 @@ def desk(tmp_path: Path) -> Iterator[Desk]:
     made = Desk(Door(), tmp_path)
     yield made
     made.server.stop()
-
-
-def wait_for(condition: Callable[[], object], patience: float = 10.0) -> None:
-    deadline = time.monotonic() + patience
-    while not condition():
-        assert time.monotonic() < deadline, "waited in vain"
-        time.sleep(0.01)
 
 
 Session = aiohttp.ClientSession
@@ -121,7 +114,7 @@ def test_an_open_server_wants_its_token(tmp_path: Path) -> None:
 
     try:
         asyncio.run(story())
-        wait_for(lambda: len(desk.joined) == 1)
+        until(lambda: len(desk.joined) == 1)
         assert not any(TOKEN in line for line in desk.lines)
     finally:
         desk.server.stop()
@@ -133,7 +126,7 @@ def test_requests_come_through_and_answers_go_to_who_asked(desk: Desk) -> None:
             one = await session.ws_connect(f"{desk.url}/ws", origin=desk.url)
             other = await session.ws_connect(f"{desk.url}/ws", origin=desk.url)
             await one.send_str('{"type":"step","id":5}')
-            await asyncio.to_thread(wait_for, lambda: desk.requests)
+            await asyncio.to_thread(until, lambda: desk.requests)
             page, request = desk.requests[0]
             desk.server.letter({"type": "answer", "id": request.id}, page)
             desk.server.letter({"type": "event"})
@@ -172,7 +165,7 @@ def test_a_message_too_large_ends_the_connection_with_a_line(desk: Desk) -> None
             return page.close_code
 
     assert asyncio.run(story()) == aiohttp.WSCloseCode.MESSAGE_TOO_BIG
-    wait_for(lambda: desk.lines)
+    until(lambda: desk.lines)
     assert desk.lines[0].endswith(f"size {MOST_BYTES + 1} exceeds limit {MOST_BYTES}")
 
 
@@ -205,7 +198,7 @@ def test_a_page_that_reads_nothing_holds_up_nobody(desk: Desk) -> None:
         async with Session() as session:
             page = await session.ws_connect(f"{desk.url}/ws", origin=desk.url)
             got = []
-            wait_for(lambda: len(desk.joined) == 2)
+            until(lambda: len(desk.joined) == 2)
             for number in desk.joined:
                 desk.server.letter({"type": "hello"}, number)
             await page.receive_json()
@@ -215,7 +208,7 @@ def test_a_page_that_reads_nothing_holds_up_nobody(desk: Desk) -> None:
             return got
 
     line = stalled()
-    wait_for(lambda: desk.joined)
+    until(lambda: desk.joined)
     assert asyncio.run(story()) == list(range(600))
     assert desk.server.dropped > 0
     line.close()
@@ -231,7 +224,7 @@ def test_the_end_tells_the_pages(desk: Desk) -> None:
     async def story() -> int | None:
         async with Session() as session:
             page = await session.ws_connect(f"{desk.url}/ws", origin=desk.url)
-            await asyncio.to_thread(wait_for, lambda: desk.joined)
+            await asyncio.to_thread(until, lambda: desk.joined)
             last = asyncio.create_task(page.receive())
             await asyncio.to_thread(desk.server.stop)
             await last

@@ -3,11 +3,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 from policy_maker import make_policy
+from waiting import finish, until
 
 from bicycle_controller import cli
 from bicycle_controller.evaluate import evaluate
@@ -229,17 +229,16 @@ def test_ctrl_c_ends_without_a_traceback(tmp_path: Path) -> None:
         [*BICYCLE, *words],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
+        text=True,
         # A test run in a shell's background ignores SIGINT, and so would this.
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
-    while not begun.exists():
-        assert process.poll() is None
-        time.sleep(0.01)
+    until(begun.exists, process)
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    out, err = finish(process)
     assert process.returncode == 130
-    assert out == b""
-    assert err == b"bicycle evaluate: interrupted\n"
+    assert out == ""
+    assert err == "bicycle evaluate: interrupted\n"
 
 
 def test_help_loads_nothing_heavy() -> None:

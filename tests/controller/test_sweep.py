@@ -3,11 +3,11 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+from waiting import PATIENCE, until
 
 from bicycle_controller import cli, settings, sweep, train
 from bicycle_controller.evaluate import evaluate
@@ -137,11 +137,7 @@ def test_a_killed_sweep_keeps_what_is_done_and_goes_on(tmp_path: Path) -> None:
         command += ["--set", change]
     results = [out / "fast" / SCENARIO / f"seed-{seed}" / "result.json" for seed in (1, 2)]
     killed = subprocess.Popen(command, start_new_session=True)
-    waited = time.monotonic() + 200
-    while not any(path.exists() for path in results):
-        assert killed.poll() is None, "ended before anything was done"
-        assert time.monotonic() < waited
-        time.sleep(0.05)
+    until(lambda: any(path.exists() for path in results), killed, 3 * PATIENCE)
     os.kill(killed.pid, signal.SIGKILL)
     killed.wait()
     done = {path: path.stat().st_mtime_ns for path in results if path.exists()}

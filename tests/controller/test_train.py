@@ -5,7 +5,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ import pytest
 import torch
 from run_compare import after, assert_same_run, rows, same, state_of
 from training_maker import SMALL, small_run
+from waiting import PATIENCE, finish, until
 
 from bicycle_controller import checkpoint, settings, train
 from bicycle_controller.agents.answer import Answer
@@ -24,12 +24,21 @@ from bicycle_controller.train_command import add_arguments, run_command
 from bicycle_sim import native_task
 
 PROGRAM = """
-import argparse, sys
+import argparse, os, signal, sys, threading, time
+from pathlib import Path
 from bicycle_controller.run_folder import RunFolder
 from bicycle_controller.score import score
 from bicycle_controller.train_command import add_arguments, run_command
 parser = argparse.ArgumentParser()
 add_arguments(parser)
+if lines := int(os.environ.get("KILLED_AFTER_LINES", 0)):
+    folder = Path(sys.argv[sys.argv.index("--out") + 1])
+    def strike():
+        log, state = folder / "log.jsonl", folder / "checkpoint" / "state.pt"
+        while not (state.exists() and log.read_bytes().count(b"\\n") >= lines):
+            time.sleep(0.001)
+        os.kill(os.getpid(), signal.SIGKILL)
+    threading.Thread(target=strike, daemon=True).start()
 try:
     sys.exit(run_command(parser.parse_args()))
 except ValueError as error:
@@ -127,35 +136,31 @@ def command(folder: Path, *arguments: str, config: RunConfig | None = None) -> l
     return words
 
 
-def start(words: list[str]) -> subprocess.Popen[str]:
-    pipe, one_thread = subprocess.PIPE, os.environ | {"OMP_NUM_THREADS": "1"}
-    return subprocess.Popen(words, text=True, env=one_thread, stdout=pipe, stderr=pipe)
+def start(words: list[str], **variables: str) -> subprocess.Popen[str]:
+    pipe, env = subprocess.PIPE, {**os.environ, "OMP_NUM_THREADS": "1", **variables}
+    return subprocess.Popen(words, text=True, env=env, stdout=pipe, stderr=pipe)
 
 
 def wait_for(path: Path, process: subprocess.Popen[str], lines: int) -> None:
     """Until the log has so many lines and there is a checkpoint."""
-    limit = time.monotonic() + 120
-    while process.poll() is None and time.monotonic() < limit:
-        log, state = path / "log.jsonl", path / "checkpoint" / "state.pt"
-        if state.exists() and log.exists() and log.read_bytes().count(b"\n") >= lines:
-            return
-        time.sleep(0.02)
-    raise AssertionError(f"no log of {lines} lines: {process.communicate()}")
+    log, state = path / "log.jsonl", path / "checkpoint" / "state.pt"
+    until(lambda: state.exists() and log.read_bytes().count(b"\n") >= lines, process)
 
 
 def test_a_run_killed_at_any_moment_goes_on_to_the_same_end(tmp_path: Path) -> None:
     config = small_run("steps=4000", "save_every=0.05")
     train.run(config, tmp_path / "whole")
     killed = tmp_path / "killed"
-    process = start(command(killed, config=config))
+    words = command(killed, config=config)
     for lines in (2, 8):
-        wait_for(killed, process, lines)
-        process.kill()
-        process.communicate()
-        assert process.returncode == -signal.SIGKILL
+        # It strikes itself: on a busy machine another process may come when it is done already.
+        process = start(words, KILLED_AFTER_LINES=str(lines))
+        _, err = finish(process)
+        assert process.returncode == -signal.SIGKILL, err
         assert checkpoint.load(killed / "checkpoint" / "state.pt")["updates"] > 0
-        process = start(command(killed, "--resume"))
-    out, err = process.communicate(timeout=120)
+        words = command(killed, "--resume")
+    process = start(words)
+    out, err = finish(process)
     assert process.returncode == 0, err
     assert "finished after 4000 steps" in out
     assert_same_run(tmp_path / "whole", killed)
@@ -168,7 +173,7 @@ def test_a_signal_saves_and_leaves(number: signal.Signals, code: int, tmp_path: 
     process = start(command(tmp_path / "run", config=config))
     wait_for(tmp_path / "run", process, 3)
     process.send_signal(number)
-    out, err = process.communicate(timeout=60)
+    out, err = finish(process)
     assert (process.returncode, err) == (code, "")
     assert "bicycle train --resume --out" in out
     state = state_of(tmp_path / "run")
@@ -323,7 +328,7 @@ def test_without_cuda_it_says_so_in_one_line_and_trains(
 def test_the_command_trains_and_prints_json(tmp_path: Path) -> None:
     words = command(tmp_path / "run", "--json", "--preset", "paper", "--seed", "3")
     overrides = [word for override in SMALL for word in ("--set", override)]
-    done = subprocess.run([*words, *overrides], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([*words, *overrides], capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert (result["status"], result["steps"], result["updates"]) == ("finished", 1600, 176)

@@ -12,12 +12,12 @@ from typing import Any
 
 import aiohttp
 from node_process import NodeProcess
+from waiting import PATIENCE
 
 COCKPIT = Path(__file__).resolve().parents[2] / "ros2_ws" / "cockpit.sh"
-PATIENCE = 30.0
 
 
-def address_of(cockpit: NodeProcess, timeout: float = 60.0) -> str:
+def address_of(cockpit: NodeProcess, timeout: float = PATIENCE) -> str:
     """What it prints for the browser."""
     return cockpit.wait_for_line(r"cockpit: (http://\S+)", timeout)[1]
 
@@ -74,7 +74,7 @@ class Page:
         number = self._number
         text = json.dumps({"type": kind, "id": number, **fields})
         assert self._socket is not None
-        asyncio.run_coroutine_threadsafe(self._socket.send_str(text), self._loop).result(5)
+        asyncio.run_coroutine_threadsafe(self._socket.send_str(text), self._loop).result(PATIENCE)
         return self.until(
             lambda: next(
                 (m for m in self.heard if m["type"] == "answer" and m["id"] == number), None
@@ -89,10 +89,10 @@ class Page:
             async with aiohttp.ClientSession() as session, session.get(url) as response:
                 return await response.json()
 
-        return asyncio.run_coroutine_threadsafe(fetch(), self._loop).result(30)
+        return asyncio.run_coroutine_threadsafe(fetch(), self._loop).result(PATIENCE)
 
     def close(self) -> None:
         """Leave."""
         if self._socket is not None and not self._loop.is_closed():
             asyncio.run_coroutine_threadsafe(self._socket.close(), self._loop)
-        self._thread.join(5.0)
+        self._thread.join(PATIENCE)

@@ -12,9 +12,9 @@ from typing import Any
 import aiohttp
 from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
+from waiting import PATIENCE
 
 PROTOCOL = "foxglove.sdk.v1"
-PATIENCE = 60.0
 MESSAGE_DATA = 1
 UNKNOWN_CHANNEL = re.compile(r"Unknown channel ID: (\d+)")
 

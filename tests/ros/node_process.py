@@ -13,6 +13,10 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+sys.path.append(str(Path(__file__).parents[1] / "support"))
+
+from waiting import PATIENCE
+
 
 class NodeProcess:
     """One child process in its own process group, its output read line by line.
@@ -86,7 +90,7 @@ class NodeProcess:
         """Everything printed so far."""
         return "\n".join(self.lines)
 
-    def wait_for_line(self, pattern: str, timeout: float = 20.0) -> re.Match[str]:
+    def wait_for_line(self, pattern: str, timeout: float = PATIENCE) -> re.Match[str]:
         """Wait until a line matches ``pattern`` (searched, from the first line printed).
 
         Returns:
@@ -118,7 +122,7 @@ class NodeProcess:
         """Send a signal to the child alone."""
         self._child.send_signal(number)
 
-    def wait(self, timeout: float = 20.0) -> int:
+    def wait(self, timeout: float = PATIENCE) -> int:
         """Wait for the child's end.
 
         Returns:
@@ -136,7 +140,7 @@ class NodeProcess:
         self._reader.join(timeout)
         return status
 
-    def stop(self, number: signal.Signals = signal.SIGINT, timeout: float = 5.0) -> int:
+    def stop(self, number: signal.Signals = signal.SIGINT, timeout: float = PATIENCE) -> int:
         """Send a signal, SIGINT by default, and wait for the end; returns the exit status."""
         self.send_signal(number)
         return self.wait(timeout)

@@ -13,10 +13,9 @@ from geometry_msgs.msg import PoseStamped
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
+from waiting import PATIENCE
 
 from bicycle_sim.nodes.interfaces import COMMAND, STATE, Service, Topic
-
-PATIENCE = 20.0
 
 
 class Probe:

@@ -9,6 +9,7 @@ from pathlib import Path
 import open_sockets
 import pytest
 from node_process import NodeProcess
+from waiting import PATIENCE
 
 from bicycle_sim.nodes import security
 
@@ -37,7 +38,7 @@ def test_no_socket_of_any_node_is_reached_from_another_machine(
         filled = [word.format(folder=tmp_path) for word in words]
         started.append(start_node(WORKSPACE / f"{name}.sh", filled))
     for process, (_, line) in zip(started, READY.values(), strict=True):
-        process.wait_for_line(line, 60.0)
+        process.wait_for_line(line)
     for process in started:
         sockets = [
             found for pid in open_sockets.family(process.pid) for found in open_sockets.bound(pid)
@@ -85,7 +86,7 @@ def test_security_that_cannot_be_had_is_refused(
         [WORKSPACE / f"{name}.sh", *(word.format(folder=tmp_path) for word in words[name])],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE,
     )
     assert done.returncode == (1 if name in ("record", "replay") else 2), done
     assert "is built without it: unset that" in done.stderr

@@ -21,7 +21,6 @@ pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 WORKSPACE = Path(__file__).resolve().parents[2] / "ros2_ws"
 POSE = "geometry_msgs/msg/PoseStamped"
 STATE, STATUS = "/bicycle/state", "/bicycle/goal_status"
-PATIENCE = 60.0
 FAR = ["150", "40"]
 """A goal, m."""
 Start = Callable[..., NodeProcess]
@@ -29,17 +28,13 @@ Start = Callable[..., NodeProcess]
 
 @pytest.fixture
 def bicycle(start_node: Start) -> None:
-    start_node(WORKSPACE / "sim.sh", ["pace:=lockstep"]).wait_for_line(
-        "waits for its first", PATIENCE
-    )
-    start_node(WORKSPACE / "controller.sh", ["policy:=lqr"]).wait_for_line(
-        "waits for a goal", PATIENCE
-    )
+    start_node(WORKSPACE / "sim.sh", ["pace:=lockstep"]).wait_for_line("waits for its first")
+    start_node(WORKSPACE / "controller.sh", ["policy:=lqr"]).wait_for_line("waits for a goal")
 
 
 def serve(start_node: Start, *words: str) -> tuple[NodeProcess, int]:
     server = start_node(WORKSPACE / "foxglove.sh", ["port:=0", *words])
-    return server, int(server.wait_for_line(r"ws://127\.0\.0\.1:(\d+)", PATIENCE)[1])
+    return server, int(server.wait_for_line(r"ws://127\.0\.0\.1:(\d+)")[1])
 
 
 @pytest.fixture
@@ -81,9 +76,9 @@ def test_a_goal_in_json_is_ridden_to(client: FoxgloveClient) -> None:
     client.subscribe(STATE)
     client.offer(7, "/goal_pose", POSE)
     client.publish(7, goal(12, -3))
-    reached = client.until(
-        lambda: [s for s in client.messages.get(STATUS, ()) if s.status == 2], patience=60
-    )[0]
+    reached = client.until(lambda: [s for s in client.messages.get(STATUS, ()) if s.status == 2])[
+        0
+    ]
     assert (reached.position.x, reached.position.y) == (12.0, -3.0)
 
     def is_there() -> bool:
@@ -193,7 +188,7 @@ def test_a_taken_port_is_one_line(start_node: Start, ros_domain: int) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         server = start_node(WORKSPACE / "foxglove.sh", [f"port:={port}"])
-        assert server.wait(PATIENCE) == 2
+        assert server.wait() == 2
     (line,) = server.lines
     assert f"cannot listen on 127.0.0.1:{port}" in line
     assert "choose host:= and port:=" in line
@@ -201,6 +196,4 @@ def test_a_taken_port_is_one_line(start_node: Start, ros_domain: int) -> None:
 
 def test_another_address_is_warned_of(start_node: Start, ros_domain: int) -> None:
     server = start_node(WORKSPACE / "foxglove.sh", ["port:=0", "host:=0.0.0.0"])
-    server.wait_for_line(
-        "0.0.0.0 is not loopback: whoever reaches this port sees all topics", PATIENCE
-    )
+    server.wait_for_line("0.0.0.0 is not loopback: whoever reaches this port sees all topics")

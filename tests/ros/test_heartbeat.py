@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from node_process import NodeProcess
+from waiting import PATIENCE
 
 pytestmark = pytest.mark.ros
 
@@ -35,11 +36,11 @@ def test_it_beats_while_the_node_serves_and_stops_with_it(
     words = ["--output", tmp_path / "bag"] if module == RECORDER else []
     node = start_node(module, words, {"BICYCLE_HEARTBEAT": str(beat)})
     node.wait_for_line("waits for its first|recording into")
-    assert touched_after(beat, time.time(), 10.0)
+    assert touched_after(beat, time.time(), PATIENCE)
     node.send_signal(signal.SIGSTOP)
     assert not touched_after(beat, time.time() + 0.2, 2.5)
     node.send_signal(signal.SIGCONT)
-    assert touched_after(beat, time.time(), 10.0)
+    assert touched_after(beat, time.time(), PATIENCE)
 
 
 @pytest.mark.parametrize(("module", "status"), [(SIM_NODE, 2), (RECORDER, 1)])

@@ -15,6 +15,8 @@ import pytest
 from node_process import NodeProcess
 from probe import Probe
 from rclpy.qos import ReliabilityPolicy
+from test_record_replay import written
+from waiting import until
 
 from bicycle_bag import columns, repair
 from bicycle_bag.reader import BagReader
@@ -25,8 +27,8 @@ TALKER = Path(__file__).with_name("talker.py")
 RECORDER = "bicycle_bag.nodes.recorder_node"
 STATE = "/bicycle/state"
 EPISODE = "/bicycle/episode"
-SLOW_DISK = (
-    "import os, sys, time; os.fdatasync = lambda descriptor: time.sleep(4.0)\n"
+HANGING_DISK = (
+    "import os, sys, time; os.fdatasync = lambda descriptor: time.sleep(3600)\n"
     f"from {RECORDER} import main; sys.exit(main(sys.argv[1:]))"
 )
 Start = Callable[..., NodeProcess]
@@ -51,12 +53,12 @@ def test_losses_are_told_and_counted_to_the_message(start_node: Start, tmp_path:
     recorder.send_signal(signal.SIGSTOP)
     talker.wait_for_line("step 1500$")
     recorder.send_signal(signal.SIGCONT)
-    talker.wait_for_line("said", 60.0)
+    talker.wait_for_line("said")
     assert recorder.stop() == 0, recorder.output
     reader = BagReader(bag)
     steps = columns.load(reader, STATE)["step"].astype(int)
     # What is lost before the first or after the last recorded message leaves no gap to be seen.
-    assert count - 10 < steps[-1] - steps[0] + 1 <= count
+    assert count / 2 < steps[-1] - steps[0] + 1 <= count
     lost = int(steps[-1] - steps[0]) + 1 - len(steps)
     assert lost > 0
     assert f", {lost} lost on the way" in recorder.lines[-1]
@@ -84,18 +86,21 @@ def test_it_subscribes_as_the_file_says_and_to_the_types_asked_for(
     assert set(BagReader(tmp_path / "bag").topics) == {STATE}
 
 
-def test_killed_while_the_disk_is_slow_it_loses_no_more_than_a_second(
+def test_killed_while_the_disk_hangs_it_has_written_what_came(
     start_node: Start, tmp_path: Path
 ) -> None:
     bag = tmp_path / "bag"
-    recorder = start_node(sys.executable, ["-c", SLOW_DISK, "--output", bag])
+    recorder = start_node(sys.executable, ["-c", HANGING_DISK, "--output", bag])
     recorder.wait_for_line("recording into")
-    start_talker(start_node, "--count", 5000, "--hz", 200).wait_for_line("step 800$", 60.0)
+    talker = start_talker(start_node, "--count", 100_000, "--hz", 200)
+    talker.wait_for_line("step 800$")
+    talker.send_signal(signal.SIGSTOP)
+    until(lambda: written(bag, tmp_path) >= 800)
     recorder.kill()
     repair.repair(bag)
     steps = list(columns.load(bag, STATE)["step"])
     assert steps == list(range(len(steps)))
-    assert len(steps) >= 800 - 200
+    assert len(steps) >= 800
 
 
 @pytest.fixture
@@ -114,7 +119,7 @@ def test_on_a_full_disk_the_recorder_ends_with_one_line(start_node: Start, disk:
     recorder = start_node(RECORDER, ["--output", disk / "bag", "--compression", "none"])
     recorder.wait_for_line("recording into")
     talker = start_talker(start_node, "--count", 100000, "--hz", 2000)
-    assert recorder.wait(60.0) == 1
+    assert recorder.wait() == 1
     assert recorder.lines[-1].endswith("then recover what was recorded with record.sh --repair")
     assert "free some space" in recorder.lines[-1]
     assert "Traceback" not in recorder.output

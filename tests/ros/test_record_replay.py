@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import sys
 import time
@@ -13,11 +14,15 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from node_process import NodeProcess
+from probe import Probe
 from rosbags.highlevel import AnyReader
+from std_srvs.srv import Trigger
+from waiting import until
 
 from bicycle_bag import columns, repair
 from bicycle_bag.errors import BagError
 from bicycle_bag.reader import BagReader
+from bicycle_sim.nodes.interfaces import Service
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 
@@ -90,11 +95,24 @@ def test_recorded_messages_are_all_there_for_everyone(
     assert reader.metadata.custom_data["recorder"].startswith("bicycle_bag")
 
 
+def resume_when_recorded(domain: int, recorder: NodeProcess, *topics: str) -> None:
+    """Let a replay that begins held go on when a recorder hears its topics."""
+    for topic in topics:
+        recorder.wait_for_line(f"recording {topic}")
+    probe = Probe(domain)
+    try:
+        resume = Service("/bicycle_player/resume", Trigger)
+        assert probe.call(resume, Trigger.Request()).success
+    finally:
+        probe.close()
+
+
 def test_replay_recorded_again_is_identical(
-    start_node: StartNode, talk: Path, tmp_path: Path
+    start_node: StartNode, ros_domain: int, talk: Path, tmp_path: Path
 ) -> None:
     recorder = start_recorder(start_node, tmp_path / "again")
-    player = start_node(PLAYER, [talk, "--rate", "4", "--delay", "1.5"])
+    player = start_node(PLAYER, [talk, "--rate", "4", "--delay", "0", "--pause"])
+    resume_when_recorded(ros_domain, recorder, STATE, EPISODE)
     assert player.wait() == 0, player.output
     assert recorder.stop(signal.SIGTERM) == 0, recorder.output
     for topic in (STATE, EPISODE):
@@ -105,13 +123,16 @@ def test_replay_recorded_again_is_identical(
     assert again.definition(STATE) == first.definition(STATE)
 
 
-def test_replay_options(start_node: StartNode, talk: Path, tmp_path: Path) -> None:
+def test_replay_options(
+    start_node: StartNode, ros_domain: int, talk: Path, tmp_path: Path
+) -> None:
     recorder = start_recorder(start_node, tmp_path / "part", "--topics", "/clock", "bicycle/state")
     first = BagReader(talk).starting_time_ns
     moments = [message.log_time_ns for message in BagReader(talk).messages([STATE])]
     offset = (moments[100] - first) / 1e9
-    options = ["--start-offset", offset, "--clock", "100", "--topics", STATE, "--delay", "1.5"]
-    player = start_node(PLAYER, [talk, *options])
+    options = ["--start-offset", offset, "--clock", "100", "--topics", STATE, "--delay", "0"]
+    player = start_node(PLAYER, [talk, *options, "--pause"])
+    resume_when_recorded(ros_domain, recorder, STATE, "/clock")
     assert player.wait() == 0, player.output
     assert recorder.stop() == 0
     part = BagReader(tmp_path / "part")
@@ -127,36 +148,50 @@ def test_replay_options(start_node: StartNode, talk: Path, tmp_path: Path) -> No
 def test_looping_replay_ends_on_sigint(start_node: StartNode, talk: Path) -> None:
     player = start_node(PLAYER, [talk, "--loop", "--rate", "50"])
     player.wait_for_line("playing")
-    assert player.stop(signal.SIGINT, timeout=2.0) == 0
+    assert player.stop(signal.SIGINT) == 0
     assert "played" in player.lines[-1]
     assert "Traceback" not in player.output
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_recorder_ends_within_two_seconds_with_a_whole_bag(
+def test_recorder_ends_on_a_signal_with_a_whole_bag(
     start_node: StartNode, tmp_path: Path, number: signal.Signals
 ) -> None:
     bag = tmp_path / "bag"
     recorder = start_recorder(start_node, bag)
     start_talker(start_node, "--count", 100000, "--hz", 500).wait_for_line("heard")
     recorder.wait_for_line(f"recording {STATE}")
-    assert recorder.stop(number, timeout=2.0) == 0
+    assert recorder.stop(number) == 0
     assert "Traceback" not in recorder.output
     assert (bag / "metadata.yaml").is_file()
     assert f"recorded {BagReader(bag).message_count} messages" in recorder.output
 
 
-def test_killed_recorder_loses_at_most_a_second(start_node: StartNode, tmp_path: Path) -> None:
+def written(bag: Path, folder: Path) -> int:
+    """How many states would be there if the recorder of a bag were killed now."""
+    copy = folder / "copy"
+    shutil.rmtree(copy, ignore_errors=True)
+    shutil.copytree(bag, copy)
+    repair.repair(copy)
+    return BagReader(copy).counts.get(STATE, 0)
+
+
+def test_killed_recorder_loses_nothing_that_it_has_had_for_a_while(
+    start_node: StartNode, tmp_path: Path
+) -> None:
     bag = tmp_path / "bag"
     recorder = start_recorder(start_node, bag)
-    start_talker(start_node, "--count", 5000, "--hz", 200).wait_for_line("step 500")
+    talker = start_talker(start_node, "--count", 100_000, "--hz", 200)
+    talker.wait_for_line("step 500")
+    talker.send_signal(signal.SIGSTOP)
+    until(lambda: written(bag, tmp_path) >= 500)
     recorder.kill()
     with pytest.raises(BagError, match=r"record\.sh --repair"):
         BagReader(bag)
     report = repair.repair(bag)
     steps = list(columns.load(bag, STATE)["step"])
     assert steps == list(range(len(steps)))
-    assert len(steps) >= 500 - 200
+    assert len(steps) >= 500
     assert BagReader(bag).counts[EPISODE] == 1
     with AnyReader([bag]) as reader:
         assert reader.message_count == report.messages
@@ -185,7 +220,7 @@ def test_best_effort_publisher_beside_a_reliable_one_is_heard(
         "publisher = rclpy.create_node('speaker').create_publisher(String, 'mixed', quality)\n"
         "while not publisher.get_subscription_count(): time.sleep(0.02)\n"
         "for _ in range(30): publisher.publish(String(data=sys.argv[1])); time.sleep(0.02)\n"
-        "print('said'); time.sleep(60)\n"
+        "print('said'); time.sleep(3600)\n"
     )
     for quality in ("RELIABLE", "BEST_EFFORT"):
         start_node(sys.executable, ["-c", script, quality]).wait_for_line("said")

@@ -15,6 +15,7 @@ from node_process import NodeProcess
 from probe import Probe, goal
 from std_srvs.srv import Trigger
 from test_scripts import script
+from waiting import PATIENCE
 
 from bicycle_bringup.ride_log import read_ride
 from bicycle_sim.nodes.interfaces import COMMAND, GOAL_POSE, GOAL_STATUS, STATE, Service
@@ -154,7 +155,7 @@ def test_keys_hold_a_replay_and_let_it_go(ros_domain: int, tmp_path: Path) -> No
     printed = bytearray()
 
     def wait_for(text: bytes) -> None:
-        deadline = time.monotonic() + 60.0
+        deadline = time.monotonic() + PATIENCE
         while text not in printed:
             assert time.monotonic() < deadline, printed.decode()
             printed.extend(os.read(terminal, 4096))

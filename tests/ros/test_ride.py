@@ -6,7 +6,6 @@ import json
 import os
 import re
 import signal
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -18,6 +17,7 @@ from mcap_ros2.decoder import DecoderFactory
 from node_process import NodeProcess
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.highlevel import AnyReader
+from waiting import until
 
 from bicycle_bag.reader import BagReader
 from bicycle_bag.writer import BagWriter
@@ -28,6 +28,9 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 RIDE = Path(__file__).resolve().parents[2] / "ros2_ws" / "ride.sh"
 NEAR = ("--goals", "3", "--field", "20", "--seed", "1", "controller.policy:=lqr")
+MANY = ("--goals", "20", *NEAR[2:])
+"""As many as nobody reaches before the test has seen the first, though the machine is busy."""
+ENDLESS = ("--minutes", "1000", *NEAR[2:])
 LOCKSTEP = "simulator.pace:=lockstep"
 Start = Callable[..., NodeProcess]
 
@@ -44,7 +47,7 @@ def ridden(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[NodeProce
     folder = tmp_path_factory.mktemp("ride") / "run"
     words = [str(RIDE), *NEAR, LOCKSTEP, "--output", str(folder)]
     with claimed_domain() as domain, NodeProcess(words, {"ROS_DOMAIN_ID": str(domain)}) as ride:
-        ride.wait(120)
+        ride.wait()
         yield ride, folder
 
 
@@ -100,7 +103,7 @@ def test_its_folder_becomes_a_page(
 ) -> None:
     target = tmp_path / "page.html"
     process = start_node(RIDE.parent / "report.sh", [ridden[1], "--output", target])
-    assert process.wait(60) == 0, process.output
+    assert process.wait() == 0, process.output
     assert process.lines[-1] == str(target)
     page = target.read_text()
     assert "3 of 3 goals reached" in page
@@ -128,7 +131,7 @@ def changed(bag: Path, target: Path, step: int, torque: float | None) -> None:
 
 def verified(bag: Path, start_node: Start) -> tuple[int, str]:
     process = start_node(RIDE.parent / "replay.sh", ["--verify", bag])
-    return process.wait(60), process.lines[-1]
+    return process.wait(), process.lines[-1]
 
 
 def test_a_forged_command_is_found(
@@ -155,15 +158,15 @@ def test_a_missing_command_is_not_hidden(
 def test_a_controller_killed_on_the_way_is_reported(
     start_node: Start, ros_domain: int, tmp_path: Path
 ) -> None:
-    ride = start_node(RIDE, [*NEAR, LOCKSTEP, "--output", tmp_path / "run"])
-    ride.wait_for_line("goal 1 at", timeout=60)
+    ride = start_node(RIDE, [*MANY, LOCKSTEP, "--output", tmp_path / "run"])
+    ride.wait_for_line("goal 1 at")
     os.kill(pid_of("controller", ros_domain), signal.SIGKILL)
-    assert ride.wait(120) == 0, ride.output
+    assert ride.wait() == 0, ride.output
     events = json.loads((tmp_path / "run" / "summary.json").read_text())["events"]
     assert len(events) == 2
     assert events[0].startswith("controller was killed by SIGKILL at t = ")
     assert events[1].startswith("controller started again, ready at t = ")
-    assert "3 of 3 reached" in ride.output
+    assert "20 of 20 reached" in ride.output
 
 
 def test_a_policy_that_rides_another_bicycle_than_it_was_trained_on_is_warned_of(
@@ -180,26 +183,28 @@ def test_a_policy_that_rides_another_bicycle_than_it_was_trained_on_is_warned_of
 def test_without_respawn_a_dead_controller_ends_the_ride(
     start_node: Start, ros_domain: int, tmp_path: Path
 ) -> None:
-    ride = start_node(RIDE, [*NEAR, LOCKSTEP, "--no-respawn", "--output", tmp_path / "run"])
-    ride.wait_for_line("goal 1 at", timeout=60)
+    ride = start_node(RIDE, [*ENDLESS, LOCKSTEP, "--no-respawn", "--output", tmp_path / "run"])
+    ride.wait_for_line("goal 1 at")
     os.kill(pid_of("controller", ros_domain), signal.SIGKILL)
-    assert ride.wait(60) == 1
+    assert ride.wait() == 1
     assert "ride.sh: controller was killed by SIGKILL at t = " in ride.output
     # What a killed process told last may reach one subscriber and not the other.
-    assert re.search("[01] of 3 reached", ride.output), ride.output
+    assert re.search(r"\d+ of \d+ reached", ride.output), ride.output
 
 
 def test_an_interrupt_still_gives_the_summary(
     start_node: Start, ros_domain: int, tmp_path: Path
 ) -> None:
-    ride = start_node(RIDE, [*NEAR, "--output", tmp_path / "run"])
-    deadline = time.monotonic() + 60
-    bag = tmp_path / "run" / "recorder.log"
-    while "/bicycle/command" not in (bag.read_text() if bag.exists() else ""):
-        assert time.monotonic() < deadline, ride.output
-        time.sleep(0.1)
-    time.sleep(3.0)
-    assert ride.stop(signal.SIGINT, timeout=30) == 130, ride.output
+    far = ("--goals", "3", "--field", "2000", *NEAR[4:])
+    ride = start_node(RIDE, [*far, "--output", tmp_path / "run"])
+
+    def ridden() -> bool:
+        assert ride.running, ride.output
+        bags = (tmp_path / "run" / "bag").glob("*.mcap")
+        return any(bag.stat().st_size > 50_000 for bag in bags)
+
+    until(ridden)
+    assert ride.stop(signal.SIGINT) == 130, ride.output
     assert "0 of 3 reached" in ride.output
     assert "Hz, real time" in ride.output
     assert BagReader(tmp_path / "run" / "bag").message_count > 0
@@ -210,7 +215,7 @@ def test_a_wrong_parameter_names_the_process_and_its_log(
     start_node: Start, tmp_path: Path
 ) -> None:
     ride = start_node(RIDE, ["controller.policy:=/none.safetensors", "--output", tmp_path / "run"])
-    assert ride.wait(60) == 1
+    assert ride.wait() == 1
     (line,) = ride.lines
     assert "controller exited with status 2 while starting" in line
     assert "/none.safetensors" in line
@@ -220,7 +225,7 @@ def test_a_wrong_parameter_names_the_process_and_its_log(
 def test_a_busy_domain_is_refused(start_node: Start, ros_domain: int, tmp_path: Path) -> None:
     start_node(RIDE.parent / "sim.sh").wait_for_line("waits for its first command")
     ride = start_node(RIDE, [*NEAR, "--output", tmp_path / "run"])
-    assert ride.wait(60) == 1
+    assert ride.wait() == 1
     assert ride.lines == [
         f"ride.sh: ROS_DOMAIN_ID={ros_domain} is taken by bicycle_sim: stop.sh ends what this "
         "workspace runs, or choose another ROS_DOMAIN_ID"

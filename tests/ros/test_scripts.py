@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import yaml
 from node_process import NodeProcess
+from waiting import PATIENCE
 
 from bicycle_bringup.ride_options import config_folder
 from bicycle_controller.nodes.controller_settings import ControllerSettings
@@ -47,7 +48,7 @@ def script(name: str, *words: object, cwd: Path = Path("/")) -> subprocess.Compl
         cwd=cwd,
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE,
     )
 
 
@@ -187,7 +188,7 @@ def test_stop_ends_what_was_started_and_nothing_else(
 
 
 def test_a_stale_note_kills_nobody(ros_domain: int) -> None:
-    sleeper = subprocess.Popen(["sleep", "60"])
+    sleeper = subprocess.Popen(["sleep", "infinity"])
     folder = WORKSPACE / "runs" / "pids" / str(ros_domain)
     folder.mkdir(parents=True, exist_ok=True)
     note = folder / f"simulator.{sleeper.pid}"

@@ -23,7 +23,6 @@ pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 
 SIM = "bicycle_sim.nodes.sim_node"
 StartNode = Callable[..., NodeProcess]
-ENDS_WITHIN = 4.0
 
 
 def parameters(**values: object) -> list[str]:
@@ -171,7 +170,7 @@ def random_ride(start_node: StartNode, domain: int, steps: int) -> list[str]:
     )
     by_step = {state.step: repr(state) for state in probe[STATE]}
     probe.close()
-    assert sim.stop(signal.SIGTERM, ENDS_WITHIN) == 0
+    assert sim.stop(signal.SIGTERM) == 0
     return [by_step[step] for step in sorted(by_step)]
 
 
@@ -297,8 +296,9 @@ def test_by_parameter_the_bicycle_is_held_instead(start_sim: Any, probe: Probe) 
     sim = start_sim(on_timeout="pause")
     ride_some(probe, 10)
     sim.wait_for_line("no valid command for 0.25 s.*held until the next one")
-    probe.spin_for(0.2)
-    held = newest(probe).step
+    line = sim.wait_for_line(r"no valid command for 0.25 s at step (\d+)")
+    held = int(line.group(1))
+    at_step(probe, held)
     probe.spin_for(0.5)
     assert newest(probe).step == held
     ride_some(probe, held + 10)
@@ -391,7 +391,7 @@ def test_a_signal_ends_it_cleanly_with_the_last_transition_told(
     probe.on_state = lambda state: answer_upright(state) if state.step < 5 else None
     at_step(probe, 5)
     probe.spin_until(lambda: len(probe[TRANSITION]) == 4)
-    assert sim.stop(number, ENDS_WITHIN) == 0, sim.output
+    assert sim.stop(number) == 0, sim.output
     probe.spin_until(lambda: len(probe[TRANSITION]) == 5)
     assert [one.truncated for one in probe[TRANSITION]] == [False] * 4 + [True]
     assert "Traceback" not in sim.output

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 from node_process import alive
+from waiting import until
 
 pytestmark = pytest.mark.ros
 
@@ -26,7 +26,6 @@ if __name__ == "__main__":
     child.start()
     child.join()
 """
-PATIENCE = 60.0
 
 
 def test_it_ends_with_a_killed_parent_whatever_it_does(tmp_path: Path) -> None:
@@ -39,7 +38,4 @@ def test_it_ends_with_a_killed_parent_whatever_it_does(tmp_path: Path) -> None:
     assert alive(child)
     parent.kill()
     parent.wait()
-    deadline = time.monotonic() + PATIENCE
-    while alive(child) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert not alive(child)
+    until(lambda: not alive(child))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from node_process import NodeProcess
 from two_hosts import Cable, Host, command_ages, forbidden
+from waiting import until
 
 from bicycle_bag import columns
 from bicycle_bag.reader import BagReader
@@ -60,10 +61,7 @@ def start(
 
 def wait_for(process: NodeProcess, text: str, times: int) -> None:
     """Wait until so many lines hold a text."""
-    deadline = time.monotonic() + 40.0
-    while sum(text in line for line in process.lines) < times:
-        assert time.monotonic() < deadline, process.output
-        time.sleep(0.05)
+    until(lambda: sum(text in line for line in process.lines) >= times)
 
 
 def test_a_ride_goes_on_when_the_cable_is_healed_and_over_a_bad_one(
@@ -72,10 +70,10 @@ def test_a_ride_goes_on_when_the_cable_is_healed_and_over_a_bad_one(
     left, right, cable = hosts
     simulator = start(left, "sim", "on_timeout:=pause")
     recorder = start(left, "record", "--output", tmp_path / "bag")
-    start(right, "controller", "policy:=lqr").wait_for_line("waits for a goal", 60.0)
-    recorder.wait_for_line("recording /bicycle/command", 60.0)
+    start(right, "controller", "policy:=lqr").wait_for_line("waits for a goal")
+    recorder.wait_for_line("recording /bicycle/command")
     goal = start(right, "goal", *FAR)
-    assert goal.wait(60.0) == 0, goal.output
+    assert goal.wait() == 0, goal.output
     for number in (1, 2):
         time.sleep(1.0)
         cable.cut()
@@ -109,15 +107,15 @@ def test_nothing_leaves_a_host_in_local_mode(
     hosts: tuple[Host, Host, Cable], start: Start
 ) -> None:
     left, right, cable = hosts
-    start(left, "sim", network="local").wait_for_line("waits for its first command", 60.0)
+    start(left, "sim", network="local").wait_for_line("waits for its first command")
     start(left, "controller", "policy:=lqr", network="local").wait_for_line("waits for a goal")
     goal = start(left, "goal", *FAR, network="local")
-    assert goal.wait(60.0) == 0, goal.output
+    assert goal.wait() == 0, goal.output
     foreign = start(right, "topic", "list")
-    assert foreign.wait(60.0) == 0
+    assert foreign.wait() == 0
     assert "/bicycle/state" not in foreign.output
     assert cable.set()["ipv4"][0] == 0
     assert cable.set()["ipv4"][1] > 0  # the other host, in LAN mode, did ask around
     open_to_all = start(left, "topic", "list")
-    assert open_to_all.wait(60.0) == 0
+    assert open_to_all.wait() == 0
     assert cable.set()["ipv4"][0] > 0
