@@ -26,6 +26,8 @@ from bicycle_controller.run_folder import RunFolder
 
 STORE_BYTES = 100 * 1024 * 1024
 """Ray's shared memory: results are small, and containers give little of it."""
+STARTS = 4
+"""How often Ray is started before that is given up."""
 CONNECT_SECONDS = 5.0
 STOP_SECONDS = 60.0
 """s that interrupted runs get to write their checkpoints."""
@@ -137,7 +139,7 @@ def sweep(
         The results of all jobs that are done, in the order of the jobs.
 
     Raises:
-        ConnectionError: when no cluster answers at `address`.
+        ConnectionError: when no cluster answers at `address`, or Ray does not start.
         RuntimeError: when a worker was lost; what is done is kept.
     """
     left = [job for job in jobs if not job.result.exists()]
@@ -158,13 +160,8 @@ def _connect(address: str | None, parallel: int | None) -> Any:
 
     quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
     if address is None:
-        ray.init(
-            address="local",
-            num_cpus=parallel,
-            include_dashboard=False,
-            object_store_memory=STORE_BYTES,
-            **quiet,
-        )
+        own = {"num_cpus": parallel, "object_store_memory": STORE_BYTES, **quiet}
+        _start(ray, address="local", include_dashboard=False, **own)
         return ray
     _check_reachable(address)
     import bicycle_controller
@@ -174,6 +171,25 @@ def _connect(address: str | None, parallel: int | None) -> Any:
     modules = [str(Path(item.__path__[0])) for item in (bicycle_sim, bicycle_controller)]
     ray.init(address=address, runtime_env={"py_modules": modules}, **quiet)
     return ray
+
+
+def _start(ray: Any, **options: Any) -> None:
+    """Start Ray, which gives its own processes 30 s: too little for a busy machine at times.
+
+    Raises:
+        ConnectionError: when they do not come up.
+    """
+    for _ in range(STARTS):
+        try:
+            ray.init(**options)
+            return
+        except Exception as error:  # Ray has no kind of its own for it
+            reason = (str(error).splitlines() or [type(error).__name__])[0]
+            ray.shutdown()
+    raise ConnectionError(
+        f"Ray does not start, {STARTS} times tried ({reason}): make room on this machine, or name "
+        "a running cluster with --ray-address"
+    )
 
 
 def _check_reachable(address: str) -> None:

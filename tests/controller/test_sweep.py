@@ -128,6 +128,36 @@ def test_mistakes(
     assert expected in err
 
 
+class SlowRay:
+    """Ray on a busy machine: its first starts fail."""
+
+    def __init__(self, failures: int) -> None:
+        self.failures, self.started, self.ended = failures, 0, 0
+
+    def init(self, **options: object) -> None:
+        self.started += 1
+        if self.started <= self.failures:
+            raise Exception("The current node timed out during startup.\nMore of it.")
+
+    def shutdown(self) -> None:
+        self.ended += 1
+
+
+def test_ray_that_cannot_start_at_once_is_started_again() -> None:
+    slow = SlowRay(failures=2)
+    sweep._start(slow)
+    assert (slow.started, slow.ended) == (3, 2)
+
+
+def test_ray_that_cannot_start_is_told_in_one_line() -> None:
+    slow = SlowRay(failures=1000)
+    with pytest.raises(ConnectionError) as told:
+        sweep._start(slow)
+    assert slow.started == slow.ended == sweep.STARTS
+    assert str(told.value).startswith("Ray does not start, 4 times tried (The current node timed")
+    assert "\n" not in str(told.value)
+
+
 @pytest.mark.slow
 def test_a_killed_sweep_keeps_what_is_done_and_goes_on(tmp_path: Path) -> None:
     out = tmp_path / "sweep"
