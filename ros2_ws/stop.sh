@@ -17,6 +17,7 @@ ws=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 ! help_wanted "$@" || { usage "${BASH_SOURCE[0]}" && exit 0; }
 for name in "$@"; do
   [[ $name != -* ]] || die 2 "unknown option '$name'; see stop.sh --help."
+  [[ $name =~ ^[a-z_]+$ ]] || die 2 "'$name' is no name of what runs here; see stop.sh --help."
 done
 enter_workspace
 folder=$ws/runs/pids/$ROS_DOMAIN_ID

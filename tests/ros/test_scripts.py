@@ -122,7 +122,21 @@ def test_the_controllers_file_holds_its_defaults() -> None:
         (("topic", "pub", "a", "--rate", "0"), 2, "--rate is 0.0"),
         (("topic", "pub", "a", "std_msgs/msg/Bool", "{data: 2}"), 2, "must be true or false"),
         (("goal", "1", "2", "timeout:=3"), 2, "there are no parameters here"),
-        (("record", "pace:=lockstep"), 2, "there are no parameters here"),
+        *(
+            ((name, *words, "pace:=lockstep"), 2, "there are no parameters here")
+            for name, words in {
+                "record": (),
+                "replay": (),
+                "reset": (),
+                "push": ("left",),
+                "topic": ("list",),
+                "service": ("list",),
+                "report": (),
+            }.items()
+        ),
+        (("stop", "pace:=lockstep"), 2, "'pace:=lockstep' is no name of what runs here"),
+        (("setup", "pace:=lockstep"), 2, "unknown option 'pace:=lockstep'"),
+        (("circle", "pace:=lockstep", "1"), 2, "unknown option 'pace:=lockstep'"),
         (("replay", "/none"), 1, "no bag /none"),
         (("replay", "--verify", "/none"), 1, "no bag /none"),
         (("record", "--repair", "/none"), 1, "no bag /none"),

@@ -26,7 +26,9 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--output", type=Path)
     parser.add_argument("--png", action="store_true")
     parser.add_argument("--namespace")
-    options = parser.parse_args(arguments)
+    options, ros = parser.parse_with_ros(sys.argv[1:] if arguments is None else arguments)
+    if ros:
+        parser.error("this is no node: ROS arguments do nothing here; --namespace names a bicycle")
     if len(options.bags) > 2:
         parser.error(f"{len(options.bags)} bags do not fit on a page: name one or two")
     if options.output is not None and options.output.suffix != ".html":
