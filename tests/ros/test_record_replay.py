@@ -208,27 +208,6 @@ def test_a_publisher_may_leave_and_come_back(start_node: StartNode, tmp_path: Pa
     assert "0 lost on the way" in recorder.output
 
 
-def test_best_effort_publisher_beside_a_reliable_one_is_heard(
-    start_node: StartNode, tmp_path: Path
-) -> None:
-    bag = tmp_path / "bag"
-    recorder = start_recorder(start_node, bag, "--topics", "/mixed")
-    script = (
-        "import sys, time, rclpy; from std_msgs.msg import String; rclpy.init()\n"
-        "from rclpy.qos import QoSProfile, ReliabilityPolicy\n"
-        "quality = QoSProfile(depth=1, reliability=ReliabilityPolicy[sys.argv[1]])\n"
-        "publisher = rclpy.create_node('speaker').create_publisher(String, 'mixed', quality)\n"
-        "while not publisher.get_subscription_count(): time.sleep(0.02)\n"
-        "for _ in range(30): publisher.publish(String(data=sys.argv[1])); time.sleep(0.02)\n"
-        "print('said'); time.sleep(3600)\n"
-    )
-    for quality in ("RELIABLE", "BEST_EFFORT"):
-        start_node(sys.executable, ["-c", script, quality]).wait_for_line("said")
-    assert "subscribed to /mixed anew" in recorder.output
-    assert recorder.stop() == 0
-    assert set(columns.load(bag, "/mixed")["data"]) == {"RELIABLE", "BEST_EFFORT"}
-
-
 def test_what_cannot_be_done_is_said_in_one_line(start_node: StartNode, tmp_path: Path) -> None:
     (tmp_path / "there").mkdir()
     broken = tmp_path / "broken.mcap"

@@ -77,19 +77,23 @@ def _topic(name: str, kind: Any, depth: int = 5, latched: bool = False) -> Topic
     return Topic(name, kind, profile, profile)
 
 
-RESEND = 500
-"""Messages that a publisher keeps for a recorder that is behind; subscribers take the newest."""
+RESEND = 2400
+"""Messages that a publisher keeps for a recorder that is behind, a minute of them at 40 Hz.
+
+Subscribers take the newest. Only what somebody has not confirmed is kept: 10 MB in the simulator
+beside a recorder that stands still.
+"""
 
 STATE = Topic("bicycle/state", BicycleState, _offered(RESEND, 2.5 * STATE_PERIOD), _profile(5))
 COMMAND = Topic(
     "bicycle/command", BicycleCommand, _offered(RESEND, 2.5 * STATE_PERIOD), _profile(5)
 )
-ODOMETRY = Topic("odom", Odometry, _offered(5, 2.5 * STATE_PERIOD), _profile(5))
-JOINT_STATES = Topic("joint_states", JointState, _offered(5, 2.5 * STATE_PERIOD), _profile(5))
+ODOMETRY = Topic("odom", Odometry, _offered(RESEND, 2.5 * STATE_PERIOD), _profile(5))
+JOINT_STATES = Topic("joint_states", JointState, _offered(RESEND, 2.5 * STATE_PERIOD), _profile(5))
 CLOCK = Topic("/clock", Clock, _profile(1, reliable=False), _profile(1, reliable=False))
 MARKERS = _topic("bicycle/markers", MarkerArray, depth=1)
 DIAGNOSTICS = _topic("/diagnostics", DiagnosticArray, depth=10)
-TRANSITION = _topic("bicycle/transition", Transition, depth=1000)
+TRANSITION = _topic("bicycle/transition", Transition, depth=RESEND)
 TIMING = _topic("bicycle/timing", LoopTiming, depth=RESEND)
 PUSHED = _topic("bicycle/pushed", Push, depth=RESEND)
 EPISODE = _topic("bicycle/episode", EpisodeInfo, depth=1, latched=True)

@@ -2,32 +2,100 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rclpy.subscription import Subscription
 
+from bicycle_bag.cutting import SourceClock
 from bicycle_bag.metadata import Topic
 from bicycle_bag.nodes.session import message_class, overridden_profile, subscription_profile
 from bicycle_bag.ordering import Reorder
-from bicycle_bag.qos import QosProfile, adapt
+from bicycle_bag.qos import QosProfile
 from bicycle_bag.reader import BagMessage
 
 QUEUE = 10_000
+"""Messages that the middleware holds for each subscription."""
+REMEMBERED = 1000
+"""Messages by which one that comes twice is known, with one subscription; `QUEUE` with more."""
+
+Quality = tuple[bool, bool]
+"""Whether a subscription asks for reliable publishers, and for transient-local ones."""
+
+
+class Ear:
+    """One subscription.
+
+    Args:
+        node: that subscribes.
+        kind: class of the messages.
+        name: of the topic.
+        quality: that it asks for.
+        profile: the same, in full.
+        take: is given this ear, the message and what the middleware says of it.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        kind: type[Any],
+        name: str,
+        quality: Quality,
+        profile: QoSProfile,
+        take: Callable[[Ear, bytes, dict[str, Any]], None],
+    ) -> None:
+        self.latched = quality[1]
+        self.last_sequence = 0
+        self._kind, self._take = kind, take
+        self._subscription = node.create_subscription(
+            kind,
+            name,
+            self.hear,
+            profile,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            raw=True,
+        )
+
+    @property
+    def publishers(self) -> int:
+        """How many it hears."""
+        return int(self._subscription.get_publisher_count())
+
+    def hear(self, data: bytes, info: dict[str, Any]) -> None:
+        """Hand a message over."""
+        self._take(self, data, info)
+
+    def drain(self) -> None:
+        """Take all that has arrived; one turn of the executor for each would be too slow."""
+        handle = self._subscription.handle
+        with handle:
+            while (taken := handle.take_message(self._kind, True)) is not None:
+                self._take(self, *taken)
 
 
 class RecordedTopic:
-    """One subscription and what it has heard.
+    """The subscriptions to one topic, and what they have heard.
+
+    There is one for each quality that a publisher offers, for a subscription hears only who offers
+    as much as it asks for, and one that asks for less may lose what it need not. What two of them
+    hear is taken once.
 
     Args:
         node: that subscribes.
         topic: name, type and what its publishers offer.
         order: takes the messages.
         override: profile to subscribe with; None follows the publishers.
+
+    Attributes:
+        lost: messages that a publisher sent and that never arrived.
+        missed: messages that the first publisher had sent before it was heard.
+        cut_ns: time at which the recording ends; what was sent later is left out.
+        passed: whether such a message has come.
+        heard: s on the steady clock, when a message was taken last.
 
     Raises:
         BagError: The type is not installed here.
@@ -37,65 +105,84 @@ class RecordedTopic:
         self, node: Node, topic: Topic, order: Reorder, override: QosProfile | None = None
     ) -> None:
         self.topic = topic
-        self.lost = 0
+        self.lost = self.missed = 0
+        self.cut_ns: int | None = None
+        self.passed = False
+        self.heard = 0.0
         self._node = node
         self._order = order
-        self._override = override
         self._class = message_class(topic.type)
-        self._last_sequence = 0
-        self.reliable, self.transient_local = adapt(topic.qos)
-        self._subscription = self._subscribe()
+        self._clock = SourceClock()
+        self._known: set[tuple[int, int]] = set()
+        self._known_in_order: deque[tuple[int, int]] = deque()
+        self._ears: dict[Quality, Ear] = {}
+        self._overridden = override is not None
+        if override is not None:
+            self._listen((False, False), overridden_profile(override, QUEUE))
+        else:
+            self.hear(topic.qos)
 
-    def _profile(self) -> QoSProfile:
-        if self._override is not None:
-            return overridden_profile(self._override, QUEUE)
-        return subscription_profile(self.reliable, self.transient_local, QUEUE)
+    def hear(self, offers: Sequence[QosProfile]) -> bool:
+        """Subscribe so that publishers with these offers are heard; whether that was news."""
+        if self._overridden:
+            return False
+        wanted = {
+            (offer.reliability == "reliable", offer.durability == "transient_local")
+            for offer in offers
+        }
+        new = sorted(wanted - self._ears.keys(), reverse=True)
+        for quality in new:
+            self._listen(quality, subscription_profile(*quality, QUEUE))
+        return bool(new)
 
-    def _subscribe(self) -> Subscription:
-        return self._node.create_subscription(
-            self._class,
-            self.topic.name,
-            self._take,
-            self._profile(),
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-            raw=True,
+    def drain(self) -> None:
+        """Take all that has arrived."""
+        for ear in list(self._ears.values()):
+            ear.drain()
+
+    def _listen(self, quality: Quality, profile: QoSProfile) -> None:
+        self._ears[quality] = Ear(
+            self._node, self._class, self.topic.name, quality, profile, self._take
         )
+        # Those that ask for most come first.
+        self._ears = dict(sorted(self._ears.items(), reverse=True))
 
-    def hear(self, offers: Sequence[QosProfile]) -> None:
-        """Subscribe anew if a publisher has come that the present subscription cannot hear."""
-        if not offers or self._override is not None:
-            return
-        reliable, transient_local = adapt(offers)
-        reliable = reliable and self.reliable
-        transient_local = transient_local and self.transient_local
-        if (reliable, transient_local) != (self.reliable, self.transient_local):
-            self.drain()
-            self.reliable, self.transient_local = reliable, transient_local
-            self._node.destroy_subscription(self._subscription)
-            self._subscription = self._subscribe()
-            self._node.get_logger().info(f"subscribed to {self.topic.name} anew, asking for less")
-
-    def drain(self, until: float = math.inf) -> None:
-        """Take all that has arrived, until a time in ns.
-
-        One turn of the executor for each message would be too slow.
-        """
-        with self._subscription.handle:
-            while (taken := self._subscription.handle.take_message(self._class, True)) is not None:
-                if taken[1]["received_timestamp"] > until:
-                    return
-                self._take(*taken)
-
-    def _take(self, data: bytes, info: dict[str, Any]) -> None:
-        self._count_lost(info["publication_sequence_number"])
+    def _take(self, ear: Ear, data: bytes, info: dict[str, Any]) -> None:
         received, sent = info["received_timestamp"], info["source_timestamp"]
+        sequence = info["publication_sequence_number"]
+        self._clock.add(received, sent, time.monotonic_ns())
+        if self.cut_ns is not None and self._clock.here(sent) > self.cut_ns:
+            self.passed = True
+            return
+        self._count(ear, sequence)
+        # Without numbers, as some middleware has it, what is equal was sent once.
+        if self._is_known((sent, hash(data) if sequence is None else sequence)):
+            return
+        self.heard = time.monotonic()
         self._order.push(BagMessage(self.topic.name, self.topic.type, received, sent, data))
 
-    def _count_lost(self, sequence: int | None) -> None:
+    def _is_known(self, key: tuple[int, int]) -> bool:
+        """Whether another subscription has heard the same message."""
+        if key in self._known:
+            return len(self._ears) > 1
+        self._known.add(key)
+        self._known_in_order.append(key)
+        most = REMEMBERED if len(self._ears) == 1 else QUEUE
+        while len(self._known_in_order) > most:
+            self._known.discard(self._known_in_order.popleft())
+        return False
+
+    def _count(self, ear: Ear, sequence: int | None) -> None:
+        """Count what a publisher numbered and nobody heard."""
         if sequence is None:
             return
+        last, ear.last_sequence = ear.last_sequence, sequence
+        if not last and not self._known and not ear.latched:
+            self.missed = sequence - 1
         # Several publishers number their messages independently: only one can be followed.
-        gap = self._last_sequence and sequence > self._last_sequence + 1
-        if gap and self._subscription.get_publisher_count() == 1:
-            self.lost += sequence - self._last_sequence - 1
-        self._last_sequence = sequence
+        if last and sequence > last + 1 and ear.publishers == 1 and self._is_best(ear):
+            self.lost += sequence - last - 1
+
+    def _is_best(self, ear: Ear) -> bool:
+        """Whether no other subscription, which may lose less, hears a publisher."""
+        return next(one for one in self._ears.values() if one is ear or one.publishers) is ear

@@ -7,144 +7,27 @@ import contextlib
 import os
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import datetime, timezone
 
-from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 
 from bicycle_bag import __version__
 from bicycle_bag.arguments import OneLineParser
 from bicycle_bag.errors import BagError
 from bicycle_bag.mcap_file import COMPRESSIONS
-from bicycle_bag.metadata import Topic
 from bicycle_bag.nodes.closing import LeftError, close, say
-from bicycle_bag.nodes.recorded_topic import RecordedTopic
-from bicycle_bag.nodes.session import Stop, offered, ros_node
-from bicycle_bag.ordering import Reorder
-from bicycle_bag.qos import QosProfile
+from bicycle_bag.nodes.lease import long_lease
+from bicycle_bag.nodes.recorder import DISCOVERY_SECONDS, REST, Recorder
+from bicycle_bag.nodes.session import Stop, ros_node
 from bicycle_bag.qos_overrides import read_overrides
-from bicycle_bag.reader import BagMessage
-from bicycle_bag.schemas import Schemas
 from bicycle_bag.selection import TopicFilter
 from bicycle_bag.writer import BagWriter
 from bicycle_sim.nodes.runner import UserError, made_heartbeat
 
-DISCOVERY_SECONDS = 0.1
-# How often a topic already recorded is asked for publishers of weaker quality.
-RECHECK_POLLS = 10
 # s; beyond this a power cut would have cost more than a second.
 SLOW_SYNC = 0.4
-# How often a loss is told.
-TELL_POLLS = 10
-# s between two turns of the executor, one of which takes longer than ten messages: what comes
-# meanwhile waits in the subscription, with the time at which it came.
-REST = 0.005
 INTERRUPTED = 130
-
-
-class Recorder:
-    """Discovers topics, subscribes and hands what arrives to the writer, sorted by time."""
-
-    def __init__(
-        self,
-        node: Node,
-        writer: BagWriter,
-        chosen: TopicFilter,
-        overrides: Mapping[str, QosProfile],
-    ) -> None:
-        self.topics: dict[str, RecordedTopic] = {}
-        self._overrides = overrides
-        self._told: dict[str, int] = {}
-        self._node = node
-        self._writer = writer
-        self._chosen = chosen
-        self._schemas = Schemas()
-        self._order = Reorder()
-        self._refused: set[str] = set()
-        self._polls = 0
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        node.create_timer(DISCOVERY_SECONDS, self.poll, clock=steady)
-        self.poll()
-
-    @property
-    def lost(self) -> int:
-        """Messages that publishers sent and that never arrived here."""
-        return sum(topic.lost for topic in self.topics.values())
-
-    def poll(self) -> None:
-        """Look for new topics and write what has come."""
-        self._polls += 1
-        for name, types in self._node.get_topic_names_and_types():
-            if name in self._refused or not self._chosen.accepts(name, types[0]):
-                continue
-            if name not in self.topics:
-                self._add(name, types)
-            elif self._polls % RECHECK_POLLS == 0:
-                self.topics[name].hear(self._offers(name))
-        self._write(self._order.tick())
-        self._writer.flush_if_due()
-        if self._polls % TELL_POLLS == 0:
-            self._tell_lost()
-
-    def drain(self) -> None:
-        """Take what has arrived."""
-        for topic in self.topics.values():
-            topic.drain()
-
-    def finish(self) -> None:
-        """Take what has arrived until now."""
-        now = time.time_ns()
-        for topic in self.topics.values():
-            # Else a state could be in it without the command that led there, taken just before.
-            topic.drain(now)
-        self._write(self._order.rest())
-        self._tell_lost()
-        self._writer.custom_data["lost_messages"] = str(self.lost)
-
-    def _tell_lost(self) -> None:
-        """Warn of each topic that has lost messages since the last time."""
-        for name, topic in self.topics.items():
-            new = topic.lost - self._told.get(name, 0)
-            if new:
-                self._told[name] = topic.lost
-                self._node.get_logger().warning(
-                    f"{new} messages of {name} lost: too many for this recorder or the network; "
-                    "record fewer topics, or best effort ones apart"
-                )
-
-    def _offers(self, name: str) -> list[QosProfile]:
-        publishers = self._node.get_publishers_info_by_topic(name)
-        return [offered(publisher.qos_profile) for publisher in publishers]
-
-    def _add(self, name: str, types: list[str]) -> None:
-        publishers = self._node.get_publishers_info_by_topic(name)
-        if not publishers:
-            return
-        try:
-            if len(types) > 1:
-                raise BagError(f"it has several types ({', '.join(types)}): stop one publisher")
-            known = str(publishers[0].topic_type_hash)
-            type_hash = known if known.startswith("RIHS") else self._schemas.type_hash(types[0])
-            offers = tuple(offered(publisher.qos_profile) for publisher in publishers)
-            topic = Topic(name, types[0], offers, type_hash)
-            definition = self._schemas.definition(types[0])
-            override = self._overrides.get(name)
-            recorded = RecordedTopic(self._node, topic, self._order, override)
-        except BagError as error:
-            self._refused.add(name)
-            self._node.get_logger().warning(f"{name} is not recorded: {error}")
-            return
-        self._writer.add_topic(topic, definition)
-        self.topics[name] = recorded
-        self._node.get_logger().info(f"recording {name} ({types[0]})")
-
-    def _write(self, messages: list[BagMessage]) -> None:
-        for message in messages:
-            self._writer.write(
-                message.topic, message.data, message.log_time_ns, message.publish_time_ns
-            )
 
 
 def parse(arguments: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
@@ -212,7 +95,7 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
     overrides = read_overrides(options.qos_profile_overrides_path)
     data = custom_data(options.custom_data)
     heart = made_heartbeat()
-    with ros_node("bicycle_recorder", ros_arguments) as node:
+    with long_lease(), ros_node("bicycle_recorder", ros_arguments) as node:
         writer = BagWriter(
             options.output,
             compression=options.compression,
@@ -228,6 +111,7 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
         while not stop.requested:
             executor.spin_once(timeout_sec=DISCOVERY_SECONDS)
             recorder.drain()
+            recorder.notice_standstill()
             heart.beat()
             time.sleep(REST)
         recorder.finish()

@@ -18,7 +18,7 @@ import rclpy
 
 from bicycle_bag.errors import BagError
 from bicycle_bringup.display import Display
-from bicycle_bringup.nodes.rider import Rider, progress_text
+from bicycle_bringup.nodes.rider import RECORDER, Rider, progress_text
 from bicycle_bringup.plan import Plan
 from bicycle_bringup.processes import Crew, Vigil, registry_of
 from bicycle_bringup.report import report
@@ -65,6 +65,9 @@ class Ride:
         self._options = options
         self._rider = rider
         commands = {name: options.command(name) for name in MODULES}
+        # A name of its own, for there may be other recorders, and some that were killed.
+        self._recorder = f"{RECORDER}_{os.getpid()}"
+        commands["recorder"] += ["--ros-args", "-r", f"__node:={self._recorder}"]
         saves = {"recorder": str(options.folder / "bag")}
         self._crew = Crew(commands, options.folder, registry_of(workspace()), saves)
         self._ctrl_c = 0
@@ -94,7 +97,7 @@ class Ride:
         self._crew.start()
         self._wait("simulator", lambda: self._rider.state is not None)
         self._wait("controller", self._rider.controller_listens)
-        self._wait("recorder", self._rider.recorder_listens)
+        self._wait("recorder", lambda: self._rider.recorder_listens(self._recorder))
         self._send()
         self.begun = True
         self._stepped = time.monotonic()

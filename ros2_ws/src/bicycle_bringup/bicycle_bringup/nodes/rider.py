@@ -33,6 +33,9 @@ RECORDED = (
 )
 """What a bag of a ride must not miss the beginning of."""
 
+RECORDER = "bicycle_recorder"
+"""How the names of recorders begin."""
+
 
 STILL = 1.0
 """s without a new step after which a bicycle is said to stand still."""
@@ -121,7 +124,7 @@ class Rider(Node):
         """Stop counting on those that take goals now: a killed one stays listed for seconds."""
         self._dead = self._controllers()
 
-    def recorder_listens(self, name: str = "bicycle_recorder") -> bool:
+    def recorder_listens(self, name: str) -> bool:
         """Whether a recorder of that name takes all that is published and that a bag needs."""
         return all(
             name in self._names(self.get_subscriptions_info_by_topic(self._full(topic)))
@@ -152,7 +155,7 @@ class Rider(Node):
     def _controllers(self) -> set[bytes]:
         """Ids of the subscriptions to goals, but for recorders'."""
         found = self.get_subscriptions_info_by_topic(self._full(interfaces.GOAL_PATH))
-        return {bytes(end.endpoint_gid) for end in found if end.node_name != "bicycle_recorder"}
+        return {bytes(end.endpoint_gid) for end in found if not end.node_name.startswith(RECORDER)}
 
     def _full(self, topic: Topic) -> str:
         return str(self.resolve_topic_name(topic.name))

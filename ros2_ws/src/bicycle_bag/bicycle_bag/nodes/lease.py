@@ -1,0 +1,52 @@
+"""How long other nodes wait for one that is silent."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from xml.etree import ElementTree
+
+PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
+"""Names Fast DDS's settings; `env.sh` sets it."""
+SPACE = "http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"
+LEASE = 60
+"""s; publishers keep messages for as long, see `interfaces.RESEND`."""
+
+
+@contextlib.contextmanager
+def long_lease() -> Iterator[None]:
+    """Nodes made in this context are waited for when they are silent for a minute.
+
+    A participant tells the others how long to wait for it. With the 3 s that make a dead node be
+    forgotten soon, publishers would forget a recorder that is stopped for longer, with a machine
+    that sleeps, say, and drop what it has not heard. Where Fast DDS has no settings file that says
+    a time, nothing is changed.
+    """
+    given = os.environ.get(PROFILES, "")
+    with contextlib.ExitStack() as stack:
+        settings = _lengthened(Path(given)) if given else None
+        if settings is not None:
+            file = stack.enter_context(tempfile.NamedTemporaryFile(suffix=".xml"))
+            file.write(settings)
+            file.flush()
+            os.environ[PROFILES] = file.name
+            stack.callback(os.environ.__setitem__, PROFILES, given)
+        yield
+
+
+def _lengthened(path: Path) -> bytes | None:
+    """The settings with a longer lease; None where they say none, or a longer one."""
+    try:
+        tree = ElementTree.parse(path)
+    except (OSError, ElementTree.ParseError):
+        return None  # Fast DDS tells of it
+    steps = ("discovery_config", "leaseDuration", "sec")
+    seconds = tree.findall("./" + "".join(f"/{{{SPACE}}}{step}" for step in steps))
+    short = [one for one in seconds if (one.text or "").isdecimal() and int(one.text or 0) < LEASE]
+    for one in short:
+        one.text = str(LEASE)
+    ElementTree.register_namespace("", SPACE)
+    return ElementTree.tostring(tree.getroot(), encoding="utf-8") if short else None

@@ -1,0 +1,181 @@
+"""From topics to the writer of a bag."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from datetime import datetime, timezone
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from bicycle_bag.errors import BagError
+from bicycle_bag.metadata import Topic
+from bicycle_bag.nodes.recorded_topic import RecordedTopic
+from bicycle_bag.nodes.session import offered
+from bicycle_bag.ordering import Reorder
+from bicycle_bag.qos import QosProfile
+from bicycle_bag.reader import BagMessage
+from bicycle_bag.schemas import Schemas
+from bicycle_bag.selection import TopicFilter
+from bicycle_bag.writer import BagWriter
+
+DISCOVERY_SECONDS = 0.1
+# How often a topic already recorded is asked for publishers of another quality.
+RECHECK_POLLS = 10
+# How often a loss is told.
+TELL_POLLS = 10
+# s between two turns of the executor, one of which takes longer than ten messages: what comes
+# meanwhile waits in the subscription, with the time at which it came.
+REST = 0.005
+# s without a message that was sent before the end, after which all of those have come: on a busy
+# machine some arrive late, and lost packets are sent again after 10 ms.
+QUIET = 0.5
+# s after which nothing more is waited for.
+LONGEST_END = 5.0
+# s between two turns that are worth a word.
+STANDSTILL = 3.0
+
+
+class Recorder:
+    """Discovers topics, subscribes and hands what arrives to the writer, sorted by time.
+
+    Args:
+        node: that subscribes.
+        writer: of the bag.
+        chosen: which topics to record.
+        overrides: profiles to subscribe with, by topic.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        writer: BagWriter,
+        chosen: TopicFilter,
+        overrides: Mapping[str, QosProfile],
+    ) -> None:
+        self.topics: dict[str, RecordedTopic] = {}
+        self._overrides = overrides
+        self._told: dict[str, int] = {}
+        self._told_missed: set[str] = set()
+        self._node = node
+        self._writer = writer
+        self._chosen = chosen
+        self._schemas = Schemas()
+        self._order = Reorder()
+        self._refused: set[str] = set()
+        self._polls = 0
+        self._turned = time.clock_gettime(time.CLOCK_BOOTTIME)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(DISCOVERY_SECONDS, self.poll, clock=steady)
+        self.poll()
+
+    @property
+    def lost(self) -> int:
+        """Messages that publishers sent and that never arrived here."""
+        return sum(topic.lost for topic in self.topics.values())
+
+    def poll(self) -> None:
+        """Look for new topics and write what has come."""
+        self._polls += 1
+        for name, types in self._node.get_topic_names_and_types():
+            if name in self._refused or not self._chosen.accepts(name, types[0]):
+                continue
+            if name not in self.topics:
+                self._add(name, types)
+            elif self._polls % RECHECK_POLLS == 0 and self.topics[name].hear(self._offers(name)):
+                self._node.get_logger().info(
+                    f"{name} has publishers of another quality now: subscribed to these, too"
+                )
+        self._write(self._order.tick())
+        self._writer.flush_if_due()
+        if self._polls % TELL_POLLS == 0:
+            self._tell()
+
+    def drain(self) -> None:
+        """Take what has arrived."""
+        for topic in self.topics.values():
+            topic.drain()
+
+    def notice_standstill(self) -> None:
+        """Warn where this process has not run for a while; to be called in each turn."""
+        # Unlike other clocks this one goes on while the machine sleeps.
+        now = time.clock_gettime(time.CLOCK_BOOTTIME)
+        still, self._turned = now - self._turned, now
+        if still > STANDSTILL:
+            self._node.get_logger().warning(
+                f"stood still for {still:.1f} s, stopped or with a machine that slept: what its "
+                "publishers did not keep meanwhile is lost"
+            )
+
+    def finish(self) -> None:
+        """Take what was sent until now, however late it comes, and nothing that was sent later.
+
+        Else a state could be in the bag without the command that led to it, which was sent before
+        and comes after.
+        """
+        cut, began = time.time_ns(), time.monotonic()
+        for topic in self.topics.values():
+            topic.cut_ns = cut
+        while True:
+            self.drain()
+            now = time.monotonic()
+            last = max([began, *(topic.heard for topic in self.topics.values())])
+            complete = all(topic.passed for topic in self.topics.values())
+            if complete or now - last > QUIET or now - began > LONGEST_END:
+                break
+            time.sleep(REST)
+        self._write(self._order.rest())
+        self._tell()
+        ended = datetime.fromtimestamp(cut * 1e-9, timezone.utc)
+        self._writer.custom_data["ended"] = ended.isoformat(timespec="milliseconds")
+        self._writer.custom_data["lost_messages"] = str(self.lost)
+
+    def _tell(self) -> None:
+        """Tell of each topic what it has lost since the last time, and where it begins."""
+        for name, topic in self.topics.items():
+            if topic.missed and name not in self._told_missed:
+                self._told_missed.add(name)
+                self._node.get_logger().info(
+                    f"{name} begins with message {topic.missed + 1} of its publisher: those "
+                    "before were sent before they could be heard"
+                )
+            new = topic.lost - self._told.get(name, 0)
+            if new:
+                self._told[name] = topic.lost
+                self._node.get_logger().warning(
+                    f"{new} messages of {name} lost: too many for this recorder or the network; "
+                    "record fewer topics, or best effort ones apart"
+                )
+
+    def _offers(self, name: str) -> list[QosProfile]:
+        publishers = self._node.get_publishers_info_by_topic(name)
+        return [offered(publisher.qos_profile) for publisher in publishers]
+
+    def _add(self, name: str, types: list[str]) -> None:
+        publishers = self._node.get_publishers_info_by_topic(name)
+        if not publishers:
+            return
+        try:
+            if len(types) > 1:
+                raise BagError(f"it has several types ({', '.join(types)}): stop one publisher")
+            known = str(publishers[0].topic_type_hash)
+            type_hash = known if known.startswith("RIHS") else self._schemas.type_hash(types[0])
+            offers = tuple(offered(publisher.qos_profile) for publisher in publishers)
+            topic = Topic(name, types[0], offers, type_hash)
+            definition = self._schemas.definition(types[0])
+            override = self._overrides.get(name)
+            recorded = RecordedTopic(self._node, topic, self._order, override)
+        except BagError as error:
+            self._refused.add(name)
+            self._node.get_logger().warning(f"{name} is not recorded: {error}")
+            return
+        self._writer.add_topic(topic, definition)
+        self.topics[name] = recorded
+        self._node.get_logger().info(f"recording {name} ({types[0]})")
+
+    def _write(self, messages: list[BagMessage]) -> None:
+        for message in messages:
+            self._writer.write(
+                message.topic, message.data, message.log_time_ns, message.publish_time_ns
+            )

@@ -1,0 +1,188 @@
+"""What the recorder hears: to its end, of publishers that come and go, after a standstill."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import sys
+import time
+from collections.abc import Callable
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+import pytest
+from node_process import NodeProcess
+from probe import Probe, goal
+
+from bicycle_bag import columns
+from bicycle_bag.reader import BagReader
+from bicycle_sim.nodes.interfaces import COMMAND, GOAL_POSE, STATE, TIMING, TRANSITION
+
+pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
+
+SPEAKER = Path(__file__).with_name("speaker.py")
+RECORDER = "bicycle_bag.nodes.recorder_node"
+# A recorder that is late: until it ends it takes only what the executor hands over.
+LATE = f"""
+import sys
+from {RECORDER} import Recorder, main
+drain, finish = Recorder.drain, Recorder.finish
+def ending(recorder):
+    Recorder.drain = drain
+    finish(recorder)
+Recorder.drain, Recorder.finish = lambda _: None, ending
+sys.exit(main(sys.argv[1:]))
+"""
+LONG = 60.0
+Start = Callable[..., NodeProcess]
+
+
+def speaker(start_node: Start, *words: object) -> NodeProcess:
+    return start_node(sys.executable, [SPEAKER, *words])
+
+
+def recorder_of(start_node: Start, bag: Path, *topics: str) -> NodeProcess:
+    recorder = start_node(RECORDER, ["--output", bag, "--topics", *topics])
+    recorder.wait_for_line("recording into", LONG)
+    return recorder
+
+
+def numbers(bag: Path, topic: str) -> list[int]:
+    return [int(text.split()[0]) for text in columns.load(bag, topic)["data"]]
+
+
+def test_no_effect_is_recorded_without_its_cause(start_node: Start, tmp_path: Path) -> None:
+    """Both are sent by one node, cause first; the recorder may end at any moment."""
+    talk = speaker(start_node, "/a/cause", "/b/effect", "--count", 10**6, "--hz", 2000)
+    for attempt in range(3):
+        bag = tmp_path / f"bag{attempt}"
+        recorder = recorder_of(start_node, bag, "/a/cause", "/b/effect")
+        talk.wait_for_line("heard", LONG)
+        recorder.wait_for_line("recording /b/effect", LONG)
+        time.sleep(0.3)
+        assert recorder.stop(timeout=LONG) == 0, recorder.output
+        causes, effects = numbers(bag, "/a/cause"), numbers(bag, "/b/effect")
+        assert causes[-1] - effects[-1] in (0, 1)
+        reader = BagReader(bag)
+        ended = datetime.fromisoformat(reader.metadata.custom_data["ended"]).timestamp()
+        assert max(message.publish_time_ns for message in reader.messages()) < 1e9 * ended + 2e6
+
+
+def test_what_was_sent_before_the_end_is_recorded_however_late_it_is_heard(
+    start_node: Start, tmp_path: Path
+) -> None:
+    """More than the recorder's socket holds, so that some must be sent again."""
+    recorder = recorder_of(start_node, tmp_path / "bag", "/said")
+    talk = speaker(start_node, "/said", "--count", 2000, "--hz", 0, "--bytes", 10_000, "--wait")
+    recorder.wait_for_line("recording /said", LONG)
+    talk.wait_for_line("heard", LONG)
+    recorder.send_signal(signal.SIGSTOP)
+    talk.send_signal(signal.SIGUSR1)
+    talk.wait_for_line("said", LONG)
+    recorder.send_signal(signal.SIGINT)
+    recorder.send_signal(signal.SIGCONT)
+    assert recorder.wait(LONG) == 0, recorder.output
+    assert numbers(tmp_path / "bag", "/said") == list(range(2000))
+
+
+def test_the_last_drain_takes_what_waits_for_a_recorder_that_is_late(
+    start_node: Start, tmp_path: Path
+) -> None:
+    bag, count = tmp_path / "bag", 5000
+    recorder = start_node(sys.executable, ["-c", LATE, "--output", bag, "--topics", "/said"])
+    recorder.wait_for_line("recording into", LONG)
+    talk = speaker(start_node, "/said", "--count", count, "--hz", 0)
+    assert talk.wait(LONG) == 0
+    assert recorder.stop(timeout=LONG) == 0, recorder.output
+    assert numbers(bag, "/said") == list(range(count))
+
+
+def test_a_best_effort_publisher_that_came_and_went_costs_a_reliable_one_nothing(
+    start_node: Start, tmp_path: Path
+) -> None:
+    """What comes in a burst while the recorder stands still is more than its socket holds."""
+    bag, count = tmp_path / "bag", 2000
+    recorder = recorder_of(start_node, bag, "/mixed")
+    burst = ["--count", count, "--hz", 0, "--bytes", 10_000, "--wait"]
+    reliable = speaker(start_node, "/mixed", *burst)
+    recorder.wait_for_line("recording /mixed", LONG)
+    reliable.wait_for_line("heard", LONG)
+    hasty = speaker(start_node, "/mixed", "--best-effort", "--count", 40)
+    recorder.wait_for_line("subscribed to these, too", LONG)
+    assert hasty.wait(LONG) == 0
+    recorder.send_signal(signal.SIGSTOP)
+    reliable.send_signal(signal.SIGUSR1)
+    reliable.wait_for_line("said", LONG)
+    recorder.send_signal(signal.SIGCONT)
+    assert reliable.wait(2 * LONG) == 0
+    again = speaker(start_node, "/mixed", "--best-effort", "--count", 5)
+    assert again.wait(LONG) == 0
+    assert recorder.stop(timeout=LONG) == 0, recorder.output
+    assert ", 0 lost on the way" in recorder.lines[-1]
+    texts = columns.load(bag, "/mixed")["data"]
+    long = [int(text.split()[0]) for text in texts if len(text) > 10_000]
+    short = [int(text.split()[0]) for text in texts if len(text) < 10_000]
+    assert long == list(range(count))
+    # The first time it spoke before it was heard; the second time it was waited for.
+    assert short[:-5] == list(range(short[0], 40))
+    assert short[-5:] == list(range(5))
+
+
+@pytest.mark.slow
+def test_a_recorder_that_stood_still_for_longer_than_the_lease_loses_no_step(
+    start_node: Start, tmp_path: Path, ros_domain: int
+) -> None:
+    """Nor where its socket holds next to nothing."""
+    bag, profiles = tmp_path / "bag", tmp_path / "profiles.xml"
+    given = Path(os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"]).read_text()
+    small = re.sub(r"(<receiveBufferSize>)\d+", r"\g<1>65536", given)
+    assert small != given
+    profiles.write_text(small)
+    names = [f"/{topic.name}" for topic in (STATE, COMMAND, TIMING, TRANSITION)]
+    words = ["--output", bag, "--topics", *names]
+    recorder = start_node(RECORDER, words, {"FASTRTPS_DEFAULT_PROFILES_FILE": str(profiles)})
+    recorder.wait_for_line("recording into", LONG)
+    start_node("bicycle_sim.nodes.sim_node").wait_for_line("waits for its first command", LONG)
+    start_node("bicycle_controller.nodes.controller_node", ["--ros-args", "-p", "policy:=lqr"])
+    for name in names:
+        recorder.wait_for_line(f"recording {name}", LONG)
+    probe = Probe(ros_domain, STATE)
+    probe.say(GOAL_POSE, goal(9000.0, 0.0))
+
+    def rides_on(steps: int) -> None:
+        begun = probe[STATE][-1].step
+        probe.spin_until(lambda: probe[STATE][-1].step > begun + steps, LONG)
+
+    probe.spin_until(lambda: probe[STATE] and probe[STATE][-1].step > 20, LONG)
+    recorder.send_signal(signal.SIGSTOP)
+    rides_on(240)  # 6 s; what is silent for 3 s is forgotten otherwise
+    recorder.send_signal(signal.SIGCONT)
+    rides_on(40)
+    last = probe[STATE][-1].step
+    assert recorder.stop(timeout=LONG) == 0, recorder.output
+    probe.close()
+    recorder.wait_for_line(r"stood still for \d\.\d s")
+    assert ", 0 lost on the way" in recorder.lines[-1]
+    for name in names:
+        steps = columns.load(bag, name)["step"].astype(int)
+        steps = steps[steps > 0]
+        assert (np.diff(steps) == 1).all(), name
+        assert steps[-1] >= last - 2, name
+
+
+def test_a_head_that_is_missing_is_told(start_node: Start, tmp_path: Path) -> None:
+    ear = recorder_of(start_node, tmp_path / "first", "/said")
+    talk = speaker(start_node, "/said", "--count", 10**6)
+    ear.wait_for_line("recording /said", LONG)
+    talk.wait_for_line("heard", LONG)
+    time.sleep(0.5)
+    recorder = recorder_of(start_node, tmp_path / "bag", "/said")
+    begins = int(
+        recorder.wait_for_line(r"/said begins with message (\d+) of its publisher", LONG)[1]
+    )
+    assert recorder.stop(timeout=LONG) == 0
+    assert begins > 1
+    assert numbers(tmp_path / "bag", "/said")[0] == begins - 1
+    assert "begins with message" not in ear.output
