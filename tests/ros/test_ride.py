@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from bicycle_msgs.msg import BicycleCommand
+from bicycle_msgs.msg import BicycleCommand, BicycleState
 from domains import claimed_domain
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -22,7 +22,7 @@ from waiting import until
 from bicycle_bag.reader import BagReader
 from bicycle_bag.writer import BagWriter
 from bicycle_bringup.nodes import verify
-from bicycle_bringup.ride_log import COMMAND, read_ride
+from bicycle_bringup.ride_log import COMMAND, STATE, read_ride
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -153,6 +153,43 @@ def test_a_missing_command_is_not_hidden(
     assert "not proved" in line
     assert "1 could not be computed" in line
     assert "first step 41 of episode 1" in line
+
+
+def begun_later(bag: Path, target: Path, state: int, command: int) -> None:
+    """Copy a bag as a recorder would have made it that heard states and commands from then on."""
+    reader = BagReader(bag)
+    begins = {STATE: (BicycleState, state), COMMAND: (BicycleCommand, command)}
+    with BagWriter(target) as writer:
+        for topic in reader.topics.values():
+            writer.add_topic(topic, reader.definition(topic.name))
+        for item in reader.messages():
+            kind, first = begins.get(item.topic, (None, 0))
+            if kind is None or deserialize_message(item.data, kind).step >= first:
+                writer.write(item.topic, item.data, item.log_time_ns, item.publish_time_ns)
+
+
+@pytest.mark.parametrize(("state", "command"), [(40, 40), (40, 45), (0, 1)])
+def test_a_recording_that_began_in_mid_ride_is_proved_from_there(
+    ridden: tuple[NodeProcess, Path], start_node: Start, tmp_path: Path, state: int, command: int
+) -> None:
+    begun_later(ridden[1] / "bag", tmp_path / "late", state, command)
+    last = int(read_ride(ridden[1] / "bag").states["step"][-1])
+    said = (
+        f"{last - command} states came out again, bit for bit, from where the recording begins: "
+        f"step {command} of episode 1"
+    )
+    if command > state:
+        said += f" ({command - state} states up to it came under commands that the bag lacks)"
+    assert verified(tmp_path / "late", start_node) == (0, f"{tmp_path / 'late'}: {said}")
+
+
+def test_a_recording_without_commands_is_not_proved(
+    ridden: tuple[NodeProcess, Path], start_node: Start, tmp_path: Path
+) -> None:
+    begun_later(ridden[1] / "bag", tmp_path / "none", 0, 10**6)
+    status, line = verified(tmp_path / "none", start_node)
+    assert status == 1
+    assert "not proved: the bag holds none of the commands that led to its states" in line
 
 
 def test_a_controller_killed_on_the_way_is_reported(

@@ -64,6 +64,12 @@ class Verdict:
     """Largest difference in a field of those, in its unit."""
     begun: int = 0
     """States that nothing comes before: the starts of episodes and of the recording."""
+    head: int = 0
+    """States before the first recorded command, which was not heard from its publisher's start."""
+    begins: str = ""
+    """The state that the proof begins with, where that is not the start of an episode."""
+    led: bool = False
+    """Whether a state was computed under a recorded command."""
     unknown: int = 0
     """States that cannot be computed, as the state before or the command is missing."""
     first_unknown: str = ""
@@ -91,12 +97,19 @@ class Verdict:
                 f" but for {self.rounded} that differ by {self.largest:.2g} at most, as another "
                 "kind of processor rounds"
             )
+        if self.begins:
+            text += f", from where the recording begins: {self.begins}"
+        if self.head:
+            text += f" ({self.head} states up to it came under commands that the bag lacks)"
         if self.unknown:
             return (
                 f"not proved: {text}, but {self.unknown} could not be computed for lack of the "
                 f"state or command before, first {self.first_unknown}"
             )
-        return text if self.checked else "not proved: the bag holds no ride to compute again"
+        if self.checked:
+            return text
+        why = "none of the commands that led to its states" if self.head else "no ride"
+        return f"not proved: the bag holds {why} to compute again"
 
 
 def read(path: Path) -> Recording:
@@ -206,6 +219,8 @@ def verify(recording: Recording) -> Iterator[Verdict]:
         follows = before is not None and state.episode == before.episode
         if before is None or simulator is None or not follows or state.step < before.step:
             verdict.begun += 1
+            if before is None and state.step > 0:
+                verdict.begins = _place(state)
             simulator = _restored(recording, state, place)
         elif state.step != before.step + 1:
             _skip(verdict, state)
@@ -233,15 +248,17 @@ def _compute(
     for command, push in product(_candidates(recording, state), pushes):
         trial = Simulator.restore(here, simulator.scenario, simulator.physics, simulator.seed)
         computed = convert.from_snapshot(trial.step(command, push), stamp)
-        if _bits(computed) == wanted:
-            verdict.checked += 1
-            return trial
-        gap = _gap(state, computed)
+        same = _bits(computed) == wanted
+        gap = 0.0 if same else _gap(state, computed)
         if gap <= ROUNDING:
-            verdict.checked, verdict.rounded = verdict.checked + 1, verdict.rounded + 1
+            verdict.checked, verdict.rounded = verdict.checked + 1, verdict.rounded + (not same)
             verdict.largest = max(verdict.largest, gap)
-            return _restored(recording, state, place)
-    if computed is None:
+            verdict.led |= command is not None
+            return trial if same else _restored(recording, state, place)
+    if computed is None and not verdict.led:
+        # A recorder that comes to a ride hears the states before it hears the commands.
+        verdict.head, verdict.begins = verdict.head + 1, _place(state)
+    elif computed is None:
         _skip(verdict, state)
     else:
         verdict.difference = f"{_place(state)}: {_difference(state, computed)}"
