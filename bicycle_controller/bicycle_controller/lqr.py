@@ -23,7 +23,6 @@ from dataclasses import asdict, dataclass, fields
 from functools import cache
 
 import numpy as np
-from scipy.linalg import solve_discrete_are
 
 from bicycle_sim.config import require
 from bicycle_sim.linear import discrete, steady_lean
@@ -118,6 +117,12 @@ TUNED = {
 """Tunings by name; `lqr-20cm` needs a scenario that allows its displacement of 20 cm."""
 
 
+def tuning_id(config: LqrConfig, physics: Physics) -> str:
+    """`lqr-` and a digest of tuning and physics: the controller's `policy_id`."""
+    tuning = json.dumps([asdict(config), json.loads(physics.to_json())])
+    return "lqr-" + hashlib.sha256(tuning.encode()).hexdigest()[:8]
+
+
 @cache
 def _tuned(name: str, physics: Physics) -> LqrController:
     """The controller of a tuning's name; its gains take a moment, so it is kept."""
@@ -150,8 +155,7 @@ class LqrController:
         """
         self.config = config or LqrConfig()
         self.physics = physics or Physics()
-        tuning = json.dumps([asdict(self.config), json.loads(self.physics.to_json())])
-        self._policy_id = "lqr-" + hashlib.sha256(tuning.encode()).hexdigest()[:8]
+        self._policy_id = tuning_id(self.config, self.physics)
         designs = np.array([self._design(float(speed)) for speed in SPEEDS])
         fine = np.arange(SPEEDS[0], SPEEDS[-1] + 0.5 * SPEED_STEP, SPEED_STEP)
         self._schedule = np.array([np.interp(fine, SPEEDS, column) for column in designs.T])
@@ -266,6 +270,9 @@ def _regulator(
     a: np.ndarray, b: np.ndarray, state_costs: Sequence[float], input_costs: Sequence[float]
 ) -> np.ndarray:
     """Gain K of the u = -K x with the least sum of weighted squares, (inputs, states)."""
+    # Imported here: who only asks for a tuning's id does without scipy, which takes a second.
+    from scipy.linalg import solve_discrete_are
+
     q, r = np.diag(state_costs), np.diag(input_costs)
     cost = solve_discrete_are(a, b, q, r)
     return np.linalg.solve(r + b.T @ cost @ b, b.T @ cost @ a)
