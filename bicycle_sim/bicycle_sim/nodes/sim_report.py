@@ -13,7 +13,7 @@ _MODES = {
     "riding": "riding",
     "paused": "paused",
     "held": "held until the next command",
-    "fallen": "fallen: call bicycle/reset",
+    "fallen": "fallen: reset it",
 }
 
 
@@ -88,6 +88,7 @@ class SimReport:
             )
         values: dict[str, object] = {
             "mode": mode,
+            "paused": loop.paused,
             "episode": snapshot.episode,
             "step": snapshot.step,
             "total steps": loop.total_steps,
