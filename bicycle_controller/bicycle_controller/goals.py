@@ -17,7 +17,7 @@ from bicycle_sim.geometry import heading_error, wrap_angle
 Point = tuple[float, float]
 """(x, y), m."""
 
-NO_GOALS = "an empty path came"
+NO_GOALS = "all goals were cleared"
 """Why goals are cancelled, unless `GoalTracker.cancel` says otherwise."""
 
 MOST_TOLD = 10_000
