@@ -64,6 +64,7 @@ class Recorder:
         self._schemas = Schemas()
         self._order = Reorder()
         self._refused: set[str] = set()
+        self._begun: set[str] = set()
         self._polls = 0
         self._turned = time.clock_gettime(time.CLOCK_BOOTTIME)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -176,6 +177,9 @@ class Recorder:
 
     def _write(self, messages: list[BagMessage]) -> None:
         for message in messages:
+            if message.topic not in self._begun:
+                self._begun.add(message.topic)
+                self._node.get_logger().info(f"{message.topic}: first message")
             self._writer.write(
                 message.topic, message.data, message.log_time_ns, message.publish_time_ns
             )
