@@ -167,8 +167,10 @@ class Service:
         self.name, self.log = name, folder / f"{name}.log"
         self._made = made
         self._health: list[str] = config["healthcheck"]["test"][1:]
-        words = [word.replace("${BICYCLE_TOKEN:-auto}", "auto") for word in config["command"]]
-        command = self._inside(words)
+        self._environment = {"BICYCLE_NETWORK": "local"}
+        if "BICYCLE_COCKPIT_TOKEN" in config["environment"]:
+            self._environment["BICYCLE_COCKPIT_TOKEN"] = "auto"
+        command = self._inside(config["command"])
         command[2:2] = ["--volume", f"{folder / 'bags'}:{WORKSPACE}/runs"]
         self._began = time.monotonic()
         with self.log.open("w") as log:
@@ -177,7 +179,7 @@ class Service:
             )
 
     def _inside(self, words: Sequence[str]) -> list[str]:
-        return inside(self._made, words, BICYCLE_NETWORK="local")
+        return inside(self._made, words, **self._environment)
 
     def until_healthy(self) -> float:
         """s from the start until its health check passed.

@@ -2,7 +2,7 @@
 # Shows the bicycle in the browser and lets you ride it there: simulator, controller and one web page.
 #
 # Usage: cockpit.sh [--no-ride] [--port N] [--bags FOLDER] [--models FOLDER]
-#                   [--bind ADDRESS --token WORD|auto [--host-name NAME]...]
+#                   [--bind ADDRESS --token auto|--token-file FILE [--host-name NAME]...]
 #                   [NODE.name:=value]... [--ros-args ...]
 #
 #   --no-ride         start neither simulator nor controller: show what runs already
@@ -10,7 +10,9 @@
 #   --bags FOLDER     bags to look at, and where new ones are recorded; runs of the workspace unless named
 #   --models FOLDER   policy files to choose from, besides those shipped; runs of the repository unless named
 #   --bind ADDRESS    127.0.0.1 unless named; anything wider lets other machines in and needs a token
-#   --token WORD      secret that a page must know, at least 16 letters and digits; auto makes one
+#   --token auto      have a secret made that a page must know; the printed address holds it
+#   --token-file FILE take the secret from a file that only you can read: at least 16 letters and digits;
+#                     the variable BICYCLE_COCKPIT_TOKEN does the same
 #   --host-name NAME  a name by which other machines call this one, if not by number
 #   NODE.name:=value  a parameter of simulator or controller, such as controller.policy:=lqr
 #

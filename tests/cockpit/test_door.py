@@ -16,7 +16,7 @@ def test_this_machine_needs_no_token(address: str) -> None:
 
 @pytest.mark.parametrize("address", ["0.0.0.0", "::", "192.168.1.5", "bicycle.local"])
 def test_others_need_one(address: str) -> None:
-    with pytest.raises(ValueError, match="--token WORD"):
+    with pytest.raises(ValueError, match="--token auto"):
         Door(address)
     door = Door(address, TOKEN)
     door.check_token(TOKEN)
@@ -52,6 +52,20 @@ def test_an_open_server_by_number_or_by_the_names_it_was_given() -> None:
         door.check_host(host)
     with pytest.raises(RefusedError):
         door.check_host("evil.example:8765")
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site", "strange"])
+def test_another_site_may_lead_here_and_ask_for_nothing(site: str) -> None:
+    door = Door()
+    door.check_site(site, "navigate", "/")
+    for mode, path in (("no-cors", "/"), ("navigate", "/bags/x"), (None, "/"), ("cors", "/bags")):
+        with pytest.raises(RefusedError, match="another site"):
+            door.check_site(site, mode, path)
+
+
+@pytest.mark.parametrize("site", [None, "same-origin", "none"])
+def test_its_own_pages_and_other_programs_may_ask(site: str | None) -> None:
+    Door().check_site(site, "cors", "/bags")
 
 
 def test_only_its_own_pages_open_a_websocket() -> None:

@@ -54,13 +54,11 @@ class Door:
     def __post_init__(self) -> None:
         if not is_local(self.address) and not self.token:
             raise ValueError(
-                f"--bind {self.address} opens the cockpit to other machines: give a secret with "
-                "--token WORD, or --token auto to have one made"
+                f"--bind {self.address} opens the cockpit to other machines: have a secret made "
+                "with --token auto, or give one in --token-file FILE or BICYCLE_COCKPIT_TOKEN"
             )
         if self.token and not (len(self.token) >= SHORTEST_TOKEN and self.token.isalnum()):
-            raise ValueError(
-                f"--token must be at least {SHORTEST_TOKEN} letters and digits, or auto"
-            )
+            raise ValueError(f"the token must be at least {SHORTEST_TOKEN} letters and digits")
 
     def check_host(self, host: str) -> None:
         """Check the Host header.
@@ -85,13 +83,29 @@ class Door:
         if origin not in (f"http://{host}", f"https://{host}"):
             raise RefusedError(403, f"origin {str(origin)[:80]!r} is foreign")
 
+    def check_site(self, site: str | None, mode: str | None, path: str) -> None:
+        """Check where a browser says that a request comes from; other clients say nothing.
+
+        Args:
+            site: Sec-Fetch-Site.
+            mode: Sec-Fetch-Mode.
+            path: that is asked for.
+
+        Raises:
+            RefusedError: when another site's page asks for anything but to open this one.
+        """
+        if site in (None, "same-origin", "none") or (mode == "navigate" and path == "/"):
+            return
+        raise RefusedError(403, f"a page of another site asks ({str(site)[:20]!r})")
+
     def check_token(self, token: str) -> None:
         """Check the token.
 
         Raises:
             RefusedError: when one is needed and this is not it.
         """
-        if self.token and not hmac.compare_digest(token.encode(), self.token.encode()):
+        given = token.encode(errors="surrogatepass")
+        if self.token and not hmac.compare_digest(given, self.token.encode()):
             raise RefusedError(401, "the token is missing or wrong")
 
 

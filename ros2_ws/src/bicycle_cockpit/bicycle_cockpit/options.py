@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import secrets
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +11,7 @@ from pathlib import Path
 from bicycle_bag.arguments import OneLineParser
 from bicycle_bringup.ride_options import checked_parameter
 from bicycle_cockpit.door import Door
+from bicycle_cockpit.token_source import find_token
 
 DEFAULT_PORT = 8765
 RIDE = ("simulator", "controller")
@@ -51,7 +52,8 @@ def parse(arguments: Sequence[str], workspace: Path) -> Options:
     add = parser.add_argument
     add("--port", type=int, default=DEFAULT_PORT)
     add("--bind", default="127.0.0.1")
-    add("--token", default="")
+    add("--token")
+    add("--token-file", type=Path)
     add("--host-name", action="append", default=[])
     add("--bags", type=Path, default=workspace / "runs")
     add("--models", type=Path, default=workspace.parent / "runs")
@@ -77,7 +79,7 @@ def _checked(given: argparse.Namespace, ros: list[str]) -> Options:
             raise ValueError(f"unknown argument {word!r}")
     if given.no_ride and given.parameters:
         raise ValueError(f"{given.parameters[0]!r} sets nothing with --no-ride: leave one out")
-    token = secrets.token_hex(16) if given.token == "auto" else given.token
+    token = find_token(given.token, given.token_file, os.environ)
     names = frozenset(name.lower() for name in given.host_name)
     return Options(
         door=Door(given.bind, token, names),
