@@ -1,64 +1,21 @@
-"""The shelf of bags: what it lists, what it never opens, and a ride as the page gets it."""
+"""A bag's ride as the page gets it, and the controllers that a page may choose from."""
 
 from __future__ import annotations
 
 import json
-import shutil
 import sys
 from pathlib import Path
 
 import pytest
-from bicycle_msgs.msg import BicycleCommand, BicycleState, GoalStatus, Push
-from rclpy.serialization import serialize_message
+from made_bag import PERIOD, STEPS, write_bag
 
-from bicycle_bag.errors import BagError
-from bicycle_bag.metadata import Topic
-from bicycle_bag.schemas import Schemas
-from bicycle_bag.writer import BagWriter
 from bicycle_cockpit import bags
-from bicycle_cockpit.bags import BagShelf, session
+from bicycle_cockpit.bags import session
 from bicycle_cockpit.choices import Choices
 from bicycle_controller.policy import load_policy, save_policy
 
 sys.path.append(str(Path(__file__).parents[1] / "bag"))
 from clocks import CLOCKS, with_clock
-
-STEPS = 200
-TOPICS = {
-    "/bicycle/state": BicycleState,
-    "/bicycle/command": BicycleCommand,
-    "/bicycle/goal_status": GoalStatus,
-    "/bicycle/pushed": Push,
-}
-PERIOD = 25_000_000
-
-
-def write_bag(folder: Path) -> Path:
-    """5 s along +x at 2 m/s, two policies, a push at 1 s, a goal reached at 4 s."""
-    schemas = Schemas()
-    with BagWriter(folder) as writer:
-        for name, kind in TOPICS.items():
-            full = f"bicycle_msgs/msg/{kind.__name__}"
-            topic = Topic(name, full, type_hash=schemas.type_hash(full))
-            writer.add_topic(topic, schemas.definition(full))
-        for step in range(STEPS):
-            now = 10**9 + step * PERIOD
-            state = BicycleState(episode=1, step=step, speed=2.0, goal_distance=float("nan"))
-            state.header.stamp.nanosec = (step * PERIOD) % 10**9
-            state.header.stamp.sec = (step * PERIOD) // 10**9
-            state.rear_contact.x = 0.05 * step
-            writer.write("/bicycle/state", serialize_message(state), now, now)
-            policy = "first" if step < 100 else "second"
-            command = BicycleCommand(episode=1, step=step, torque=0.01 * step, policy=policy)
-            writer.write("/bicycle/command", serialize_message(command), now + 10**6, now)
-            if step == 40:
-                push = serialize_message(Push(episode=1, step=40, lean_rate=-0.3))
-                writer.write("/bicycle/pushed", push, now, now)
-            if step == 160:
-                status = GoalStatus(goal_id=1, status=GoalStatus.REACHED, message="there")
-                status.position.x = 8.0
-                writer.write("/bicycle/goal_status", serialize_message(status), now, now)
-    return folder
 
 
 @pytest.fixture(scope="module")
@@ -70,54 +27,45 @@ def test_a_ride_as_the_page_gets_it(bag: Path) -> None:
     data = session(bag)
     json.dumps(data, allow_nan=False)
     columns = dict(zip(data["columns"], data["data"], strict=True))
-    assert columns["t"] == pytest.approx([0.025 * step for step in range(STEPS)])
-    assert columns["x"][-1] == pytest.approx(0.05 * (STEPS - 1))
-    assert columns["goal_distance"] == [None] * STEPS
+    assert columns["t"][:STEPS] == pytest.approx([0.025 * step for step in range(STEPS)])
+    assert columns["x"][STEPS - 1] == pytest.approx(0.05 * (STEPS - 1))
+    assert columns["goal_distance"] == [None] * (STEPS + 1)
     assert columns["torque"][0] is None, "the first command came after the first state"
     assert columns["torque"][50] == pytest.approx(0.49)
     assert data["duration"] == pytest.approx(0.025 * (STEPS - 1))
-    assert [one["name"] for one in data["policies"]] == ["", "first", "second"]
-    assert data["policies"][2]["t"] == pytest.approx(101 * 0.025)
-    push, goal = data["marks"]
-    assert (push["kind"], push["text"]) == ("push", "pushed to the left, 0.30 rad/s")
-    assert push["t"] == pytest.approx(1.0)
-    assert (goal["kind"], goal["x"], goal["t"]) == ("reached", 8.0, pytest.approx(4.0))
+    assert [one["name"] for one in data["riders"]] == ["first", "naf"]
+    assert columns["policy"][0] is None
+    assert (columns["policy"][100], columns["policy"][101]) == (0.0, 1.0)
+
+
+def test_marks_are_where_it_happened_also_beside_a_reset(bag: Path) -> None:
+    marks = {mark["kind"]: mark for mark in session(bag)["marks"]}
+    push, goal, fell = marks["push"], marks["reached"], marks["fell"]
+    assert push["text"] == "pushed to the left, 0.30 rad/s"
+    assert (push["t"], push["x"]) == (pytest.approx(1.0), pytest.approx(2.0))
+    assert (goal["x"], goal["t"]) == (8.0, pytest.approx(4.0))
+    assert goal["text"] == "goal (8.0, 0.0) reached after 4.0 s"
+    # The state after the reset has the same time as the one in which it fell.
+    assert fell["t"] == marks["reset"]["t"] == pytest.approx((STEPS - 1) * PERIOD * 1e-9)
+    assert fell["x"] == pytest.approx(0.05 * (STEPS - 1))
+    assert marks["reset"]["x"] == 0.0
+
+
+def test_the_hand_over_says_who_took_over_and_why(bag: Path) -> None:
+    (mark,) = [mark for mark in session(bag)["marks"] if mark["kind"] == "hand_over"]
+    assert mark["text"] == "lqr takes over: lean rate 0.6 rad/s is beyond 0.5 rad/s"
+    assert (mark["level"], mark["x"]) == ("warn", pytest.approx(7.5))
+
+
+def test_a_goal_that_is_active_already_is_not_told_again(bag: Path) -> None:
+    told = [mark["text"] for mark in session(bag)["marks"] if mark["kind"] == "active"]
+    assert told == ["rides to goal (8.0, 0.0): 8.0 m to go"]
 
 
 def test_a_long_one_is_thinned_evenly(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bags, "MOST_ROWS", 60)
     steps = session(bag)["data"][2]
-    assert steps == list(range(0, STEPS, 4))
-
-
-def test_the_shelf_lists_what_is_finished_and_opens_nothing_else(
-    bag: Path, tmp_path: Path
-) -> None:
-    folder = tmp_path / "runs"
-    shutil.copytree(bag, folder / "ride-1" / "bag")
-    shutil.copytree(bag, folder / "a" / "b" / "c" / "too-deep")
-    shutil.copytree(bag, folder / "unfinished")
-    (folder / "unfinished" / "metadata.yaml").unlink()
-    outside = tmp_path / "outside"
-    shutil.copytree(bag, outside)
-    (folder / "link").symlink_to(outside)
-    shelf = BagShelf(folder)
-    (entry,) = shelf.listed()
-    assert entry["name"] == "ride-1/bag"
-    assert entry["duration"] == pytest.approx(0.025 * (STEPS - 1) + 0.001)
-    assert shelf.load("ride-1/bag")["name"] == "ride-1/bag"
-    for name in ("link", "../outside", str(outside), "unfinished", "", ".", "ride-1"):
-        with pytest.raises(KeyError):
-            shelf.load(name)
-    assert BagShelf(tmp_path / "nothing").listed() == []
-
-
-def test_a_damaged_bag_is_one_line(bag: Path, tmp_path: Path) -> None:
-    shutil.copytree(bag, tmp_path / "bag")
-    (file,) = (tmp_path / "bag").glob("*.mcap")
-    file.write_bytes(file.read_bytes()[:2000])
-    with pytest.raises(BagError, match=r"record\.sh --repair"):
-        BagShelf(tmp_path).load("bag")
+    assert steps == [*range(0, STEPS, 4), 0]
 
 
 def test_a_page_can_name_only_the_controllers_it_was_offered(tmp_path: Path) -> None:

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import asyncio
+import json
+from typing import Any
 
 import pytest
 
 from bicycle_cockpit.hub import MOST_CLIENTS, MOST_FRAMES, MOST_LETTERS, Hub, Outbox, TooSlowError
+from bicycle_cockpit.rows import Rows
+
+
+def row(number: int, ride: int = 0) -> Rows:
+    return Rows(ride, number, (f"[{number}]",))
 
 
 async def emptied(box: Outbox) -> list[str]:
@@ -18,44 +25,86 @@ async def emptied(box: Outbox) -> list[str]:
             return taken
 
 
-def test_a_slow_page_loses_the_oldest_frames_and_nothing_else() -> None:
+def numbers(message: str) -> list[int]:
+    """The rows of a frame or a piece of the history."""
+    data: dict[str, Any] = json.loads(message)
+    found = [row[0] for row in data["rows"]]
+    assert found == list(range(data["first"], data["first"] + len(found)))
+    return found
+
+
+def greeted() -> Outbox:
+    box = Outbox()
+    box.greet("hello", [])
+    return box
+
+
+def test_a_slow_page_gets_what_waits_in_one_go() -> None:
     async def story() -> None:
-        box = Outbox()
+        box = greeted()
         box.letter("first")
         for number in range(100):
-            box.frame(f"frame {number}")
+            box.frame(row(number))
             box.newest("status", f"status {number}")
         box.letter("second")
-        kept = [f"frame {number}" for number in range(100 - MOST_FRAMES, 100)]
-        assert await emptied(box) == ["first", "second", "status 99", *kept]
-        assert box.dropped == 100 - MOST_FRAMES
+        *before, frame = await emptied(box)
+        assert before == ["hello", "first", "second", "status 99"]
+        assert numbers(frame) == list(range(100))
+        assert box.dropped == 0
+
+    asyncio.run(story())
+
+
+def test_a_page_that_is_far_behind_loses_the_oldest_frames_and_nothing_else() -> None:
+    async def story() -> None:
+        box = greeted()
+        for number in range(MOST_FRAMES + 30):
+            box.frame(row(number))
+        _, frame = await emptied(box)
+        assert numbers(frame) == list(range(30, MOST_FRAMES + 30))
+        assert box.dropped == 30
 
     asyncio.run(story())
 
 
 def test_a_page_that_keeps_up_gets_everything_in_order() -> None:
     async def story() -> None:
-        box, got = Outbox(), []
-        box.letter("hello")
+        box, got = greeted(), []
         assert await box.take() == "hello"
         for number in range(50):
-            box.frame(str(number))
-            got.append(await box.take())
-        assert got == [str(number) for number in range(50)]
+            box.frame(row(number))
+            got += numbers(await box.take())
+        assert got == list(range(50))
         assert box.dropped == 0
 
     asyncio.run(story())
 
 
-def test_a_page_is_greeted_before_it_gets_frames() -> None:
+def test_a_page_gets_nothing_before_its_greeting_and_old_rows_last() -> None:
     async def story() -> None:
         box = Outbox()
-        box.letter("event for all", own=False)
-        box.frame("what the greeting will hold")
-        box.letter("hello")
-        box.frame("new")
-        assert await emptied(box) == ["event for all", "hello", "new"]
-        assert box.dropped == 0
+        box.letter("event")
+        box.newest("status", "status")
+        box.frame(row(7))  # is in the history that follows
+        assert await emptied(box) == []
+        box.greet("hello", [Rows(0, 4, ("[4]", "[5]", "[6]", "[7]")), Rows(0, 2, ("[2]", "[3]"))])
+        box.frame(row(8))
+        *first, frame, newer, older = await emptied(box)
+        assert first == ["hello", "event", "status"]
+        assert numbers(frame) == [8]
+        assert [numbers(newer), numbers(older)] == [[4, 5, 6, 7], [2, 3]]
+
+    asyncio.run(story())
+
+
+def test_a_simulator_that_was_started_anew_ends_what_waits_of_the_old_one() -> None:
+    async def story() -> None:
+        box = Outbox()
+        box.greet("hello", [Rows(0, 2, ("[2]", "[3]"))])
+        box.frame(row(4))
+        box.frame(row(0, ride=1))
+        _, frame = await emptied(box)
+        assert json.loads(frame) == {"type": "frame", "ride": 1, "first": 0, "rows": [[0]]}
 
     asyncio.run(story())
 
@@ -76,14 +125,14 @@ def test_one_slow_page_takes_nothing_from_another() -> None:
         hub = Hub()
         (one, slow), (two, fast) = hub.join() or (0, Outbox()), hub.join() or (0, Outbox())
         for number in (one, two):
-            hub.letter("hello", number)
-        got: list[str] = []
+            hub.greet(number, "hello", [])
+        got: list[int] = []
         assert await emptied(fast) == ["hello"]
-        for number in range(40):
-            hub.frame(str(number))
-            got += await emptied(fast)
-        assert got == [str(number) for number in range(40)]
-        assert slow.dropped == 40 - MOST_FRAMES
+        for number in range(MOST_FRAMES + 10):
+            hub.frame(row(number))
+            got += numbers(await fast.take())
+        assert got == list(range(MOST_FRAMES + 10))
+        assert slow.dropped == 10
         assert (await emptied(slow))[0] == "hello"
 
     asyncio.run(story())
@@ -92,7 +141,7 @@ def test_one_slow_page_takes_nothing_from_another() -> None:
 def test_who_comes_late_gets_what_is_newest_but_no_old_frames() -> None:
     async def story() -> None:
         hub = Hub()
-        hub.frame("old")
+        hub.frame(row(1))
         hub.newest("status", "old status")
         hub.newest("status", "status")
         joined = hub.join()
@@ -100,15 +149,16 @@ def test_who_comes_late_gets_what_is_newest_but_no_old_frames() -> None:
         number, box = joined
         hub.letter("for all")
         hub.letter("for another", number + 1)
-        assert await emptied(box) == ["for all", "status"]
+        hub.greet(number, "hello", [])
+        assert await emptied(box) == ["hello", "for all", "status"]
 
     asyncio.run(story())
 
 
 def test_there_is_room_for_so_many_and_again_when_one_leaves() -> None:
     hub = Hub()
-    numbers = [joined[0] for joined in (hub.join() for _ in range(MOST_CLIENTS)) if joined]
+    numbers_given = [joined[0] for joined in (hub.join() for _ in range(MOST_CLIENTS)) if joined]
     assert hub.join() is None
-    hub.leave(numbers[0])
+    hub.leave(numbers_given[0])
     assert hub.join() is not None
-    assert len(numbers) == MOST_CLIENTS
+    assert len(numbers_given) == MOST_CLIENTS

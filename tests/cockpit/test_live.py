@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Iterable
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from bicycle_cockpit.bucket import Bucket
-from bicycle_cockpit.live import HISTORY, SHORTEST, SILENCE, Live
+from bicycle_cockpit.live import BURST, HISTORY, PIECE, RATE, SILENCE, Live
 from bicycle_cockpit.loop_stats import WINDOW, LoopStats, loop_figures
+from bicycle_cockpit.rows import Rows, joined
 from bicycle_cockpit.samples import COLUMNS, Sample, plain_column, plain_row, reward_columns
 from bicycle_sim.reward import RewardWeights
 
@@ -29,15 +31,19 @@ def sample(step: int, t: float | None = None, **changes: float) -> Sample:
     return Sample(**{**values, "t": 0.025 * step if t is None else t, **changes})
 
 
+def steps(rows: Iterable[Rows | None]) -> list[float]:
+    """The steps in parts that follow one another."""
+    found = [part for part in rows if part is not None]
+    return [json.loads(text)[2] for text in joined(found).texts] if found else []
+
+
 def test_a_frame_holds_the_rows_since_the_last_one() -> None:
     live = Live(Clock())
     assert live.frame() is None
     for step in range(3):
         assert live.add(sample(step))
     assert not live.add(sample(2)), "a state that is published again is no new step"
-    frame = live.frame()
-    assert frame is not None
-    assert [row[2] for row in frame["rows"]] == [0, 1, 2]
+    assert steps([live.frame()]) == [0, 1, 2]
     assert live.frame() is None
 
 
@@ -45,29 +51,81 @@ def test_who_comes_late_gets_the_last_two_minutes() -> None:
     live = Live(Clock())
     for step in range(HISTORY + 10):
         live.add(sample(step))
-    assert [row[2] for row in live.hello()["rows"]] == list(range(10, HISTORY + 10))
+    live.frame()
+    pieces = live.history()
+    assert len(pieces[0].texts) == PIECE, "the newest piece comes first"
+    assert steps(reversed(pieces)) == list(range(10, HISTORY + 10))
+
+
+@pytest.mark.parametrize("waiting", [0, 1, 2, 30])
+def test_history_and_the_next_frame_neither_overlap_nor_leave_a_row_out(waiting: int) -> None:
+    live = Live(Clock())
+    sent = []
+    for step in range(50):
+        live.add(sample(step))
+        if step == 49 - waiting:
+            sent.append(live.frame())
+    hello = live.hello()
+    history, frame = live.history(), live.frame()
+    assert steps([*reversed(history), frame]) == list(range(50))
+    assert hello["next"] == 50 - waiting == history[0].end
+    assert frame is None or frame.first == hello["next"]
 
 
 def test_a_simulator_that_was_started_anew_begins_a_new_history() -> None:
     live = Live(Clock())
     live.add(sample(5))
+    live.frame()
+    before = live.hello()["ride"]
+    live.add(sample(6))
     live.add(sample(0))
-    assert [row[2] for row in live.hello()["rows"]] == [0]
+    assert live.history() == []
+    frame = live.frame()
+    assert frame is not None
+    assert (frame.ride, frame.first, steps([frame])) == (before + 1, 0, [0])
+
+
+def test_what_happens_is_told_with_its_place_and_counted() -> None:
+    live = Live(Clock())
+    assert "x" not in live.event("info", "before the first state", kind="reset")
+    live.add(sample(1, x=3.0, y=4.0))
+    fell = live.event("bad", "the bicycle fell", kind="fell")
+    assert (fell["n"], fell["x"], fell["y"]) == (1, 3.0, 4.0)
+    assert live.event("good", "there", kind="reached", x=9.0, y=8.0)["x"] == 9.0
+    assert [event["n"] for event in live.hello()["events"]] == [0, 1, 2]
+
+
+def test_rows_name_the_policy_that_rode() -> None:
+    live = Live(Clock())
+    numbers = [live.policy_number(name) for name in ("naf@1", "lqr-2", "naf@1")]
+    assert numbers == [0, 1, 0]
+    assert math.isnan(live.policy_number(""))
+    live.names["naf@1"] = "naf"
+    one, two = live.riders()["riders"]
+    assert (one["name"], one["colour"]) == ("naf", "naf")
+    assert (two["name"], two["colour"]) == ("lqr", "lqr-2")
 
 
 def test_lock_step_is_thinned_and_silence_is_noticed() -> None:
     clock = Clock()
     live = Live(clock)
     assert not live.hears_simulator
-    assert live.due()
+    taken = 0
+    for _ in range(10_000):  # 1,000 steps a second
+        clock.now += 0.001
+        taken += live.due()
+    assert taken == pytest.approx(BURST + 10.0 * RATE, abs=2)
     live.add(sample(1))
-    clock.now += SHORTEST / 2
-    assert not live.due()
-    clock.now += SHORTEST
-    assert live.due()
     assert live.status()["mode"] == "held"
     clock.now += SILENCE * 1.1
     assert live.status()["mode"] == "silent"
+
+
+def test_steps_that_waited_while_the_cockpit_was_busy_are_all_kept() -> None:
+    clock = Clock()
+    live = Live(clock)
+    clock.now += 5.0
+    assert all(live.due() for _ in range(200)), "5 s of the ride at once"
 
 
 def test_all_of_it_is_json_without_nan() -> None:
@@ -76,8 +134,13 @@ def test_all_of_it_is_json_without_nan() -> None:
     live.event("good", "reached", kind="reached", x=1.0, y=2.0)
     live.trained({"updates": 5})
     live.trained({"updates": 5})
-    for message in (live.hello(), live.frame(), live.status(pages=1)):
+    live.policy_number("naf@1")
+    for message in (live.hello(), live.riders(), live.status(pages=1)):
         json.dumps(message, allow_nan=False)
+    frame = live.frame()
+    assert frame is not None
+    assert "NaN" not in frame.message("frame")
+    assert json.loads(frame.message("frame"))["rows"][0][2] == 1
     assert live.hello()["training"] == [{"updates": 5}]
     assert plain_row([math.nan, 1.0000049]) == [None, 1.0]
     assert plain_column(np.array([1, np.nan, -np.inf])) == [1.0, None, None]

@@ -3,42 +3,22 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import socket
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 import aiohttp
 import pytest
+from server_desk import TOKEN, Desk
 from waiting import until
 
-from bicycle_cockpit.bags import BagShelf
 from bicycle_cockpit.door import Door
-from bicycle_cockpit.requests import MOST_BYTES, Request
-from bicycle_cockpit.server import HEADERS, MOST_REFUSALS, Server
-
-TOKEN = "0123456789abcdef"
-
-
-class Desk:
-    """A server, what it asks for and what it says."""
-
-    def __init__(self, door: Door, folder: Path) -> None:
-        self.requests: list[tuple[int, Request]] = []
-        self.joined: list[int] = []
-        self.lines: list[str] = []
-        self.server = Server(
-            door,
-            0,
-            BagShelf(folder),
-            lambda page, request: self.requests.append((page, request)),
-            self.joined.append,
-            self.lines.append,
-        )
-        self.server.start()
-
-    @property
-    def url(self) -> str:
-        return f"http://127.0.0.1:{self.server.port}"
+from bicycle_cockpit.page_socket import MOST_REFUSALS
+from bicycle_cockpit.requests import MOST_BYTES
+from bicycle_cockpit.rows import Rows
+from bicycle_cockpit.server import HEADERS, Server
 
 
 @pytest.fixture
@@ -51,6 +31,14 @@ def desk(tmp_path: Path) -> Iterator[Desk]:
 Session = aiohttp.ClientSession
 
 
+async def opened(session: Session, desk: Desk) -> aiohttp.ClientWebSocketResponse:
+    """A page that was greeted."""
+    page = await session.ws_connect(f"{desk.url}/ws", origin=desk.url)
+    assert (await page.receive_json())["type"] == "hello"
+    assert (await page.receive_json())["type"] == "palette"
+    return page
+
+
 async def status_of(session: Session, url: str, **headers: str) -> int:
     async with session.get(url, headers=headers) as response:
         return response.status
@@ -59,9 +47,9 @@ async def status_of(session: Session, url: str, **headers: str) -> int:
 def test_the_page_and_its_parts_with_strict_headers(desk: Desk) -> None:
     async def story() -> None:
         async with Session() as session:
-            for path in ("/", "/web/main.js", "/web/style.css"):
+            for path in ("/", "/web/main.js", "/web/style.css", "/web/icon.svg", "/bags", "/none"):
                 async with session.get(desk.url + path) as response:
-                    assert response.status == 200
+                    assert response.status == (404 if path == "/none" else 200)
                     for name, value in HEADERS.items():
                         assert response.headers[name] == value
                     assert "http://" not in (await response.text()).replace("http://www.w3", "")
@@ -123,8 +111,8 @@ def test_an_open_server_wants_its_token(tmp_path: Path) -> None:
 def test_requests_come_through_and_answers_go_to_who_asked(desk: Desk) -> None:
     async def story() -> None:
         async with Session() as session:
-            one = await session.ws_connect(f"{desk.url}/ws", origin=desk.url)
-            other = await session.ws_connect(f"{desk.url}/ws", origin=desk.url)
+            one = await opened(session, desk)
+            other = await opened(session, desk)
             await one.send_str('{"type":"step","id":5}')
             await asyncio.to_thread(until, lambda: desk.requests)
             page, request = desk.requests[0]
@@ -140,7 +128,7 @@ def test_requests_come_through_and_answers_go_to_who_asked(desk: Desk) -> None:
 def test_bad_messages_are_refused_logged_and_at_last_end_it(desk: Desk) -> None:
     async def story() -> int | None:
         async with Session() as session:
-            page = await session.ws_connect(f"{desk.url}/ws", origin=desk.url)
+            page = await opened(session, desk)
             await page.send_bytes(b"\x00\x01")
             assert "not text" in (await page.receive_json())["message"]
             for _ in range(MOST_REFUSALS):
@@ -158,7 +146,7 @@ def test_bad_messages_are_refused_logged_and_at_last_end_it(desk: Desk) -> None:
 def test_a_message_too_large_ends_the_connection_with_a_line(desk: Desk) -> None:
     async def story() -> int | None:
         async with Session() as session:
-            page = await session.ws_connect(f"{desk.url}/ws", origin=desk.url)
+            page = await opened(session, desk)
             await page.send_str("x" * (MOST_BYTES + 1))
             while not page.closed:
                 await page.receive()
@@ -172,7 +160,7 @@ def test_a_message_too_large_ends_the_connection_with_a_line(desk: Desk) -> None
 def test_too_many_messages_are_refused(desk: Desk) -> None:
     async def story() -> None:
         async with Session() as session:
-            page = await session.ws_connect(f"{desk.url}/ws", origin=desk.url)
+            page = await opened(session, desk)
             for _ in range(50):
                 await page.send_str('{"type":"step"}')
             assert "slow down" in (await page.receive_json())["message"]
@@ -181,41 +169,64 @@ def test_too_many_messages_are_refused(desk: Desk) -> None:
     assert 40 <= len(desk.requests) < 50
 
 
-def test_a_page_that_reads_nothing_holds_up_nobody(desk: Desk) -> None:
-    frame = {"type": "frame", "rows": [[0.125] * 20] * 200}
+def stalled(desk: Desk, more: str = "") -> socket.socket:
+    """A page that opens its WebSocket and never reads from it."""
+    line = socket.create_connection(("127.0.0.1", desk.server.port))
+    line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    line.sendall(
+        f"GET /ws HTTP/1.1\r\nHost: 127.0.0.1:{desk.server.port}\r\nOrigin: {desk.url}\r\n"
+        "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
+        f"{more}Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n".encode()
+    )
+    return line
 
-    def stalled() -> socket.socket:
-        line = socket.create_connection(("127.0.0.1", desk.server.port))
-        line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        line.sendall(
-            f"GET /ws HTTP/1.1\r\nHost: 127.0.0.1:{desk.server.port}\r\nOrigin: {desk.url}\r\n"
-            "Connection: Upgrade\r\nUpgrade: websocket\r\nSec-WebSocket-Version: 13\r\n"
-            "Sec-WebSocket-Key: AAAAAAAAAAAAAAAAAAAAAA==\r\n\r\n".encode()
-        )
-        return line
+
+def test_a_page_that_reads_nothing_holds_up_nobody(desk: Desk) -> None:
+    wide = tuple(f"[{','.join(['0.125'] * 200)}]" for _ in range(20))
 
     async def story() -> list[int]:
         async with Session() as session:
-            page = await session.ws_connect(f"{desk.url}/ws", origin=desk.url)
-            got = []
-            until(lambda: len(desk.joined) == 2)
-            for number in desk.joined:
-                desk.server.letter({"type": "hello"}, number)
-            await page.receive_json()
-            for number in range(600):
-                desk.server.frame({**frame, "number": number})
-                got.append((await page.receive_json())["number"])
+            page = await opened(session, desk)
+            got: list[int] = []
+            for number in range(900):
+                desk.server.frame(Rows(0, number * len(wide), wide))
+                got.append((await page.receive_json())["first"])
             return got
 
-    line = stalled()
+    line = stalled(desk)
     until(lambda: desk.joined)
-    assert asyncio.run(story()) == list(range(600))
+    assert asyncio.run(story()) == [number * len(wide) for number in range(900)]
     assert desk.server.dropped > 0
     line.close()
 
 
+def test_rows_that_waited_for_a_slow_line_come_without_a_hole(desk: Desk) -> None:
+    """The page takes nothing for a while: what it missed comes in one go, each row once."""
+
+    async def story() -> list[int]:
+        async with Session() as session:
+            desk.greets = False
+            page = await session.ws_connect(f"{desk.url}/ws", origin=desk.url)
+            await asyncio.to_thread(until, lambda: desk.joined)
+            wide = f"[{','.join(['0.125'] * 400)}]"
+            history = [Rows(0, 400, (wide,) * 100), Rows(0, 300, (wide,) * 100)]
+            desk.server.greet(desk.joined[0], {"type": "hello"}, history)
+            for number in range(500, 900):
+                desk.server.frame(Rows(0, number, (wide,)))
+            got: list[int] = []
+            while len(got) < 600:
+                message = await page.receive_json()
+                rows = message.get("rows", ())
+                got += range(message.get("first", 0), message.get("first", 0) + len(rows))
+            return got
+
+    got = asyncio.run(story())
+    assert sorted(got) == list(range(300, 900))
+    assert desk.server.dropped == 0
+
+
 def test_a_port_that_is_taken_is_said(desk: Desk, tmp_path: Path) -> None:
-    second = Server(Door(), desk.server.port, BagShelf(tmp_path), print, print, print)
+    second = Server(Door(), desk.server.port, tmp_path, print, print, print)
     with pytest.raises(OSError, match="in use"):
         second.start()
 
@@ -223,11 +234,107 @@ def test_a_port_that_is_taken_is_said(desk: Desk, tmp_path: Path) -> None:
 def test_the_end_tells_the_pages(desk: Desk) -> None:
     async def story() -> int | None:
         async with Session() as session:
-            page = await session.ws_connect(f"{desk.url}/ws", origin=desk.url)
-            await asyncio.to_thread(until, lambda: desk.joined)
+            page = await opened(session, desk)
             last = asyncio.create_task(page.receive())
             await asyncio.to_thread(desk.server.stop)
             await last
             return page.close_code
 
     assert asyncio.run(story()) == aiohttp.WSCloseCode.GOING_AWAY
+
+
+@pytest.mark.parametrize("path", ["/web/main.js", "/web/style.css", "/", "/bags"])
+def test_every_kind_of_answer_is_named_by_its_type(desk: Desk, path: str) -> None:
+    kinds = {"/": "text/html", "/bags": "application/json"}
+    kind = kinds.get(path, "text/javascript" if path.endswith(".js") else "text/css")
+
+    async def story() -> None:
+        async with Session() as session, session.get(desk.url + path) as response:
+            assert response.headers["Content-Type"].partition(";")[0] == kind
+
+    asyncio.run(story())
+
+
+def test_the_page_s_parts_come_compressed_and_are_not_sent_again(desk: Desk) -> None:
+    async def story() -> None:
+        async with Session(auto_decompress=False) as session:
+            url = f"{desk.url}/web/main.js"
+            async with session.get(url, headers={"Accept-Encoding": "gzip"}) as response:
+                packed, tag = await response.read(), response.headers["ETag"]
+                assert response.headers["Content-Encoding"] == "gzip"
+            async with session.get(url, headers={"Accept-Encoding": "identity"}) as response:
+                plain = await response.read()
+                assert "Content-Encoding" not in response.headers
+            assert len(packed) < 0.6 * len(plain)
+            assert await status_of(session, url, **{"If-None-Match": tag}) == 304
+
+    asyncio.run(story())
+
+
+def test_a_greeting_and_its_rows_come_compressed(desk: Desk) -> None:
+    """582 kB of numbers took twelve seconds on a line of 50 kB/s."""
+    text = json.dumps([0.12345 + number for number in range(20)])
+    history = [Rows(0, 400 * piece, (text,) * 400) for piece in reversed(range(12))]
+    desk.greets = False
+    with stalled(desk, "Sec-WebSocket-Extensions: permessage-deflate\r\n") as line:
+        until(lambda: desk.joined)
+        desk.server.greet(desk.joined[0], {"type": "hello"}, history)
+        stream = line.makefile("rb")
+        while (header := stream.readline()) != b"\r\n":
+            assert header
+        sizes = [frame_size(stream) for _ in range(2 + len(history))]
+    plain = sum(len(rows.message("history")) for rows in history)
+    assert 0 < sum(sizes) < plain / 4
+
+
+def frame_size(stream: BinaryIO) -> int:
+    """Bytes of the next message of a WebSocket, which is compressed."""
+    first, length = stream.read(2)
+    assert first & 0x40, "a message that is not compressed"
+    if length >= 126:
+        length = int.from_bytes(stream.read(2 if length == 126 else 8), "big")
+    return len(stream.read(length))
+
+
+def test_a_compressed_message_that_becomes_too_large_ends_the_connection(desk: Desk) -> None:
+    async def story() -> int | None:
+        async with Session() as session:
+            page = await session.ws_connect(f"{desk.url}/ws", origin=desk.url, compress=15)
+            assert page.compress, "the server agrees to compress"
+            await page.send_str("x" * 50_000_000)
+            while not page.closed:
+                await page.receive()
+            return page.close_code
+
+    assert asyncio.run(story()) == aiohttp.WSCloseCode.MESSAGE_TOO_BIG
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+def test_another_site_s_page_cannot_have_bags_read_by_an_image(desk: Desk, site: str) -> None:
+    async def story() -> None:
+        async with Session() as session:
+            image = {"Sec-Fetch-Site": site, "Sec-Fetch-Mode": "no-cors"}
+            frame = {"Sec-Fetch-Site": site, "Sec-Fetch-Mode": "navigate"}
+            for headers in (image, frame):
+                assert await status_of(session, f"{desk.url}/bags", **headers) == 403
+                assert await status_of(session, f"{desk.url}/bags/any", **headers) == 403
+            assert await status_of(session, f"{desk.url}/", **image) == 403
+            assert await status_of(session, f"{desk.url}/", **frame) == 200, "a link may lead here"
+            own = {"Sec-Fetch-Site": "same-origin", "Sec-Fetch-Mode": "cors"}
+            assert await status_of(session, f"{desk.url}/bags", **own) == 200
+
+    asyncio.run(story())
+    assert "a page of another site asks" in desk.lines[0]
+
+
+def test_a_token_that_is_no_text_is_wrong_and_nothing_more(tmp_path: Path) -> None:
+    desk = Desk(Door("0.0.0.0", TOKEN), tmp_path)
+    try:
+        with socket.create_connection(("127.0.0.1", desk.server.port)) as line:
+            request = (
+                b"GET /bags HTTP/1.0\r\nHost: localhost\r\nAuthorization: Bearer \xff\xfe\r\n\r\n"
+            )
+            line.sendall(request)
+            assert line.makefile("rb").read().split()[1] == b"401"
+    finally:
+        desk.server.stop()

@@ -47,8 +47,9 @@ class Page:
     def _take(self, message: dict[str, Any]) -> None:
         if message["type"] == "hello":
             self._columns = message["columns"]
-        for row in message.get("rows", ()):
-            self.rows.append(dict(zip(self._columns, row, strict=True)))
+        rows = [dict(zip(self._columns, row, strict=True)) for row in message.get("rows", ())]
+        at = 0 if message["type"] == "history" else len(self.rows)
+        self.rows[at:at] = rows
         self.heard.append(message)
 
     def until(self, condition: Callable[[], Any], patience: float = PATIENCE) -> Any:

@@ -16,6 +16,7 @@ from node_process import NodeProcess
 from probe import Probe
 
 from bicycle_bringup.nodes import verify
+from bicycle_cockpit.nodes.cockpit import MOST_DEATHS
 from bicycle_sim.nodes import interfaces
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -43,7 +44,8 @@ def test_a_ride_is_recorded_pushed_and_proved(cockpit: Made) -> None:
     _, page, folder, domain = cockpit
     assert page.newest("hello")["largest_push"] == 2.0
     assert page.ask("record", on=True)["ok"]
-    page.until(lambda: page.newest("status")["recording"])
+    page.until(lambda: phases(page)[-1:] == ["recording"])
+    assert phases(page)[0] == "starting", "it says that it records once the recorder hears it"
     page.until(lambda: "recording /bicycle/timing" in _log(domain, "recorder"))
     assert page.ask("goal", x=14.0, y=4.0)["ok"]
     page.until(lambda: last(page, "x") > 3.0)
@@ -55,7 +57,7 @@ def test_a_ride_is_recorded_pushed_and_proved(cockpit: Made) -> None:
     assert math.hypot(last(page, "x") - 14.0, last(page, "y") - 4.0) < 3.0
     status = page.newest("status")
     assert status["mode"] == "riding"
-    assert status["policy"].startswith("lqr")
+    assert status["who"]["driver"]["name"] == status["who"]["chosen"]["name"] == "lqr"
     assert status["loop"]["rate"] > 0
     assert status["controllers"] == 1
     assert page.ask("record", on=False)["ok"]
@@ -74,6 +76,12 @@ def test_a_ride_is_recorded_pushed_and_proved(cockpit: Made) -> None:
     recording.pushes.clear()
     (*_, verdict) = verify.verify(recording)
     assert "lean_angle was" in verdict.difference
+
+
+def phases(page: Page) -> list[str]:
+    """What the page was told of the recorder, in order."""
+    told = (m["recording"] for m in list(page.heard) if m["type"] == "status" and m["recording"])
+    return [recording["phase"] for recording in told]
 
 
 def _log(domain: int, name: str) -> str:
@@ -117,7 +125,10 @@ def test_the_controller_is_switched_by_name_only(cockpit: Made) -> None:
     assert {"fixed-speed", "lqr"} <= offered
     assert page.ask("goal", x=0.0, y=60.0)["ok"]
     assert page.ask("controller", name="fixed-speed")["ok"]
-    page.until(lambda: page.newest("status")["policy"].startswith("fixed-speed@"))
+    page.until(lambda: page.newest("status")["who"]["driver"]["name"] == "fixed-speed")
+    driver = page.newest("status")["who"]["driver"]
+    assert driver["policy"].startswith("fixed-speed@")
+    assert driver["colour"] in page.newest("palette")["slots"]
     refused = page.ask("controller", name="/etc/passwd")
     assert not refused["ok"]
     assert "is offered" in refused["message"]
@@ -155,6 +166,27 @@ def test_ctrl_c_ends_all_of_it(cockpit: Made) -> None:
     assert [path.name for path in left if not path.name.startswith("cockpit")] == []
 
 
+def test_a_cockpit_that_gives_up_tells_its_pages_why(start_node: Start) -> None:
+    process = start_node(COCKPIT, ["--port", "0"])
+    page = Page(address_of(process))
+    folder = COCKPIT.parent / "runs" / "pids" / os.environ["ROS_DOMAIN_ID"]
+    for death in range(MOST_DEATHS + 1):
+        (note,) = page.until(lambda: list(folder.glob("simulator.*")))
+        os.kill(int(note.suffix[1:]), signal.SIGKILL)
+        if death < MOST_DEATHS:
+            page.until(lambda death=death: starts(page) == death + 1)  # type: ignore[misc]
+    assert process.wait(60) == 2
+    assert "simulator was killed by SIGKILL" in process.lines[-1]
+    end = page.event("end")
+    assert "the cockpit ends: simulator was killed by SIGKILL" in end["text"]
+    page.close()
+
+
+def starts(page: Page) -> int:
+    """How often the page was told that the simulator was started again."""
+    return sum(m.get("text") == "simulator started again" for m in list(page.heard))
+
+
 def test_without_a_ride_it_says_what_is_missing(start_node: Start, tmp_path: Path) -> None:
     words = ["--no-ride", "--port", "0", "--bags", tmp_path]
     page = Page(address_of(start_node(COCKPIT, words)))
@@ -168,8 +200,9 @@ def test_without_a_ride_it_says_what_is_missing(start_node: Start, tmp_path: Pat
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--bind", "0.0.0.0"], "give a secret with --token"),
-        (["--token", "short"], "at least 16 letters"),
+        (["--bind", "0.0.0.0"], "have a secret made with --token auto"),
+        (["--token", "0123456789abcdef"], "every user of this machine can read a command line"),
+        (["--token-file", "/none"], "cannot read --token-file '/none': No such file"),
         (["--port", "99999"], "choose 1 to 65535"),
         (["--speed", "3"], "unrecognized arguments: --speed"),
         (["pilot.policy:=lqr"], "names no node"),

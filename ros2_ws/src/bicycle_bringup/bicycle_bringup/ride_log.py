@@ -83,7 +83,7 @@ def load_ride(reader: BagReader, prefix: str) -> RideLog:
     states, segment = distinct(columns[STATE]) if columns[STATE] else _no_states()
     commands, told = columns[COMMAND], columns[GOAL_STATUS]
     drove = driving(commands, states)
-    statuses = goals_of_recording(told, _begun(reader), commands)
+    statuses = goals_of_recording(told, begun(reader), commands)
     return RideLog(
         path=reader.path,
         states=states,
@@ -98,7 +98,7 @@ def load_ride(reader: BagReader, prefix: str) -> RideLog:
     )
 
 
-def _begun(reader: BagReader) -> float:
+def begun(reader: BagReader) -> float:
     """s, log time of the first message in recorded order; clocks may be set back later on."""
     first = next(iter(reader.messages()), None)
     return first.log_time_ns * 1e-9 if first is not None else 0.0

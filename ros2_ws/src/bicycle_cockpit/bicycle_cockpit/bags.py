@@ -1,104 +1,40 @@
-"""The bags of one folder: which there are, and a ride in the form that the page draws.
-
-A bag goes by its path below the folder, and only by one that the folder's listing holds.
-"""
+"""A bag's ride in the form that the page draws."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bicycle_bag import metadata
-from bicycle_bag.columns import load
 from bicycle_bag.errors import BagError
-from bicycle_bag.reader import BagReader
-from bicycle_bringup.ride_log import PUSHED, RideLog, prefix_of, read_ride
+from bicycle_bringup.ride_log import RideLog, read_ride
 from bicycle_bringup.summary import dropped_steps, late_steps
 from bicycle_cockpit.loop_stats import loop_figures
+from bicycle_cockpit.marks import Ridden, marks
+from bicycle_cockpit.riders import Rider, lqr_names, rider, shipped_names
 from bicycle_cockpit.samples import COLUMNS, plain_column, reward_columns
-from bicycle_controller.goals import Status
+from bicycle_sim.parameters import Physics
 from bicycle_sim.reward import RewardWeights
 from bicycle_sim.scenario import Scenario
 
-MOST_BAGS = 200
-"""That are listed, the newest."""
-DEEPEST = 3
-"""Folders below the folder that bags are looked for in."""
 MOST_ROWS = 24_000
 """Of one bag for the page, ten minutes at 40 Hz; longer ones are thinned evenly."""
-MOST_MARKS = 2_000
 
 Numbers = NDArray[np.float64]
-
-
-class BagShelf:
-    """The finished bags below one folder."""
-
-    def __init__(self, folder: Path) -> None:
-        """Look into `folder`, which may not be there yet."""
-        self.folder = folder
-
-    def listed(self) -> list[dict[str, Any]]:
-        """The newest bags first: name, start (s since 1970), duration (s) and messages."""
-        entries: list[dict[str, Any]] = []
-        for name, path in self._found().items():
-            try:
-                about = metadata.read(path)
-            except BagError:
-                continue
-            entries.append(
-                {
-                    "name": name,
-                    "start": about.starting_time_ns / 1e9,
-                    "duration": about.duration_ns / 1e9,
-                    "messages": sum(about.counts.values()),
-                }
-            )
-        entries.sort(key=lambda entry: float(entry["start"]), reverse=True)
-        return [entry for entry in entries if entry["messages"]][:MOST_BAGS]
-
-    def load(self, name: str) -> dict[str, Any]:
-        """A bag for the page; see `session`.
-
-        Raises:
-            KeyError: when the folder's listing has no such bag.
-            BagError: when it cannot be read or holds no ride.
-        """
-        return {"name": name, **session(self._found()[name])}
-
-    def _found(self) -> dict[str, Path]:
-        """Paths by name; a link that leads out of the folder is none."""
-        root = self.folder.resolve()
-        found = {}
-        for path in _bag_folders(self.folder, DEEPEST):
-            if path.resolve().is_relative_to(root):
-                found[path.relative_to(self.folder).as_posix()] = path
-        return found
-
-
-def _bag_folders(folder: Path, depth: int) -> Iterator[Path]:
-    try:
-        inside = sorted(path for path in folder.iterdir() if path.is_dir())
-    except OSError:
-        return
-    for path in inside:
-        if (path / metadata.FILE_NAME).is_file():
-            yield path
-        elif depth > 1:
-            yield from _bag_folders(path, depth - 1)
+Made = TypeVar("Made")
 
 
 def session(path: Path) -> dict[str, Any]:
     """A ride as the page draws it.
 
     Returns:
-        `columns` (names), `data` (one list per column), `marks` (what happened: `t`, `kind`,
-        `text`, and `x`, `y` for goals), `policies` (from when which rode), `loop` (figures of
-        the whole bag), `goal_radius` and `duration`.
+        `columns` (names), `data` (one list per column), `marks` (see there), `riders` (the
+        policies that the rows name by number), `loop` (figures of the whole bag), `fall_angle`
+        (rad), `goal_radius` (m) and `duration` (s of simulated time).
 
     Raises:
         BagError: when it cannot be read or holds no ride.
@@ -107,22 +43,25 @@ def session(path: Path) -> dict[str, Any]:
     if not len(ride.states["step"]):
         raise BagError(f"{path} holds no state of a bicycle: record a ride with record.sh")
     time = _simulated_time(ride)
-    scenario = _scenario(ride)
+    scenario = _first(ride, "scenario", Scenario.from_json)
+    physics = _first(ride, "physics", Physics.from_json)
+    names = {**shipped_names(), **lqr_names(physics or Physics())}
     newest = _newest_before(ride.commands, ride.states["recorded_order"])
-    table = _table(ride, time, newest, scenario)
+    riders, numbers = _riders(ride, newest, names)
+    table = _table(ride, time, newest, numbers, scenario)
     stride = -(-len(time) // MOST_ROWS)
     timing = [
         np.asarray(ride.timing.get(name, ()), dtype=np.float64)
         for name in ("period", "lateness", "latency")
     ]
-    marks = [*_goal_marks(ride, time), *_state_marks(ride, time), *_push_marks(path, ride, time)]
     return {
         "columns": list(COLUMNS),
         "data": [plain_column(column[::stride]) for column in table],
-        "marks": sorted(marks, key=lambda mark: mark["t"])[:MOST_MARKS],
-        "policies": _policies(ride, time, newest),
+        "marks": marks(Ridden(ride, time, names)),
+        "riders": [asdict(one) for one in riders],
         "loop": {**loop_figures(*timing), "late": late_steps(ride.timing)}
         | {"dropped": dropped_steps(ride.timing)},
+        "fall_angle": scenario.fall_angle if scenario else None,
         "goal_radius": scenario.goal_radius if scenario else 1.0,
         "duration": float(time[-1] - time[0]),
     }
@@ -135,10 +74,11 @@ def _simulated_time(ride: RideLog) -> Numbers:
     return np.cumsum(np.where(steps < 0, 0.025, steps))
 
 
-def _scenario(ride: RideLog) -> Scenario | None:
-    for text in ride.episodes.get("scenario", ()):
+def _first(ride: RideLog, name: str, read: Callable[[str], Made]) -> Made | None:
+    """What the first episode says; None where the bag has none, or one of another version."""
+    for text in ride.episodes.get(name, ()):
         try:
-            return Scenario.from_json(text)
+            return read(text)
         except (ValueError, TypeError):
             return None
     return None
@@ -154,7 +94,11 @@ def _newest_before(
 
 
 def _table(
-    ride: RideLog, time: Numbers, newest: NDArray[np.intp], scenario: Scenario | None
+    ride: RideLog,
+    time: Numbers,
+    newest: NDArray[np.intp],
+    riders: Numbers,
+    scenario: Scenario | None,
 ) -> list[Numbers]:
     """The columns of `Sample`."""
     states = ride.states
@@ -175,6 +119,7 @@ def _table(
         states["heading_error"],
         states["command_source"],
         *(_at(ride.commands, name, newest) for name in ("torque", "displacement", "pedal_force")),
+        riders,
         *rewards,
     ]
 
@@ -186,60 +131,15 @@ def _at(messages: Mapping[str, NDArray[Any]], name: str, rows: NDArray[np.intp])
     return np.where(rows >= 0, messages[name][np.maximum(rows, 0)], np.nan)
 
 
-def _when(ride: RideLog, time: Numbers, messages: Mapping[str, NDArray[Any]]) -> Numbers:
-    """Simulated time of some messages: that of the newest state recorded by then."""
-    places = messages["recorded_order"]
-    rows = np.searchsorted(ride.states["recorded_order"], places, side="right") - 1
-    return time[np.maximum(rows, 0)]
-
-
-def _goal_marks(ride: RideLog, time: Numbers) -> Iterator[dict[str, Any]]:
-    """What became of goals."""
-    found = ride.statuses
-    if "status" not in found:
-        return
-    moments = _when(ride, time, found)
-    for row, moment in enumerate(moments):
-        status = Status(int(found["status"][row]))
-        x, y = float(found["position.x"][row]), float(found["position.y"][row])
-        if np.isfinite([x, y]).all():
-            yield {
-                "t": round(float(moment), 3),
-                "kind": status.name.lower(),
-                "text": str(found["message"][row]),
-                "x": x,
-                "y": y,
-                "remaining": int(found["remaining"][row]),
-            }
-
-
-def _state_marks(ride: RideLog, time: Numbers) -> Iterator[dict[str, Any]]:
-    """Falls and resets."""
-    fallen = np.asarray(ride.states["fallen"], dtype=bool)
-    for row in np.flatnonzero(fallen & ~np.roll(fallen, 1)):
-        yield {"t": round(float(time[row]), 3), "kind": "fell", "text": "the bicycle fell"}
-    for row in np.flatnonzero(np.diff(ride.segment)) + 1:
-        episode = int(ride.states["episode"][row])
-        text = f"episode {episode} begins"
-        yield {"t": round(float(time[row]), 3), "kind": "reset", "text": text}
-
-
-def _push_marks(path: Path, ride: RideLog, time: Numbers) -> Iterator[dict[str, Any]]:
-    """Pushes from the side."""
-    reader = BagReader(path)
-    topic = prefix_of(reader) + PUSHED
-    if topic not in reader.topics or not reader.counts.get(topic):
-        return
-    pushes = load(reader, topic)
-    for moment, rate in zip(_when(ride, time, pushes), pushes["lean_rate"], strict=True):
-        text = f"pushed to the {'right' if rate > 0 else 'left'}, {abs(rate):.2f} rad/s"
-        yield {"t": round(float(moment), 3), "kind": "push", "text": text}
-
-
-def _policies(ride: RideLog, time: Numbers, newest: NDArray[np.intp]) -> list[dict[str, Any]]:
-    """From when on which policy rode."""
+def _riders(
+    ride: RideLog, newest: NDArray[np.intp], names: Mapping[str, str]
+) -> tuple[list[Rider], Numbers]:
+    """The policies that rode, in the order in which they first did, and (n,) which did when."""
+    numbers = np.full(len(newest), np.nan)
     if "policy" not in ride.commands or not len(ride.commands["policy"]):
-        return []
-    names = np.where(newest >= 0, ride.commands["policy"][np.maximum(newest, 0)], "")
-    rows = [row for row in range(len(names)) if row == 0 or names[row] != names[row - 1]]
-    return [{"t": round(float(time[row]), 3), "name": str(names[row])} for row in rows]
+        return [], numbers
+    ids = np.where(newest >= 0, ride.commands["policy"][np.maximum(newest, 0)], "")
+    known = [str(policy) for policy in dict.fromkeys(ids.tolist()) if policy]
+    for number, policy in enumerate(known):
+        numbers[ids == policy] = number
+    return [rider(policy, names) for policy in known], numbers

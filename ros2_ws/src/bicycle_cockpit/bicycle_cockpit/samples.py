@@ -53,6 +53,8 @@ class Sample(NamedTuple):
     """m of the rider, positive to the left."""
     pedal_force: float
     """N."""
+    policy: float
+    """Number of the policy that chose these three, in the list that goes with the rows."""
     reward_lean: float
     """Terms of equation 20."""
     reward_rate: float

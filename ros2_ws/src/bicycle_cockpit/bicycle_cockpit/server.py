@@ -7,39 +7,40 @@ over, and the two callbacks, which must only put things down for later.
 from __future__ import annotations
 
 import asyncio
-import json
+import contextlib
+import gzip
+import logging
 import threading
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable, Sequence
 from pathlib import Path
-from socket import SO_SNDBUF, SOL_SOCKET
 from typing import Any
 
-from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
+from aiohttp import web
 
-from bicycle_bag.errors import BagError
-from bicycle_cockpit.bags import BagShelf
-from bicycle_cockpit.bucket import Bucket
+from bicycle_cockpit.assets import Assets, accepts_gzip
+from bicycle_cockpit.bag_desk import BagDesk, BagProblemError
+from bicycle_cockpit.connections import Connection, Connections, most_connections
 from bicycle_cockpit.door import Door, RefusedError
-from bicycle_cockpit.hub import Hub, Outbox, TooSlowError
-from bicycle_cockpit.requests import MOST_BYTES, Request, RequestError, parse
+from bicycle_cockpit.hub import Hub
+from bicycle_cockpit.json_text import json_text
+from bicycle_cockpit.listening import listen
+from bicycle_cockpit.one_line import OneLine, ToOneLine
+from bicycle_cockpit.page_socket import PageSocket
+from bicycle_cockpit.requests import MOST_BYTES, Request
+from bicycle_cockpit.riders import Palette
+from bicycle_cockpit.rows import Rows
 
 WEB = Path(__file__).parent / "web"
-HEARTBEAT = 20.0
-"""s between two pings; a page that answers none is gone."""
-MOST_BUFFERED = 64 * 1024
-"""Bytes on the way to one page, here and as many in the kernel; it would take megabytes."""
-GOOD_BYE = 1.0
-"""s that a page gets to answer when it is told that all is over."""
-MESSAGE_RATE, MESSAGE_BURST = 20.0, 40.0
-MOST_REFUSALS = 20
-"""Refused messages after which a page is sent away."""
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; "
     "form-action 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Permissions-Policy": "camera=(), geolocation=(), microphone=(), payment=(), usb=()",
     "Cache-Control": "no-cache",
+    "Server": "cockpit",
 }
 
 
@@ -49,7 +50,7 @@ class Server:
     Args:
         door: who may come in, and the address.
         port: to listen on; 0 takes a free one.
-        shelf: the bags.
+        bags: folder of the bags.
         on_request: called in the server's thread with a page's number and its request.
         on_join: called in the server's thread with the number of a page that is new.
         log: called in the server's thread with one line about what was refused.
@@ -59,19 +60,20 @@ class Server:
         self,
         door: Door,
         port: int,
-        shelf: BagShelf,
+        bags: Path,
         on_request: Callable[[int, Request], None],
         on_join: Callable[[int], None],
         log: Callable[[str], None],
     ) -> None:
         self.port = port
+        self.palette = Palette()
         self._door = door
-        self._shelf = shelf
-        self._on_request, self._on_join, self._say = on_request, on_join, log
-        self._log_bucket = Bucket(rate=1.0, burst=20.0)
-        self._unsaid = 0
+        self._bags = BagDesk(bags)
+        self._on_request, self._on_join = on_request, on_join
+        self._log = OneLine(log)
         self._hub = Hub()
-        self._sockets: set[web.WebSocketResponse] = set()
+        self._pages: set[PageSocket] = set()
+        self._assets = Assets(WEB)
         self._loop = asyncio.new_event_loop()
         self._over = asyncio.Event()
         self._ready = threading.Event()
@@ -97,17 +99,26 @@ class Server:
             self._loop.call_soon_threadsafe(self._over.set)
             self._thread.join(5.0)
 
-    def frame(self, data: dict[str, Any]) -> None:
-        """A frame for all pages; those that do not keep up may lose it."""
-        self._loop.call_soon_threadsafe(self._hub.frame, _json(data))
+    def greet(self, page: int, hello: dict[str, Any], history: Sequence[Rows]) -> None:
+        """The first thing that a page gets, and the rows until now."""
+        self._loop.call_soon_threadsafe(self._hub.greet, page, json_text(hello), history)
+
+    def frame(self, rows: Rows) -> None:
+        """New rows for all pages."""
+        self._loop.call_soon_threadsafe(self._hub.frame, rows)
 
     def newest(self, data: dict[str, Any]) -> None:
         """Something that replaces what was sent before with the same `type`."""
-        self._loop.call_soon_threadsafe(self._hub.newest, data["type"], _json(data))
+        self._loop.call_soon_threadsafe(self._hub.newest, data["type"], json_text(data))
 
     def letter(self, data: dict[str, Any], to: int | None = None) -> None:
         """Something that must not be lost, for one page or for all."""
-        self._loop.call_soon_threadsafe(self._hub.letter, _json(data), to)
+        self._loop.call_soon_threadsafe(self._hub.letter, json_text(data), to)
+
+    def colour(self, keys: Sequence[str]) -> None:
+        """Give policies their colours, see `Palette`."""
+        if self.palette.add(keys):
+            self.newest(self.palette.message())
 
     @property
     def pages(self) -> int:
@@ -130,155 +141,115 @@ class Server:
             self._loop.close()
 
     async def _serve(self) -> None:
+        self.newest(self.palette.message())
+        try:
+            async with self._listening():
+                self._ready.set()
+                await self._over.wait()
+        except OSError as error:
+            self._error = error
+
+    @contextlib.asynccontextmanager
+    async def _listening(self) -> AsyncIterator[None]:
+        """While connections are taken in; raises OSError where that cannot be."""
         app = web.Application(middlewares=[self._guard], client_max_size=MOST_BYTES)
         app.router.add_get("/", self._page)
+        app.router.add_get("/web/{name:.+}", self._part)
         app.router.add_get("/ws", self._socket)
         app.router.add_get("/bags", self._list_bags)
         app.router.add_get("/bags/{name:.+}", self._open_bag)
-        app.router.add_static("/web", WEB)
         runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0)
         await runner.setup()
+        assert runner.server is not None
+        most = most_connections()
+        logger = logging.Logger("web")
+        logger.addHandler(ToOneLine(self._log))
+        doors = Connections(runner.server, self._log, most, logger=logger, access_log=None)
+        self._loop.set_exception_handler(self._on_exception)
         try:
-            site = web.TCPSite(runner, self._door.address, self.port)
-            await site.start()
-            self.port = runner.addresses[0][1]
-            self._ready.set()
-            await self._over.wait()
-        except OSError as error:
-            self._error = error
-        finally:
-            leaving = (
-                socket.close(code=WSCloseCode.GOING_AWAY, message=b"the cockpit ends")
-                for socket in self._sockets
-            )
+            self.port, listeners = await listen(doors, self._door.address, self.port)
+            yield
+            for listener in listeners:
+                listener.close()
+            leaving = (page.close() for page in self._pages)
             await asyncio.gather(*leaving, return_exceptions=True)
+        finally:
+            await self._bags.close()
             await runner.cleanup()
+
+    def _on_exception(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """One line for what asyncio would print with a traceback, such as no more open files."""
+        error = context.get("exception")
+        words = f" ({type(error).__name__}: {error})" if error is not None else ""
+        self._log(f"{context.get('message', 'the web server failed')}{words}")
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Any) -> web.StreamResponse:
         """Let in who may come in; every answer forbids what the page does not need."""
-        try:
-            self._door.check_host(request.host)
-            response = await handler(request)
-        except RefusedError as refusal:
-            self._log(f"{request.remote}: {request.path[:80]!r} refused: {refusal}")
-            response = web.Response(status=refusal.status, text=f"{refusal}\n")
-        except web.HTTPException as error:
-            response = web.Response(status=error.status, text=f"{error.reason}\n")
-        if not response.prepared:
-            response.headers.update(HEADERS)
+        connection = request.protocol
+        assert isinstance(connection, Connection)
+        with connection.at_work():
+            try:
+                self._check(request)
+                response = await handler(request)
+            except RefusedError as refusal:
+                self._log(f"{request.remote}: {request.path[:80]!r} refused: {refusal}")
+                response = web.Response(status=refusal.status, text=f"{refusal}\n")
+            except web.HTTPException as error:
+                response = web.Response(status=error.status, text=f"{error.reason}\n")
+            if not response.prepared:
+                response.headers.update(HEADERS)
+                with contextlib.suppress(ConnectionError):  # it may have left
+                    await response.prepare(request)
+                    await response.write_eof()
         return response
 
-    def _log(self, line: str) -> None:
-        """Log a line, but not without end."""
-        if not self._log_bucket.take():
-            self._unsaid += 1
-            return
-        more = f" (and {self._unsaid} more like it before)" if self._unsaid else ""
-        self._unsaid = 0
-        self._say("".join(char if char.isprintable() else "?" for char in line) + more)
+    def _check(self, request: web.Request) -> None:
+        self._door.check_host(request.host)
+        site, mode = (request.headers.get(f"Sec-Fetch-{name}") for name in ("Site", "Mode"))
+        self._door.check_site(site, mode, request.path)
 
-    async def _page(self, request: web.Request) -> web.StreamResponse:
-        return web.FileResponse(WEB / "index.html")
+    async def _page(self, request: web.Request) -> web.Response:
+        return self._assets.response(request, "index.html")
+
+    async def _part(self, request: web.Request) -> web.Response:
+        return self._assets.response(request, request.match_info["name"])
 
     async def _list_bags(self, request: web.Request) -> web.Response:
         self._door.check_token(_bearer(request))
-        found = await asyncio.to_thread(self._shelf.listed)
-        return _json_response({"bags": found})
+        try:
+            return _json_response({"bags": await self._bags.listed()})
+        except BagProblemError as problem:
+            return _json_response({"error": str(problem)}, problem.status)
 
     async def _open_bag(self, request: web.Request) -> web.Response:
         self._door.check_token(_bearer(request))
-        name = request.match_info["name"]
         try:
-            data = await asyncio.to_thread(self._shelf.load, name)
-        except KeyError:
-            raise RefusedError(404, f"there is no bag {name[:80]!r} in the folder") from None
-        except BagError as error:
-            return _json_response({"error": str(error)}, status=422)
-        return _json_response(data)
+            bag = await self._bags.load(request.match_info["name"])
+        except BagProblemError as problem:
+            return _json_response({"error": str(problem)}, problem.status)
+        self.colour(bag.colours)
+        if accepts_gzip(request):
+            packed = {"Content-Encoding": "gzip", "Vary": "Accept-Encoding"}
+            return web.Response(body=bag.body, content_type="application/json", headers=packed)
+        body = await asyncio.to_thread(gzip.decompress, bag.body)
+        return web.Response(body=body, content_type="application/json")
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
         self._door.check_origin(request.headers.get("Origin"), request.host)
         self._door.check_token(request.query.get("token", ""))
-        socket = web.WebSocketResponse(
-            heartbeat=HEARTBEAT, max_msg_size=MOST_BYTES, compress=False, timeout=GOOD_BYE
-        )
         joined = self._hub.join()
         if joined is None:
             raise RefusedError(503, "too many pages are connected")
         number, box = joined
-        sender: asyncio.Task[None] | None = None
+        page = PageSocket(request, self._hub, number, self._log)
+        self._pages.add(page)
         try:
-            await socket.prepare(request)
-            _keep_short(request)
-            self._sockets.add(socket)
-            sender = asyncio.create_task(self._send(socket, box))
-            self._on_join(number)
-            await self._receive(request, socket, number)
+            await page.serve(box, self._on_join, self._on_request)
         finally:
             self._hub.leave(number)
-            self._sockets.discard(socket)
-            if sender is not None:
-                sender.cancel()
-        return socket
-
-    @staticmethod
-    async def _send(socket: web.WebSocketResponse, box: Outbox) -> None:
-        """Send what waits, at the page's own pace."""
-        try:
-            while True:
-                await socket.send_str(await box.take())
-        except TooSlowError:
-            await socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"too slow")
-        except ConnectionError:
-            pass  # the page is gone; the receiving side sees it too
-
-    async def _receive(
-        self, request: web.Request, socket: web.WebSocketResponse, number: int
-    ) -> None:
-        """Take in a page's requests until it leaves."""
-        bucket, refusals = Bucket(MESSAGE_RATE, MESSAGE_BURST), 0
-        async for message in socket:
-            if message.type == WSMsgType.ERROR:
-                break  # too large, or no WebSocket frame; the reason follows below
-            try:
-                if not bucket.take():
-                    raise RequestError("too many messages: slow down")
-                self._on_request(number, parse(_text(message)))
-            except RequestError as error:
-                refusals += 1
-                self._log(f"{request.remote}: message refused: {error}")
-                self._hub.letter(
-                    _json({"type": "answer", "id": -1, "ok": False, "message": str(error)}),
-                    number,
-                )
-                if refusals >= MOST_REFUSALS:
-                    self._log(f"{request.remote}: sent away after {refusals} refused messages")
-                    await socket.close(code=WSCloseCode.POLICY_VIOLATION, message=b"too many")
-        end = socket.exception()
-        if end is not None:
-            self._log(f"{request.remote}: connection ended: {end}")
-
-
-def _keep_short(request: web.Request) -> None:
-    """Let little pile up on the way to a page: what is dropped should be old, not shown late."""
-    if request.transport is None:
-        return
-    request.transport.set_write_buffer_limits(high=MOST_BUFFERED)
-    line = request.transport.get_extra_info("socket")
-    if line is not None:
-        line.setsockopt(SOL_SOCKET, SO_SNDBUF, MOST_BUFFERED)
-
-
-def _text(message: WSMessage) -> str:
-    """The text of a message.
-
-    Raises:
-        RequestError: when it is not text.
-    """
-    if message.type != WSMsgType.TEXT:
-        raise RequestError("a message that is not text")
-    return str(message.data)
+            self._pages.discard(page)
+        return page.socket
 
 
 def _bearer(request: web.Request) -> str:
@@ -286,14 +257,5 @@ def _bearer(request: web.Request) -> str:
     return request.headers.get("Authorization", "").removeprefix("Bearer ")
 
 
-def _json(data: dict[str, Any]) -> str:
-    """JSON that every browser reads: without NaN.
-
-    Raises:
-        ValueError: on a number that is not finite.
-    """
-    return json.dumps(data, allow_nan=False, separators=(",", ":"))
-
-
 def _json_response(data: dict[str, Any], status: int = 200) -> web.Response:
-    return web.Response(text=_json(data), content_type="application/json", status=status)
+    return web.Response(text=json_text(data), content_type="application/json", status=status)

@@ -18,6 +18,7 @@ from bicycle_cockpit import requests
 from bicycle_cockpit.approach import approach
 from bicycle_cockpit.bucket import Bucket
 from bicycle_cockpit.choices import Choices
+from bicycle_cockpit.fit import Suits
 from bicycle_cockpit.live import Live
 from bicycle_cockpit.nodes.reading import Point, to_path, to_pose
 from bicycle_cockpit.nodes.recording import Recording
@@ -30,6 +31,8 @@ GOAL_RATE, GOAL_BURST = 4.0, 12.0
 """Goals that all pages together may send."""
 
 Reply = Callable[[bool, str], None]
+Words = Callable[[Any], str]
+"""What a person is told of a service's answer."""
 
 
 @dataclass
@@ -40,6 +43,7 @@ class _Call:
     since: float
     reply: Reply
     name: str
+    words: Words
 
 
 class Asking:
@@ -50,11 +54,15 @@ class Asking:
         live: the ride as it is known.
         choices: controllers that may be chosen.
         recording: the recorder that pages may start.
+
+    Attributes:
+        suits: whether the chosen controller suits the bicycle.
     """
 
     def __init__(self, node: Node, live: Live, choices: Choices, recording: Recording) -> None:
         self._node, self._live = node, live
         self._choices, self._recording = choices, recording
+        self.suits = Suits(choices, live)
         self._goal_bucket = Bucket(GOAL_RATE, GOAL_BURST)
         self._calls: list[_Call] = []
         self._topics = advertise(node, interfaces.GOAL_POSE, interfaces.GOAL_PATH)
@@ -82,7 +90,7 @@ class Asking:
                 if result is None:
                     call.reply(False, f"{call.name} failed: {error}")
                 else:
-                    call.reply(bool(result.success), str(result.message))
+                    call.reply(bool(result.success), call.words(result))
             elif now - call.since > PATIENCE:
                 self._calls.remove(call)
                 call.future.cancel()
@@ -125,32 +133,76 @@ class Asking:
             self._topics[interfaces.GOAL_POSE.name].publish(to_pose(points[0], heading))
         else:
             self._topics[interfaces.GOAL_PATH.name].publish(to_path(points, heading))
-        x, y = points[-1] if points else (0.0, 0.0)
-        many = f" by way of {len(points) - 1} points" if len(points) > 1 else ""
-        reply(True, f"goal ({x:.1f}, {y:.1f}) sent{many}" if points else "goals cleared")
+        if not points:
+            reply(True, "goals cleared")
+            return
+        (x, y), before = points[-1], len(points) - 1
+        plural = "" if before == 1 else "s"
+        many = f" by way of {before} point{plural}" if before else ""
+        reply(True, f"goal ({x:.1f}, {y:.1f}) sent{many}{self._held_up()}")
+
+    def _held_up(self) -> str:
+        """Why the bicycle does not ride to a goal at once, for the end of a line."""
+        ways = []
+        if self._live.mode == "fallen":
+            ways.append("the bicycle lies, press Reset")
+        if self._live.paused:
+            ways.append("time is paused, press Go on")
+        return f": {'; '.join(ways)}" if ways else ""
 
     @_do.register
     def _(self, request: requests.Push, reply: Reply) -> None:
         question = PushService.Request(lean_rate=request.lean_rate)
-        self._call(interfaces.PUSH, question, reply)
+        side = "right" if request.lean_rate > 0 else "left"
+
+        def words(answer: Any) -> str:
+            if answer.success:
+                wait = f" with the next step{self._held_up()}" if self._live.paused else ""
+                return f"pushed to the {side}{wait}"
+            if self._live.mode == "fallen":
+                return "not pushed: the bicycle lies, press Reset"
+            return str(answer.message)
+
+        self._call(interfaces.PUSH, question, reply, words)
 
     @_do.register
     def _(self, request: requests.Pause, reply: Reply) -> None:
-        def paused(ok: bool, text: str) -> None:
-            if ok:
-                self._live.mode = "paused" if request.paused else "riding"
-            reply(ok, text)
+        def words(answer: Any) -> str:
+            live = self._live
+            if not answer.success:
+                return str(answer.message)
+            live.paused = request.paused
+            if live.mode == "fallen":
+                end = "paused; the bicycle lies, press Reset" if live.paused else "goes on"
+                return end if live.paused else f"{end} after a Reset: the bicycle lies"
+            live.mode = "paused" if request.paused else "held" if live.at_start else "riding"
+            return "paused" if request.paused else "goes on"
 
-        self._call(interfaces.PAUSE, SetBool.Request(data=request.paused), paused)
+        self._call(interfaces.PAUSE, SetBool.Request(data=request.paused), reply, words)
 
     @_do.register
     def _(self, request: requests.Step, reply: Reply) -> None:
-        self._call(interfaces.STEP, Trigger.Request(), reply)
+        def words(answer: Any) -> str:
+            if answer.success:
+                return "one step made"
+            if self._live.mode == "fallen":
+                return "no step: the bicycle lies, press Reset"
+            return "no step: press Pause first, Step is for a ride that is paused"
+
+        self._call(interfaces.STEP, Trigger.Request(), reply, words)
 
     @_do.register
     def _(self, request: requests.Reset, reply: Reply) -> None:
         question = ResetService.Request(random_start=request.random, speed=-1.0, seed=-1)
-        self._call(interfaces.RESET, question, reply)
+        where = "at a random start" if request.random else "at the origin"
+
+        def words(answer: Any) -> str:
+            if not answer.success:
+                return str(answer.message)
+            then = ": time is paused, press Go on" if self._live.paused else ""
+            return f"the bicycle waits {where} for a goal{then}"
+
+        self._call(interfaces.RESET, question, reply, words)
 
     @_do.register
     def _(self, request: requests.SwitchController, reply: Reply) -> None:
@@ -159,29 +211,32 @@ class Asking:
         except KeyError:
             reply(False, f"no controller {request.name!r} is offered: reload the page")
             return
-        future = self._call(interfaces.LOAD_POLICY, LoadPolicy.Request(path=path), reply)
-        if future is not None:
-            future.add_done_callback(lambda done: self._named(done, request.name))
+        live = self._live
 
-    def _named(self, future: Any, name: str) -> None:
-        """The controller has said by which id the policy of that name rides."""
-        answer = None if future.cancelled() or future.exception() else future.result()
-        if answer is not None and answer.success:
-            self._live.names[str(answer.policy)] = name
+        def words(answer: Any) -> str:
+            if not answer.success:
+                return str(answer.message)
+            policy = str(answer.policy)
+            live.names[policy] = request.name
+            live.who.put_in_charge(policy)
+            why = self.suits.misfit()
+            but = f", but it does not suit this ride: {why}" if why else ""
+            return f"{request.name} is in charge{but}"
+
+        self._call(interfaces.LOAD_POLICY, LoadPolicy.Request(path=path), reply, words)
 
     @_do.register
     def _(self, request: requests.Record, reply: Reply) -> None:
         reply(*(self._recording.start() if request.on else self._recording.stop()))
 
-    def _call(self, service: Service, question: Any, reply: Reply) -> Any:
-        """Call a service that must be there; the future of its answer, None if it is not."""
+    def _call(self, service: Service, question: Any, reply: Reply, words: Words) -> None:
+        """Call a service that must be there."""
         client = self._clients[service.name]
         if not client.service_is_ready():
             is_policy = service is interfaces.LOAD_POLICY
             who = "controller" if is_policy else "simulator"
             script = "controller.sh" if is_policy else "sim.sh"
             reply(False, f"no {who} runs: start ros2_ws/{script}")
-            return None
+            return
         future = client.call_async(question)
-        self._calls.append(_Call(future, time.monotonic(), reply, service.name))
-        return future
+        self._calls.append(_Call(future, time.monotonic(), reply, service.name, words))

@@ -13,13 +13,16 @@ from bicycle_bringup.ride_options import config_folder, node_command, workspace
 from bicycle_cockpit.nodes.cockpit_node import NAME, CockpitNode
 from bicycle_cockpit.nodes.recording import Recording
 from bicycle_cockpit.options import RIDE, Options, parse
+from bicycle_cockpit.trouble import Line
 from bicycle_sim.nodes import interfaces
 from bicycle_sim.nodes.runner import UserError, on_signals, run
 
 BACK_OFF = 1.0
-"""s between a controller's death and its next start."""
+"""s between a process's death and its next start."""
 MOST_DEATHS = 5
-"""Deaths of the controller after which it is given up."""
+"""Deaths of one process after which it is given up."""
+MISUSED = 2
+"""Exit status of a process that was started with something it cannot run with."""
 READY = 20.0
 """s after which the address is told although the bicycle is not ready."""
 NICENESS = 5
@@ -33,39 +36,40 @@ class Ride:
         """Start them, if they are asked for."""
         self._options = options
         self._crew: Crew | None = None
-        self._deaths = 0
-        self._again = 0.0
-        self._down = False
+        self._deaths = dict.fromkeys(RIDE, 0)
+        self._again: dict[str, float] = {}
         if not options.ride:
             return
         commands = {name: node_command(name, config_folder(), options.parameters) for name in RIDE}
         self._crew = Crew(commands, logs, registry_of(workspace()))
         self._crew.start()
 
-    def look(self) -> str:
-        """Start a dead controller again; a line when something happened.
+    def look(self) -> Line | None:
+        """Start again what has died; a line when something happened.
 
         Raises:
-            UserError: when the simulator has ended, or the controller too often.
+            UserError: when a process cannot run as it was started, or has died too often.
         """
         crew = self._crew
         if crew is None:
-            return ""
-        if self._down and time.monotonic() > self._again:
-            self._down = False
-            crew.start("controller")
-            return "controller started again"
+            return None
+        for name, due in list(self._again.items()):
+            if time.monotonic() > due:
+                del self._again[name]
+                crew.start(name)
+                return Line("info", f"{name} started again", name)
         for ended in crew.ended():
-            if ended.name == "controller" and self._down:
+            if ended.name in self._again:
                 continue
             words = f"{ended}: {crew.last_words(ended.name)}"
-            misused = ended.status == 2
-            if ended.name != "controller" or misused or self._deaths >= MOST_DEATHS:
+            if ended.status == MISUSED or self._deaths[ended.name] >= MOST_DEATHS:
                 raise UserError(words)
-            self._deaths += 1
-            self._down, self._again = True, time.monotonic() + BACK_OFF
-            return words
-        return ""
+            self._deaths[ended.name] += 1
+            self._again[ended.name] = time.monotonic() + BACK_OFF
+            # A process that was killed has said nothing of it.
+            death = str(ended) if ended.status < 0 else f"{ended}, {crew.last_words(ended.name)}"
+            return Line("bad", words, ended.name, death)
+        return None
 
     def close(self) -> list[str]:
         """End them, the simulator first: it would miss the controller.
@@ -85,7 +89,7 @@ class Announced:
         self._told = False
         self.node: CockpitNode | None = None
 
-    def tick(self) -> str:
+    def tick(self) -> Line | None:
         """Look after the processes; see `Ride.look`."""
         node = self.node
         if node is not None and not self._told:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 from bicycle_msgs.msg import BicycleCommand, BicycleState, TrainerStatus
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -11,6 +11,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
 from bicycle_cockpit.samples import REWARDED, Sample, plain, reward_columns
+from bicycle_controller.trained_for import UNLIKE
 from bicycle_sim.nodes import convert, interfaces
 from bicycle_sim.reward import RewardWeights
 
@@ -18,13 +19,16 @@ Point = tuple[float, float]
 
 
 def to_sample(
-    state: BicycleState, command: BicycleCommand | None, weights: RewardWeights
+    state: BicycleState,
+    command: BicycleCommand | None,
+    weights: RewardWeights,
+    policy: float = math.nan,
 ) -> Sample:
-    """The row of one state under the newest command."""
+    """The row of one state under the newest command, which the policy of that number chose."""
     stamp = state.header.stamp
     rewarded = {name: getattr(state, name) for name in REWARDED}
     acts = ("torque", "displacement", "pedal_force")
-    action = [getattr(command, name) if command else math.nan for name in acts]
+    chosen = [getattr(command, name) if command else math.nan for name in acts]
     return Sample(
         stamp.sec + 1e-9 * stamp.nanosec,
         state.episode,
@@ -39,7 +43,7 @@ def to_sample(
         state.goal_distance,
         state.heading_error,
         state.command_source,
-        *action,
+        *[*chosen, policy],
         *reward_columns(rewarded, weights),
     )
 
@@ -76,12 +80,46 @@ def trainer_facts(status: TrainerStatus) -> dict[str, Any]:
     return {"type": "trainer", **shown}
 
 
-def simulator_word(array: DiagnosticArray) -> tuple[str, str] | None:
-    """The simulator's mode and its line about commands; None in others' diagnostics."""
-    by_subject: dict[str, DiagnosticStatus] = {
-        status.name.rpartition(": ")[2]: status for status in array.status
-    }
+class SimulatorWord(NamedTuple):
+    """What the simulator says of itself."""
+
+    mode: str
+    """riding, paused, held or fallen."""
+    paused: bool
+    """Time stands still, whatever the mode."""
+    commands: str
+    """Its line about commands."""
+
+
+def simulator_word(array: DiagnosticArray) -> SimulatorWord | None:
+    """What the simulator says; None in others' diagnostics."""
+    by_subject = _by_subject(array)
     if "bicycle" not in by_subject or "commands" not in by_subject:
         return None
-    modes = [pair.value for pair in by_subject["bicycle"].values if pair.key == "mode"]
-    return (modes[0] if modes else "riding"), str(by_subject["commands"].message)
+    values = {pair.key: pair.value for pair in by_subject["bicycle"].values}
+    mode = values.get("mode", "riding")
+    paused = values.get("paused", str(mode == "paused")) == "True"
+    return SimulatorWord(mode, paused, str(by_subject["commands"].message))
+
+
+class ControllerWord(NamedTuple):
+    """What the controller says of itself."""
+
+    policy: str
+    """Id of the policy that it has in charge."""
+    unlike: str
+    """In what the ride is another than that was made for; empty where it is not."""
+
+
+def controller_word(array: DiagnosticArray) -> ControllerWord | None:
+    """What the controller says; None in others' diagnostics."""
+    status = _by_subject(array).get("policy")
+    values = {pair.key: pair.value for pair in status.values} if status is not None else {}
+    if not values.get("policy"):
+        return None
+    unlike = values.get(UNLIKE, "no")
+    return ControllerWord(values["policy"], "" if unlike == "no" else unlike)
+
+
+def _by_subject(array: DiagnosticArray) -> dict[str, DiagnosticStatus]:
+    return {status.name.rpartition(": ")[2]: status for status in array.status}

@@ -5,9 +5,15 @@ from __future__ import annotations
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 from bicycle_bringup.processes import Child, Vigil, registry_of
 from bicycle_bringup.ride_options import program, workspace
+from bicycle_cockpit.trouble import Line
+from bicycle_sim.nodes.interfaces import STATE
+
+HEARD = f"{STATE.name}: first message"
+"""What the recorder prints once the bicycle's state comes in."""
 
 
 class Recording:
@@ -24,31 +30,40 @@ class Recording:
         self._child: Child | None = None
         self._ending: threading.Thread | None = None
         self._words: list[str] = []
-        self.name = ""
-        """Of the bag being recorded; empty while none is."""
+        self._name = ""
+        self._hears = False
+        self._read_from = 0
 
     @property
-    def closing(self) -> bool:
-        """Whether the recorder was asked to end and still writes."""
-        return self._ending is not None
+    def state(self) -> dict[str, Any] | None:
+        """For the pages: `name` of the bag, and its `phase`.
+
+        The phase is `starting` until the first state of the bicycle is recorded, `recording`, and
+        `closing` once it was asked to end. None while there is no recorder.
+        """
+        if self._child is None:
+            return None
+        phase = "recording" if self._hears else "starting"
+        return {"name": self._name, "phase": "closing" if self._ending else phase}
 
     def start(self) -> tuple[bool, str]:
         """Begin a new bag; whether it could, and a line about it."""
-        if self.closing:
-            return False, f"{self.name} is still being written"
+        if self._ending is not None:
+            return False, f"{self._name} is still being written"
         if self._child is not None:
-            return False, f"{self.name} is being recorded already"
+            return False, f"{self._name} is being recorded already"
         name = time.strftime("bag-%Y-%m-%d-%H%M%S")
+        bag, log = str(self._folder / name), self._logs / "recorder.log"
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
-            bag, log = str(self._folder / name), self._logs / "recorder.log"
             command = [*program("recorder"), "--output", bag]
             child = Child("recorder", command, log, registry_of(workspace()), saves=bag)
+            self._read_from = log.stat().st_size if log.exists() else 0
             child.start()
         except OSError as error:
             return False, f"cannot record into {self._folder}: {error.strerror}"
-        self._child, self.name = child, name
-        return True, f"recording {name}"
+        self._child, self._name, self._hears = child, name, False
+        return True, f"the recorder of {name} starts"
 
     def stop(self) -> tuple[bool, str]:
         """Close the bag, beside the loop."""
@@ -61,23 +76,37 @@ class Recording:
                 target=self._child.stop, args=(vigil,), daemon=True, name="closing"
             )
             self._ending.start()
-        return True, f"closing {self.name}"
+        return True, f"closing {self._name}"
 
-    def look(self) -> str:
-        """A line when the recorder has ended since the last call, or keeps us waiting."""
+    def look(self) -> Line | None:
+        """A line when the recorder begins to record, keeps us waiting, or has ended."""
         child = self._child
         if child is None:
-            return ""
+            return None
         if child.running:
-            return self._words.pop(0).partition(";")[0] if self._words else ""
+            if self._words:
+                return Line("warn", self._words.pop(0).partition(";")[0])
+            return self._first_message(child)
         exit_ = child.ended()
-        name, last = self.name, child.last_lines(1)
-        self._child, self._ending, self.name = None, None, ""
+        name, last = self._name, child.last_lines(1)
+        self._child, self._ending, self._name = None, None, ""
         self._words.clear()
         if exit_ is not None and exit_.status != 0:
             self.failures.append(f"{exit_}: {last[0] if last else 'it said nothing'}")
-            return self.failures[-1]
-        return f"recorded {name}"
+            return Line("bad", self.failures[-1])
+        return Line("info", f"recorded {name}")
+
+    def _first_message(self, child: Child) -> Line | None:
+        """A line once the recorder has said that it hears the bicycle."""
+        if self._hears or self._ending is not None:
+            return None
+        try:
+            with child.log.open("rb") as log:
+                log.seek(self._read_from)
+                self._hears = HEARD.encode() in log.read()
+        except OSError:
+            return None
+        return Line("info", f"recording {self._name}") if self._hears else None
 
     def close(self, vigil: Vigil) -> None:
         """Close the bag and wait for it."""

@@ -1,9 +1,10 @@
 // A bag instead of the live ride: choose one, play it, scrub through it.
 
-import { Policies, Series } from "./series.js";
+import { Series } from "./series.js";
 import { token } from "./socket.js";
 
 const byId = (id) => document.getElementById(id);
+const ENDS = ["reached", "missed", "given_up", "fallen", "cancelled"];
 
 async function get(path) {
   const headers = token() ? { Authorization: `Bearer ${token()}` } : {};
@@ -14,6 +15,7 @@ async function get(path) {
 }
 
 const minutes = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
+const element = (name, fields) => Object.assign(document.createElement(name), fields);
 
 /** A bag as the page draws it; `time` is where the cursor is, s from its start. */
 export class Bag {
@@ -22,36 +24,44 @@ export class Bag {
     this.duration = data.duration;
     this.loop = data.loop;
     this.radius = data.goal_radius;
+    this.fallAngle = data.fall_angle;
     this.series = new Series(data.columns);
     this.series.fill(data.data);
-    this.policies = new Policies(data.policies);
+    this.riders = data.riders;
     this.events = data.marks;
+    this.pedals = this.series.pedal_force.some((force) => Number.isFinite(force) && force !== 0);
     this.time = 0;
-    for (const mark of this.events) {
-      const index = this.series.indexAt(mark.t);
-      mark.x ??= this.series.x[index];
-      mark.y ??= this.series.y[index];
-    }
   }
 
   get cursor() {
     return this.series.indexAt(this.time);
   }
 
-  /** The goal that was ridden to at the cursor. */
-  get goal() {
-    const last = this.events.findLast(({ t, kind }) => t <= this.time && !["push", "queued", "fell", "reset", "rejected", "replaced"].includes(kind));
-    return last?.kind === "active" ? [last.x, last.y] : null;
-  }
-
   /** What happened up to the cursor. */
   get marks() {
     return this.events.filter(({ t }) => t <= this.time);
   }
+
+  /** The policy that rode at the cursor. */
+  get rider() {
+    return this.riders[this.series.policy[this.cursor]];
+  }
+
+  /** The goal that was ridden to at the cursor. */
+  get goal() {
+    const last = this.marks.findLast(({ kind }) => kind === "active" || ENDS.includes(kind));
+    return last?.kind === "active" ? [last.x, last.y] : null;
+  }
+
+  /** Places that the map must show: where it rode and where it was sent. */
+  get places() {
+    const goals = this.events.filter(({ kind }) => kind === "active" || ENDS.includes(kind));
+    return { xs: [...this.series.x, ...goals.map(({ x }) => x)], ys: [...this.series.y, ...goals.map(({ y }) => y)] };
+  }
 }
 
 export class BagPlayer {
-  /** @param handlers `opened(bag)`, `closed()`, `moved()`, `failed(text)` */
+  /** @param handlers `opened(bag)`, `closed()`, `moved()` */
   constructor(handlers) {
     this.handlers = handlers;
     this.bag = null;
@@ -67,21 +77,29 @@ export class BagPlayer {
     byId("bags").showModal();
     try {
       const { bags } = await get("bags");
-      list.textContent = bags.length ? "" : "There is no finished bag yet: press Record here, or use ride.sh or record.sh.";
-      for (const bag of bags) list.append(this.entry(bag));
+      list.textContent = bags.length ? "" : "There is no bag yet: press Record here, or use ride.sh or record.sh.";
+      for (const bag of bags) list.append(bag.problem ? this.refusal(bag) : this.entry(bag));
       list.querySelector("button")?.focus();
     } catch (error) {
       list.textContent = error.message;
     }
   }
 
-  entry({ name, start, duration, messages }) {
-    const button = Object.assign(document.createElement("button"), { type: "button" });
-    const when = new Date(1000 * start).toLocaleString();
-    const texts = [name, when, `${minutes(duration)} min`, `${messages} messages`];
-    button.append(...texts.map((text, index) => Object.assign(document.createElement(index ? "small" : "span"), { textContent: text })));
+  entry({ name, start, duration, ridden, messages }) {
+    const button = element("button", { type: "button" });
+    const when = start === null ? "no date" : new Date(1000 * start).toLocaleString();
+    const long = ridden === null ? `recorded for ${minutes(duration)} min` : `ride of ${minutes(ridden)} min`;
+    const texts = [name, when, long, `${messages} messages`];
+    button.append(...texts.map((textContent, index) => element(index ? "small" : "span", { textContent })));
     button.addEventListener("click", () => this.open(name));
     return button;
+  }
+
+  /** A bag that cannot be shown, and why. */
+  refusal({ name, problem }) {
+    const line = element("p", { className: "refusal" });
+    line.append(element("span", { textContent: name }), element("small", { textContent: problem }));
+    return line;
   }
 
   async open(name) {
@@ -97,6 +115,7 @@ export class BagPlayer {
     byId("seek").max = String(this.bag.duration);
     byId("bag-name").textContent = byId("bag-name").title = name;
     byId("timeline").hidden = false;
+    this.stop();
     this.handlers.opened(this.bag);
     this.seek(0);
     byId("play").focus();
@@ -123,15 +142,18 @@ export class BagPlayer {
   toggle() {
     if (this.playing) return this.stop();
     if (this.bag.time >= this.bag.duration) this.seek(0);
-    this.playing = true;
     this.last = performance.now();
-    byId("play").setAttribute("aria-pressed", "true");
+    this.plays(true);
     this.handlers.moved();
   }
 
   stop() {
-    this.playing = false;
-    byId("play").setAttribute("aria-pressed", "false");
+    this.plays(false);
+  }
+
+  plays(on) {
+    this.playing = on;
+    byId("play").lastChild.textContent = on ? "Stop" : "Play";
   }
 
   /** Moves on by the time since the last call; called for every picture. */

@@ -59,7 +59,7 @@ export function drawBehind(canvas, row, fallAngle) {
   context.setLineDash([3, 4]);
   for (const side of [-1, 1]) {
     const [x, y] = [side * Math.sin(fallAngle), -Math.cos(fallAngle)];
-    line(context, colours.line, 1, [0.5 * scale * x, 0.5 * scale * y], [1.8 * scale * x, 1.8 * scale * y]);
+    line(context, colours.soft, 1.5, [0.5 * scale * x, 0.5 * scale * y], [1.8 * scale * x, 1.8 * scale * y]);
   }
   line(context, colours.line, 1, [0, 0], [0, -1.8 * scale]);
   context.setLineDash([]);

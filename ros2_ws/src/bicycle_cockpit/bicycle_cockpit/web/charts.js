@@ -1,4 +1,4 @@
-// Strip charts of state and command over the last lowers before the cursor.
+// Strip charts of state and command over the last seconds before the cursor.
 
 import { shown } from "./panels.js";
 import { FONT, begin, colours } from "./theme.js";
@@ -13,6 +13,7 @@ const STRIPS = [
   { name: "heading error", unit: "°", column: "heading_error", factor: DEGREES, least: 10, digits: 0, most: 180 },
   { name: "torque", unit: "N m", column: "torque", factor: 1, least: 0.2, digits: 2, step: true },
   { name: "displacement", unit: "cm", column: "displacement", factor: 100, least: 2, digits: 1, step: true },
+  { name: "pedal force", unit: "N", column: "pedal_force", factor: 1, least: 20, digits: 0, step: true, optional: true },
   { name: "speed", unit: "m/s", column: "speed", factor: 1, least: 0.5, digits: 2, positive: true },
 ];
 
@@ -26,21 +27,25 @@ function nice(value) {
  * @param {HTMLCanvasElement} canvas
  * @param {Series} series
  * @param {number} end s, at the right edge
- * @param {Policies} policies
+ * @param {(policy: number) => string} paint the colour of a policy by its number
+ * @param {boolean} pedals whether the bicycle can be pedalled: then its force has a strip
  */
-export function drawCharts(canvas, series, end, policies) {
+export function drawCharts(canvas, series, end, paint, pedals) {
   const { context, width, height } = begin(canvas);
   const foot = 18;
-  const each = (height - foot) / STRIPS.length;
+  const strips = STRIPS.filter(({ optional }) => pedals || !optional);
+  const each = (height - foot) / strips.length;
+  const label = `Strip charts of the last ${WINDOW} seconds: ${strips.map(({ name }) => name).join(", ")}`;
+  if (canvas.getAttribute("aria-label") !== label) canvas.setAttribute("aria-label", label);
   const last = series.length ? series.indexAt(end) : -1;
   const first = series.length ? series.indexAt(end - WINDOW) : 0;
   const area = { left: GUTTER, right: width - 10, start: end - WINDOW, end };
   const x = (t) => area.left + ((t - area.start) / WINDOW) * (area.right - area.left);
   axis(context, area, x, height, foot);
-  STRIPS.forEach((strip, index) => {
+  strips.forEach((strip, index) => {
     const box = { top: index * each, bottom: (index + 1) * each };
     if (index) rule(context, 0, width, box.top, colours.line);
-    drawStrip(context, strip, box, series, first, last, x, area, policies);
+    drawStrip(context, strip, box, series, first, last, x, area, paint);
   });
 }
 
@@ -69,7 +74,7 @@ function axis(context, area, x, height, foot) {
   context.textAlign = "left";
 }
 
-function drawStrip(context, strip, box, series, first, last, x, area, policies) {
+function drawStrip(context, strip, box, series, first, last, x, area, paint) {
   const values = series[strip.column];
   let most = strip.least;
   for (let index = first; index <= last; index++) {
@@ -105,19 +110,21 @@ function drawStrip(context, strip, box, series, first, last, x, area, policies) 
   context.rect(area.left, box.top, area.right - area.left, box.bottom - box.top);
   context.clip();
   context.lineWidth = 1.5;
-  trace(context, strip, series.t, values, first, last, x, y, policies);
+  trace(context, strip, series, first, last, x, y, paint);
   context.restore();
 }
 
 /** The line, in the colour of the policy that rode; gaps where nothing is known. */
-function trace(context, strip, times, values, first, last, x, y, policies) {
+function trace(context, strip, series, first, last, x, y, paint) {
+  const times = series.t;
+  const values = series[strip.column];
   let colour = null;
   let pen = false;
   let before = 0;
   for (let index = first; index <= last; index++) {
-    const wanted = colours[policies.colour(policies.at(times[index]))];
+    const wanted = paint(series.policy[index]);
     const value = values[index] * strip.factor;
-    const jump = index > first && times[index] - times[index - 1] > 1;
+    const jump = index > first && series.broken(index);
     if (wanted !== colour) {
       if (colour) context.stroke();
       context.strokeStyle = colour = wanted;

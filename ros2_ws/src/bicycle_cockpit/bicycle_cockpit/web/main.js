@@ -3,21 +3,27 @@
 import { BagPlayer } from "./bags.js";
 import { drawAbove, drawBehind } from "./bike.js";
 import { drawCharts } from "./charts.js";
+import { answer, offer, showControls, toggle } from "./controls.js";
 import { listenToKeys } from "./keys.js";
 import { Live } from "./live.js";
 import { drawMap } from "./map.js";
-import { addEvent, clearEvents, listenToTabs, showHead, showLegend, showLoop, showReward, showTrainer, shown } from "./panels.js";
+import { addEvent, clearEvents, listenToTabs, showHead, showLegend, showLoop, showReward, showTrainer } from "./panels.js";
 import { listenTo } from "./pointing.js";
 import { Link } from "./socket.js";
-import { watchTheme } from "./theme.js";
+import { colours, policyColour, watchTheme } from "./theme.js";
 import { View } from "./view.js";
+import { showWho, tellBag, tellLive } from "./who.js";
 
 const PICTURE = 1000 / 31;
+const FALL = Math.PI / 6;
 const byId = (id) => document.getElementById(id);
 
-const live = new Live();
-const view = new View();
+// Exported for the tests and for the browser's console.
+export const live = new Live();
+export const view = new View();
 const scene = { mark: null, drag: null };
+let slots = {};
+let ended = "";
 let dirty = true;
 const redraw = () => (dirty = true);
 
@@ -27,55 +33,65 @@ const takers = {
   hello(message) {
     live.hello(message);
     offer(message.controllers);
+    showStatus();
   },
+  history: (message) => live.history(message),
   facts: (message) => (live.facts = message),
   frame: (message) => live.frame(message),
-  event: (message) => live.event(message),
+  riders: (message) => (live.riders = message.riders),
+  palette: (message) => (slots = message.slots),
+  event(message) {
+    live.event(message);
+    if (message.kind === "end") ended = `${message.text}. Start it again: this page comes back by itself.`;
+  },
   status(message) {
     live.status = message;
-    if (message.policy) live.policies.add(live.series.t?.[0] ?? 0, message.policy);
+    live.greeted = true;
     showStatus();
   },
   trainer: (message) => live.trained(message),
   answer: (message) => answer(message),
 };
 
-const link = new Link(
+export const link = new Link(
   (message) => {
     takers[message.type]?.(message);
     redraw();
   },
   (connected) => {
+    if (connected) ended = "";
+    if (connected && live.session) answer({ ok: true, message: "connected again" });
     live.connected = connected;
+    live.greeted = false;
     showStatus();
     redraw();
   },
 );
 
-const player = new BagPlayer({
+export const player = new BagPlayer({
   opened(bag) {
     live.quiet = true;
     view.following = false;
-    view.fit(bag.series.x, bag.series.y);
-    clearEvents();
-    for (const mark of bag.events) addEvent({ ...mark, level: { reached: "good", fell: "bad", missed: "warn" }[mark.kind] ?? "info" });
+    const { xs, ys } = bag.places;
+    view.fit(xs, ys);
+    listEvents(bag.events);
     showSource();
   },
   closed() {
     live.quiet = false;
     view.following = true;
-    clearEvents();
+    listEvents(live.events);
     showSource();
   },
   moved: redraw,
 });
 
-// What the user asks for.
-
-function answer({ ok, message }) {
-  byId("answer").textContent = message;
-  byId("answer").dataset.ok = String(ok);
+function listEvents(events) {
+  clearEvents();
+  for (const event of events) addEvent(event);
 }
+
+// What the user asks for.
 
 async function ask(type, fields) {
   answer(await link.ask(type, fields));
@@ -86,7 +102,7 @@ const acts = (type, fields = () => ({})) => () => player.bag || ask(type, fields
 
 const strength = () => Number(byId("strength").value);
 const actions = {
-  pause: acts("pause", () => ({ paused: live.status.mode !== "paused" })),
+  pause: acts("pause", () => ({ paused: !live.status.paused })),
   step: acts("step"),
   reset: acts("reset", () => ({ random: false })),
   random: acts("reset", () => ({ random: true })),
@@ -103,10 +119,6 @@ const actions = {
   help: () => byId("keys").showModal(),
 };
 for (const [id, action] of Object.entries(actions)) byId(id).addEventListener("click", action);
-
-function toggle(button) {
-  button.setAttribute("aria-pressed", String(button.getAttribute("aria-pressed") !== "true"));
-}
 
 function follow(on) {
   view.following = on;
@@ -143,25 +155,7 @@ listenTo(byId("map"), view, {
 });
 
 listenToTabs(redraw);
-listenToKeys(actions, () => (player.bag ? player.toggle() : actions.pause()));
-
-/** The controllers to choose from, in their groups. */
-function offer(controllers) {
-  const groups = Map.groupBy ? Map.groupBy(controllers, ({ group }) => group) : grouped(controllers);
-  const unknown = Object.assign(new Option("–", ""), { hidden: true });
-  byId("controller").replaceChildren(unknown, ...[...groups].map(([label, members]) => {
-    const group = Object.assign(document.createElement("optgroup"), { label });
-    group.append(...members.map(({ name }) => new Option(name, name)));
-    return group;
-  }));
-  showStatus();
-}
-
-function grouped(controllers) {
-  const groups = new Map();
-  for (const one of controllers) groups.set(one.group, [...(groups.get(one.group) ?? []), one]);
-  return groups;
-}
+listenToKeys(actions, () => (player.bag ? player.toggle() : actions.pause()), byId("letters"));
 
 // What is shown.
 
@@ -170,44 +164,43 @@ function showSource() {
   byId("live").setAttribute("aria-pressed", String(!bag));
   byId("bag").setAttribute("aria-pressed", String(Boolean(bag)));
   byId("follow").setAttribute("aria-pressed", String(view.following));
-  for (const control of document.querySelectorAll(".controls button, .controls select, .controls input")) control.disabled = Boolean(bag);
-  byId("answer").textContent = bag ? `${bag.name}: drag the slider below, or press Play. Live brings the ride back.` : "";
+  answer({ ok: true, message: bag ? `${bag.name}: drag the slider below, or press Play. Live brings the ride back.` : "" });
+  showStatus();
   redraw();
 }
 
 function showStatus() {
-  const { status } = live;
-  const paused = status.mode === "paused";
-  byId("pause").setAttribute("aria-pressed", String(paused));
-  byId("pause").lastChild.textContent = paused ? "Go on" : "Pause";
-  byId("record").setAttribute("aria-pressed", String(Boolean(status.recording)));
-  byId("record").lastChild.textContent = status.recording ? "Stop recording" : "Record";
-  const select = byId("controller");
-  const names = [...select.options].map(({ value }) => value);
-  select.options[0] && (select.options[0].textContent = status.policy || "–");
-  if (document.activeElement !== select) select.value = names.includes(status.controller) ? status.controller : "";
+  const { bag } = player;
+  // What is old must not look as if it were going on.
+  document.body.classList.toggle("stale", !bag && ["lost", "silent"].includes(live.mode));
+  showControls(live.status, Boolean(bag) || live.mode === "lost");
 }
+
+const colour = (rider) => policyColour(slots[rider.colour]);
 
 function draw() {
   const { bag } = player;
   const shownNow = bag ?? live;
-  const { series, policies, cursor } = shownNow;
+  const { series, riders, cursor } = shownNow;
   const row = cursor >= 0 ? series.row(cursor) : null;
   const { facts } = live;
-  const wheelbase = facts.wheelbase ?? 1.11;
+  const fallAngle = (bag ? bag.fallAngle : facts.fall_angle) ?? FALL;
+  const paint = (number) => (riders[number] ? colour(riders[number]) : colours.soft);
   drawMap(byId("map"), view, {
-    ...scene, series, policies, cursor, wheelbase, whole: Boolean(bag), marks: shownNow.marks,
+    ...scene, series, paint, cursor, wheelbase: facts.wheelbase ?? 1.11, whole: Boolean(bag), marks: shownNow.marks,
     goal: bag ? bag.goal : live.status.goal, ahead: bag ? [] : live.status.ahead,
     radius: bag ? bag.radius : facts.goal_radius ?? 1,
+    fallen: bag ? Math.abs(row?.lean) > fallAngle : live.mode === "fallen",
   });
-  drawBehind(byId("behind"), row ?? undefined, facts.fall_angle ?? Math.PI / 6);
+  drawBehind(byId("behind"), row ?? undefined, fallAngle);
   drawAbove(byId("above"), row ?? undefined);
-  drawCharts(byId("charts"), series, row ? row.t : 0, policies);
-  showHead(bag ? "bag" : live.mode, row, bag ? policies.at(bag.time) : live.status.policy);
+  drawCharts(byId("charts"), series, row ? row.t : 0, paint, bag ? bag.pedals : facts.limits?.[2] > 0);
+  showHead(bag ? "bag" : live.mode, row);
+  showWho(bag ? tellBag(bag) : tellLive(live, ended), colour);
   showLoop(bag ? bag.loop : live.status.loop, row, bag ? undefined : live.status, facts.time_step);
   showTrainer(live.trainer, live.training);
   showReward(series, cursor);
-  showLegend(policies);
+  showLegend(series.policiesIn(0, bag ? series.length - 1 : cursor).map((number) => riders[number]).filter(Boolean), colour);
 }
 
 let last = 0;

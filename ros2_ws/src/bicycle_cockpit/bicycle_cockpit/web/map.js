@@ -8,8 +8,8 @@ const STEP = 0.1;
 /**
  * @param {HTMLCanvasElement} canvas
  * @param {View} view
- * @param scene `series`, `policies`, `cursor` (row, -1 for none), `goal`, `ahead`, `marks`, `radius`,
- *   `mark` ([x, y] of the keyboard), `drag` ({from, to}, m), `wheelbase`
+ * @param scene `series`, `paint` (colour of a policy's number), `cursor` (row, -1 for none), `goal`, `ahead`, `marks`,
+ *   `radius`, `mark` ([x, y] of the keyboard), `drag` ({from, to}, m), `wheelbase`, `fallen`
  */
 export function drawMap(canvas, view, scene) {
   const { context, width, height } = begin(canvas);
@@ -19,11 +19,11 @@ export function drawMap(canvas, view, scene) {
   if (row) view.follow(row.x, row.y);
   drawGrid(context, view);
   if (cursor < series.length - 1 && scene.whole) drawTrack(context, view, series, 0, series.length - 1, null);
-  drawTrack(context, view, series, 0, cursor, scene.policies);
+  drawTrack(context, view, series, 0, cursor, scene.paint);
   for (const mark of scene.marks) drawMark(context, view, mark, scene.radius);
   drawAhead(context, view, scene, row);
   if (row) {
-    drawPreview(context, view, row, scene.wheelbase);
+    if (!scene.fallen) drawPreview(context, view, row, scene.wheelbase);
     drawBicycle(context, view, row, scene);
   }
   if (scene.mark) drawCross(context, view, scene.mark);
@@ -62,16 +62,16 @@ function stroke(context, colour, points) {
   context.stroke();
 }
 
-/** Rows closer than a pixel to the last one drawn are left out; a reset breaks the line. */
-function drawTrack(context, view, series, from, to, policies) {
-  context.lineWidth = policies ? 2.5 : 1.5;
+/** Rows closer than a pixel to the last one drawn are left out; a reset, or rows that are missing, break the line. */
+function drawTrack(context, view, series, from, to, paint) {
+  context.lineWidth = paint ? 2.5 : 1.5;
   let colour = null;
   let [lastX, lastY] = [NaN, NaN];
   context.beginPath();
   for (let index = from; index <= to; index++) {
     const [x, y] = view.toScreen(series.x[index], series.y[index]);
-    const wanted = policies ? colours[policies.colour(policies.at(series.t[index]))] : colours.line;
-    const broken = index > from && series.episode[index] !== series.episode[index - 1];
+    const wanted = paint ? paint(series.policy[index]) : colours.line;
+    const broken = index > from && series.broken(index);
     if (wanted !== colour) {
       if (colour) context.stroke();
       context.strokeStyle = colour = wanted;
@@ -99,6 +99,9 @@ function drawMark(context, view, { kind, x, y }, radius) {
     stroke(context, colour, [[px - 5, py + 5], [px + 5, py - 5]]);
   } else if (kind === "push") {
     circle(context, px, py, 4, colours.warn, 2);
+  } else if (kind === "hand_over") {
+    context.lineWidth = 2;
+    stroke(context, colours.warn, [[px, py - 6], [px + 6, py], [px, py + 6], [px - 6, py], [px, py - 6]]);
   }
 }
 

@@ -14,8 +14,10 @@ const percent = (value) => (Number.isFinite(value) ? `${(100 * value).toFixed(va
 
 const MODES = {
   riding: "riding", paused: "paused", held: "waits for a goal", fallen: "fallen", silent: "no simulator",
-  lost: "connection lost", zero: "no command", bag: "bag",
+  lost: "connection lost", loading: "loading", zero: "no command", bag: "bag",
 };
+/** What the state's speed is, where the bicycle does not move. */
+const SPEEDS = { held: "starts at", fallen: "fell at", paused: "speed, paused" };
 const SOURCES = ["at its start", "fresh", "held", "zero input"];
 
 /** Fills a description list without making its elements anew each time. */
@@ -36,17 +38,17 @@ function fill(list, facts) {
   });
 }
 
-export function showHead(mode, row, policy) {
+export function showHead(mode, row) {
   const badge = byId("mode");
   if (badge.dataset.mode !== mode) {
     badge.dataset.mode = mode;
     badge.textContent = MODES[mode] ?? mode;
   }
+  byId("speed-name").textContent = SPEEDS[mode] ?? "speed";
   byId("speed").textContent = shown(row?.speed, 2);
   byId("distance").textContent = shown(row?.goal_distance, 1);
   byId("position").textContent = row ? `${shown(row.x)}, ${shown(row.y)}` : "–";
   byId("time").textContent = shown(row?.t, 1);
-  if (byId("policy").textContent !== (policy || "–")) byId("policy").textContent = policy || "–";
 }
 
 const spread = (loop, name) => `${shown(loop[`${name}_p50`], 2)} / ${shown(loop[`${name}_p99`], 2)} / ${shown(loop[`${name}_max`], 1)}`;
@@ -58,7 +60,8 @@ export function showLoop(loop, row, more, period) {
   const source = row?.source;
   const late = loop.dropped > 0 ? "warn" : "";
   const wanted = period ? 1 / period : NaN;
-  const slow = period && loop.rate < 0.98 * wanted && !Number.isNaN(loop.lateness_p50);
+  // Before the first step there is no rate, and in lock-step none is wanted.
+  const slow = Number.isFinite(loop.rate) && loop.rate < 0.98 * wanted && Number.isFinite(loop.lateness_p50);
   const facts = [
     ["rate", `${shown(loop.rate, 2)} Hz`, slow ? "warn" : ""],
     ["jitter, ms: p50 / p99 / max", spread(loop, "jitter"), "", "how far periods are from their median"],
@@ -164,17 +167,19 @@ export function clearEvents() {
   byId("event-list").replaceChildren();
 }
 
-/** Policies in their colours, once there is more than one to tell apart. */
-export function showLegend(policies) {
+/** The policies whose track is shown, in their colours. */
+export function showLegend(riders, colour) {
   const legend = byId("legend");
-  const names = policies.names.join("\n");
-  if (legend.dataset.names === names) return;
-  legend.dataset.names = names;
-  legend.replaceChildren(...policies.names.map((name) => {
-    const item = document.createElement("li");
+  const wanted = riders.map((rider) => `${rider.policy} ${rider.name} ${colour(rider)}`).join("\n");
+  if (legend.dataset.shown === wanted) return;
+  legend.dataset.shown = wanted;
+  legend.hidden = riders.length === 0;
+  const twice = (name) => riders.filter((other) => other.name === name).length > 1;
+  legend.replaceChildren(...riders.map((rider) => {
+    const item = Object.assign(document.createElement("li"), { title: rider.policy });
     const bar = document.createElement("i");
-    bar.style.color = `var(--${policies.colour(name)})`;
-    item.append(bar, name);
+    bar.style.color = colour(rider);
+    item.append(bar, twice(rider.name) ? rider.policy : rider.name);
     return item;
   }));
 }

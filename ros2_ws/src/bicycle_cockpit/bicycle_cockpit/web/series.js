@@ -1,26 +1,52 @@
 // Rows of a ride by column: the live one, which grows, or a whole bag.
 
 const MOST = 24000;
+/** s between two rows from which on a line is not drawn through. */
+export const GAP = 1;
 
 export class Series {
-  /** @param {string[]} columns their names, in the order of every row */
-  constructor(columns) {
+  /**
+   * @param {string[]} columns their names, in the order of every row
+   * @param {number} first number of the first row in its ride
+   */
+  constructor(columns, first = 0) {
     this.columns = columns;
     this.data = columns.map(() => []);
     for (const [index, name] of columns.entries()) this[name] = this.data[index];
+    this.first = this.next = first;
   }
 
   get length() {
     return this.t.length;
   }
 
-  /** Takes in rows; when time goes back, the simulator was started anew and what was is gone. */
-  push(rows) {
-    for (const row of rows) {
-      if (this.length && row[0] < this.t[this.length - 1]) this.clear();
+  /** Takes in newer rows; those that are there already are left out. */
+  push(rows, first) {
+    for (const row of rows.slice(Math.max(0, this.next - first))) {
       row.forEach((value, index) => this.data[index].push(value === null ? NaN : value));
     }
-    if (this.length > 1.25 * MOST) for (const column of this.data) column.splice(0, this.length - MOST);
+    this.next = Math.max(this.next, first + rows.length);
+    if (this.length > 1.25 * MOST) {
+      const many = this.length - MOST;
+      for (const column of this.data) column.splice(0, many);
+      this.first += many;
+    }
+  }
+
+  /** Takes in the rows that come before the first one; whether they did. */
+  prepend(rows, first) {
+    if (first + rows.length !== this.first) return false;
+    this.put(rows[0].map((_, index) => rows.map((row) => (row[index] === null ? NaN : row[index]))), first);
+    return true;
+  }
+
+  /** Puts columns of rows before the first one. */
+  put(columns, first) {
+    this.data.forEach((column, index) => {
+      const later = column.splice(0, column.length);
+      for (const part of [columns[index], later]) for (const value of part) column.push(value);
+    });
+    this.first = first;
   }
 
   fill(data) {
@@ -28,10 +54,6 @@ export class Series {
       this.data[index].length = 0;
       for (const value of column) this.data[index].push(value === null ? NaN : value);
     });
-  }
-
-  clear() {
-    for (const column of this.data) column.length = 0;
   }
 
   /** The last row at or before a time, 0 where all are later, -1 without rows. */
@@ -49,27 +71,16 @@ export class Series {
   row(index) {
     return Object.fromEntries(this.columns.map((name, column) => [name, this.data[column][index]]));
   }
-}
 
-/** From when on which policy rode, with a colour for each by the order in which they came. */
-export class Policies {
-  constructor(changes = []) {
-    this.changes = [];
-    this.names = [];
-    for (const { t, name } of changes) this.add(t, name);
+  /** Whether a line must not be drawn from the row before: a reset, or rows that are missing. */
+  broken(index) {
+    return this.episode[index] !== this.episode[index - 1] || this.t[index] - this.t[index - 1] > GAP;
   }
 
-  add(t, name) {
-    if (!name || name === this.changes.at(-1)?.name) return;
-    this.changes.push({ t, name });
-    if (!this.names.includes(name)) this.names.push(name);
-  }
-
-  colour(name) {
-    return `p${Math.max(0, this.names.indexOf(name)) % 6}`;
-  }
-
-  at(t) {
-    return this.changes.findLast((change) => change.t <= t)?.name ?? this.changes[0]?.name ?? "";
+  /** Numbers of the policies that rode in rows from `from` to `to`, in the order they came. */
+  policiesIn(from, to) {
+    const found = new Set();
+    for (let index = Math.max(0, from); index <= to; index++) found.add(this.policy[index]);
+    return [...found].filter(Number.isFinite);
   }
 }

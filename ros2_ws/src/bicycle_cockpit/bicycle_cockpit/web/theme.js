@@ -1,10 +1,16 @@
 // Colours of the style sheet for the canvases, and canvases that are sharp on every screen.
 
-const NAMES = ["page", "card", "ink", "soft", "line", "grid", "accent", "good", "warn", "bad",
-  "p0", "p1", "p2", "p3", "p4", "p5", "tyre", "rider", "frame"];
+const POLICIES = 10;
+const NAMES = ["page", "card", "ink", "soft", "line", "grid", "accent", "good", "warn", "bad", "tyre", "rider", "frame",
+  ...Array.from({ length: POLICIES }, (_, slot) => `p${slot}`)];
+/** Degrees of the colour circle that the goal's green keeps for itself. */
+const [GREEN_FROM, GREEN_TO] = [125, 180];
+const GOLDEN = 137.508;
 
 export const colours = {};
 export const FONT = '12px system-ui, -apple-system, "Segoe UI", Roboto, "DejaVu Sans", sans-serif';
+
+const dark = matchMedia("(prefers-color-scheme: dark)");
 
 function read() {
   const style = getComputedStyle(document.documentElement);
@@ -14,10 +20,18 @@ function read() {
 /** Calls `changed` when the colours change. */
 export function watchTheme(changed) {
   read();
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+  dark.addEventListener("change", () => {
     read();
     changed();
   });
+}
+
+/** The colour of a policy by its number in the palette; beyond the named ones, never the same twice. */
+export function policyColour(slot) {
+  if (!Number.isInteger(slot)) return colours.soft;
+  if (slot < POLICIES) return colours[`p${slot}`];
+  const hue = (GREEN_TO + ((slot * GOLDEN) % (360 - GREEN_TO + GREEN_FROM))) % 360;
+  return `oklch(${dark.matches ? 0.78 : 0.5} 0.11 ${hue.toFixed(1)})`;
 }
 
 /** The context of a canvas cleared and scaled so that one unit is one CSS pixel, and its size. */

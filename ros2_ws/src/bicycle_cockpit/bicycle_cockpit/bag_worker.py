@@ -1,0 +1,147 @@
+"""The process that reads bags for the web server: whatever a file does to it, the pages live on.
+
+Requests come on standard input, one JSON object a line: ``{"do": "list", "skip": [...]}`` and
+``{"do": "load", "name": ...}``. Answers go to standard output: a line of JSON and, where it has
+a `size`, so many bytes after it. The list comes bag by bag, each announced before it is read, so
+that who waits knows which one takes too long.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gzip
+import json
+import os
+import resource
+import signal
+import sys
+from collections import OrderedDict
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from bicycle_bag.errors import BagError
+from bicycle_cockpit.bags import session
+from bicycle_cockpit.shelf import BagShelf, Signature, check, entry, signature
+
+MOST_MEMORY = 4 * 1024**3
+"""Bytes of address space: what needs more is told, not swapped."""
+MOST_KEPT = 64 * 1024**2
+"""Bytes of compressed bags that are kept for the next page."""
+NICENESS = 10
+_PR_SET_PDEATHSIG = 1
+
+
+class Worker:
+    """Reads bags and remembers them as long as their files do not change.
+
+    Args:
+        folder: of the bags.
+        out: takes the answers.
+    """
+
+    def __init__(self, folder: Path, out: BinaryIO) -> None:
+        self._shelf = BagShelf(folder)
+        self._out = out
+        self._entries: dict[str, tuple[Signature, dict[str, Any]]] = {}
+        self._kept: OrderedDict[str, tuple[Signature, dict[str, Any], bytes]] = OrderedDict()
+
+    def answer(self, request: dict[str, Any]) -> None:
+        """Do what is asked for."""
+        if request["do"] == "list":
+            self._list(set(request["skip"]))
+        else:
+            self._load(str(request["name"]))
+
+    def _say(self, data: dict[str, Any], body: bytes = b"") -> None:
+        self._out.write(json.dumps(data).encode() + b"\n" + body)
+        self._out.flush()
+
+    def _list(self, skip: set[str]) -> None:
+        """Tell of every bag but those that were too much before."""
+        found = self._shelf.found()
+        self._entries = {name: self._entries[name] for name in found if name in self._entries}
+        for name, path in found.items():
+            if name in skip:
+                continue
+            now = signature(path)
+            known = self._entries.get(name)
+            if known is None or known[0] != now:
+                self._say({"reading": name})
+                known = self._entries[name] = (now, _safe_entry(name, path))
+            self._say({"entry": known[1]})
+        self._say({"done": True})
+
+    def _load(self, name: str) -> None:
+        """Send a bag as the page draws it, compressed."""
+        try:
+            path = self._shelf.path(name)
+        except KeyError:
+            self._say({"missing": True})
+            return
+        now = signature(path)
+        kept = self._kept.pop(name, None)
+        if kept is None or kept[0] != now:
+            try:
+                check(path)
+                kept = (now, *_packed(name, path))
+            except BagError as error:
+                self._say({"problem": str(error)})
+                return
+            except Exception as error:
+                self._say({"problem": _unforeseen(name, error)})
+                return
+        self._kept[name] = kept
+        while len(self._kept) > 1 and self._size() > MOST_KEPT:
+            self._kept.popitem(last=False)
+        self._say(kept[1], kept[2])
+
+    def _size(self) -> int:
+        return sum(len(body) for _, _, body in self._kept.values())
+
+
+def _safe_entry(name: str, path: Path) -> dict[str, Any]:
+    """A bag for the list, whatever is wrong with it."""
+    try:
+        return entry(name, path)
+    except Exception as error:
+        return {"name": name, "problem": _unforeseen(name, error)}
+
+
+def _unforeseen(name: str, error: Exception) -> str:
+    if isinstance(error, MemoryError):
+        return f"{name} needs more than {MOST_MEMORY >> 30} GiB of memory to be shown"
+    text = " ".join(str(error).split())[:120]
+    return f"{name} cannot be read ({type(error).__name__}: {text})"
+
+
+def _packed(name: str, path: Path) -> tuple[dict[str, Any], bytes]:
+    """What is said of a bag, and the bag."""
+    data = session(path)
+    text = json.dumps({"name": name, **data}, allow_nan=False, separators=(",", ":"))
+    body = gzip.compress(text.encode(), compresslevel=5, mtime=0)
+    return {"size": len(body), "colours": [one["colour"] for one in data["riders"]]}, body
+
+
+def _bound() -> None:
+    """Take little of the machine, and end with who asked for it."""
+    # A terminal's Ctrl-C is for the cockpit.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    os.nice(NICENESS)
+    _, hard = resource.getrlimit(resource.RLIMIT_AS)
+    most = MOST_MEMORY if hard < 0 else min(MOST_MEMORY, hard)
+    resource.setrlimit(resource.RLIMIT_AS, (most, hard))
+
+
+def main() -> int:
+    """Answer until standard input ends."""
+    _bound()
+    worker = Worker(Path(sys.argv[1]), os.fdopen(os.dup(1), "wb"))
+    os.dup2(2, 1)  # what a library prints is no answer
+    for line in sys.stdin:
+        worker.answer(json.loads(line))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,74 @@
+"""What becomes of goals, in words: the same for a ride that goes on and for a bag."""
+
+from __future__ import annotations
+
+import math
+
+from bicycle_controller.goals import Status
+
+Point = tuple[float, float]
+
+UNTOLD = (Status.QUEUED, Status.REPLACED)
+"""Changes that say nothing to a person: the goal that came instead is told."""
+LEVELS = {
+    Status.REACHED: "good",
+    Status.MISSED: "warn",
+    Status.GIVEN_UP: "warn",
+    Status.REJECTED: "bad",
+    Status.FALLEN: "bad",
+}
+WORDS = {
+    Status.ACTIVE: "rides to goal {place}",
+    Status.REACHED: "goal {place} reached",
+    Status.MISSED: "goal {place} missed",
+    Status.GIVEN_UP: "goal {place} given up",
+    Status.FALLEN: "goal {place} not reached",
+    Status.REJECTED: "goal {place} rejected",
+    Status.CANCELLED: "goal {place} cancelled",
+}
+
+
+def kind(status: Status) -> str:
+    """The word by which the page draws it."""
+    return status.name.lower()
+
+
+def level(status: Status) -> str:
+    """good, info, warn or bad."""
+    return LEVELS.get(status, "info")
+
+
+def text(status: Status, place: Point, message: str) -> str:
+    """One line.
+
+    Args:
+        status: not one of UNTOLD.
+        place: m.
+        message: the controller's own line.
+    """
+    known = all(map(math.isfinite, place))
+    where = f"({place[0]:.1f}, {place[1]:.1f})" if known else "without a place"
+    line = WORDS[status].format(place=where)
+    # The controller begins with the same word: "reached after 7.1 s and 19.5 m".
+    own = message.removeprefix("reached ") if status is Status.REACHED else message
+    joint = " " if status is Status.REACHED and own != message else ": "
+    return f"{line}{joint}{own}" if own else line
+
+
+class Told:
+    """Leaves out what was told already.
+
+    A path that is sent again makes its first goal active again, though the bicycle rides on to it.
+    """
+
+    def __init__(self) -> None:
+        self._active: Point | None = None
+
+    def news(self, status: Status, place: Point) -> bool:
+        """Whether a change is to be told."""
+        if status in UNTOLD:
+            return False
+        again = status is Status.ACTIVE and place == self._active
+        if status is not Status.REJECTED:
+            self._active = place if status is Status.ACTIVE else None
+        return not again

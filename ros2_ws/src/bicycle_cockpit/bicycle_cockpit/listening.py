@@ -1,0 +1,59 @@
+"""Sockets to listen on, and how many connections are taken in at once."""
+
+from __future__ import annotations
+
+import asyncio
+import socket
+from collections.abc import Callable
+
+QUEUE = 128
+"""Connections that the kernel holds until they are taken in."""
+AT_ONCE = 8
+"""That asyncio takes in before it looks at those it has: with what is open already they must not
+use up the files that this process may open."""
+
+
+async def listen(
+    protocol: Callable[[], asyncio.BaseProtocol], address: str, port: int
+) -> tuple[int, list[asyncio.Server]]:
+    """Listen on all that an address stands for, such as both kinds of localhost.
+
+    Args:
+        protocol: makes the protocol of a connection.
+        address: name or number.
+        port: zero takes a free one, the same for all.
+
+    Returns:
+        The port, and the servers to close.
+
+    Raises:
+        OSError: when it cannot be bound.
+    """
+    loop = asyncio.get_running_loop()
+    flags = socket.AI_PASSIVE
+    found = await loop.getaddrinfo(address, port, type=socket.SOCK_STREAM, flags=flags)
+    servers: list[asyncio.Server] = []
+    try:
+        for family, _, _, _, place in dict.fromkeys(found):
+            line = _bound(family, (place[0], port, *place[2:]))
+            port = line.getsockname()[1]
+            servers.append(await loop.create_server(protocol, sock=line, backlog=AT_ONCE))
+            line.listen(QUEUE)
+    except OSError:
+        for server in servers:
+            server.close()
+        raise
+    return port, servers
+
+
+def _bound(family: int, place: tuple[object, ...]) -> socket.socket:
+    line = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        line.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if family == socket.AF_INET6:
+            line.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+        line.bind(place)
+    except OSError:
+        line.close()
+        raise
+    return line

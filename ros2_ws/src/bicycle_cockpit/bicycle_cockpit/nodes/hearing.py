@@ -1,0 +1,207 @@
+"""Takes in what the topics bring: keeps it in `Live`, and tells the pages what happens."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from bicycle_msgs.msg import (
+    BicycleCommand,
+    BicycleState,
+    EpisodeInfo,
+    GoalStatus,
+    HandOver,
+    Push,
+    TrainerStatus,
+)
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from bicycle_cockpit import goal_words, who_rides
+from bicycle_cockpit.hand_over_words import explained
+from bicycle_cockpit.live import Live
+from bicycle_cockpit.marks import push_text
+from bicycle_cockpit.nodes import reading
+from bicycle_cockpit.riders import lqr_names, rider, shipped_names
+from bicycle_cockpit.trouble import Trouble
+from bicycle_controller.goals import Status
+from bicycle_sim.nodes import convert, interfaces
+from bicycle_sim.nodes.interfaces import listen
+from bicycle_sim.parameters import Physics
+
+DEEP = 500
+"""Messages that are kept while the node is busy: 12 s of states, and a path makes many goals."""
+OLD_NEWS = 3.0
+"""s in which a new cockpit hears what became of goals before it came."""
+
+
+class Tell(Protocol):
+    """Tells all pages that something happened; see `Live.event`."""
+
+    def __call__(self, level: str, text: str, **more: Any) -> None:
+        """Tell it."""
+
+
+class Hearing:
+    """Every topic that the pages know of; belongs to the executor's thread.
+
+    Args:
+        node: that subscribes.
+        live: what is known of the ride.
+        trouble: learns who speaks.
+        tell: tells the pages what happens.
+        newest: gives them something that replaces what was of its `type` before.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        live: Live,
+        trouble: Trouble,
+        tell: Tell,
+        newest: Callable[[dict[str, Any]], None],
+    ) -> None:
+        self._node, self._live, self._trouble = node, live, trouble
+        self._tell, self._newest = tell, newest
+        self._command: BicycleCommand | None = None
+        self._fallen = False
+        self._told = goal_words.Told()
+        self._began = time.monotonic()
+        self._began_ns = time.time_ns()
+        live.names |= {**shipped_names(), **lqr_names(Physics())}
+        listen(node, interfaces.STATE, self._on_state, depth=DEEP)
+        listen(node, interfaces.COMMAND, self._on_command)
+        listen(node, interfaces.TIMING, live.loop.add)
+        listen(node, interfaces.EPISODE, self._on_episode)
+        listen(node, interfaces.DIAGNOSTICS, self._on_diagnostics)
+        listen(node, interfaces.PUSHED, self._on_pushed)
+        listen(node, interfaces.HAND_OVER, self._on_hand_over)
+        listen(node, interfaces.TRAINER, self._on_trainer)
+        for topic in (interfaces.GOAL_POSE, interfaces.GOAL_PATH):
+            listen(node, topic, lambda message: live.goals.sent(reading.points_of(message)))
+        topic = interfaces.GOAL_STATUS
+        wanted = topic.subscribe
+        profile = QoSProfile(
+            depth=DEEP, reliability=wanted.reliability, durability=wanted.durability
+        )
+        node.create_subscription(topic.type, topic.name, self._on_goal_status, profile)
+
+    def look(self) -> None:
+        """Tell who rides since a moment ago, where nothing else has explained it."""
+        policy = self._live.who.settled()
+        if policy:
+            self._tell("info", f"{self._name(policy)} rides", kind="policy")
+
+    def _name(self, policy: str) -> str:
+        return rider(policy, self._live.names).name
+
+    def _on_state(self, state: BicycleState) -> None:
+        live = self._live
+        self._trouble.heard("simulator")
+        fell = state.fallen and not self._fallen
+        self._fallen = state.fallen
+        if state.fallen:
+            live.mode = "fallen"
+        elif live.mode == "fallen":
+            live.mode = "paused" if live.paused else "held"
+        if live.due() or fell:
+            policy = self._command.policy if self._command is not None else ""
+            number = live.policy_number(policy)
+            moved = live.add(reading.to_sample(state, self._command, live.weights, number))
+            if moved and state.step > 0 and live.mode == "held":
+                live.mode = "riding"
+        if fell:
+            self._tell("bad", "the bicycle fell: press Reset to set it up again", kind="fell")
+
+    def _on_command(self, command: BicycleCommand) -> None:
+        live = self._live
+        known = self._command is not None and command.policy == self._command.policy
+        self._command = command
+        live.who.commanded(command.policy)
+        if not known:
+            live.policy_number(command.policy)
+            self._newest(live.riders())
+
+    def _on_hand_over(self, change: HandOver) -> None:
+        live = self._live
+        why = explained(change.message, change.policy, live.names)
+        name = self._name(change.policy)
+        if change.reason == HandOver.NONE and not change.stop:
+            live.who.handed_back(change.policy)
+            self._tell("info", f"{name} rides again: {why}", kind="hand_back")
+            return
+        stamp = change.header.stamp
+        since = stamp.sec + 1e-9 * stamp.nanosec
+        taken = who_rides.HandOver(change.policy, why, since, bool(change.stop))
+        live.who.handed_over(taken)
+        if since >= live.time - OLD_NEWS:
+            self._tell("warn", f"{name} takes over: {why}", kind="hand_over")
+
+    def _on_episode(self, info: EpisodeInfo) -> None:
+        live = self._live
+        try:
+            scenario, physics = convert.to_setting(info)
+        except (ValueError, TypeError) as error:
+            self._node.get_logger().warning(
+                f"episode info ignored: {error}; are both of one version?"
+            )
+            return
+        live.weights = scenario.reward
+        live.setting = (physics, scenario)
+        live.names |= lqr_names(physics)
+        constants = physics.constants
+        live.facts = {
+            "episode": int(info.episode),
+            "seed": int(info.seed),
+            "pace": info.pace,
+            "scenario": scenario.name,
+            "goal_radius": scenario.goal_radius,
+            "fall_angle": scenario.fall_angle,
+            "limits": [float(limit) for limit in scenario.action_limits],
+            "wheelbase": constants.wheelbase,
+            "time_step": constants.time_step,
+            "steer_stop": constants.steer_stop,
+        }
+        self._newest({"type": "facts", **live.facts})
+        self._tell("info", f"episode {info.episode} begins, seed {info.seed}", kind="reset")
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        live = self._live
+        simulator = reading.simulator_word(array)
+        if simulator is not None:
+            live.mode, live.paused, live.commands_text = simulator
+        controller = reading.controller_word(array)
+        if controller is not None:
+            self._trouble.heard("controller")
+            live.who.put_in_charge(controller.policy)
+            live.unlike = controller.unlike
+
+    def _on_goal_status(self, change: GoalStatus) -> None:
+        place = (float(change.position.x), float(change.position.y))
+        self._live.goals.changed(change.status, place, int(change.remaining))
+        status = Status(change.status)
+        if not self._told.news(status, place) or self._is_old(change):
+            return
+        where = {"x": place[0], "y": place[1]} if place[0] == place[0] else {}
+        self._tell(
+            goal_words.level(status),
+            goal_words.text(status, place, change.message),
+            kind=goal_words.kind(status),
+            **where,
+        )
+
+    def _is_old(self, change: GoalStatus) -> bool:
+        """Whether it is from before this cockpit, kept for who comes late."""
+        stamp = change.header.stamp
+        before = stamp.sec * 10**9 + stamp.nanosec < self._began_ns
+        return before and time.monotonic() - self._began < OLD_NEWS
+
+    def _on_pushed(self, push: Push) -> None:
+        self._tell("info", push_text(push.lean_rate), kind="push")
+
+    def _on_trainer(self, status: TrainerStatus) -> None:
+        facts = reading.trainer_facts(status)
+        self._live.trained(facts)
+        self._newest(facts)

@@ -1,0 +1,53 @@
+"""Log lines of the web server: one line each, and not without end."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+
+from bicycle_cockpit.bucket import Bucket
+
+LONGEST = 300
+"""Characters; a client can make a line as long as it likes."""
+RATE, BURST = 1.0, 20.0
+"""Lines a second, and at once."""
+
+
+class OneLine:
+    """Passes lines on, but not without end.
+
+    Args:
+        say: takes a line; called in the thread that logs.
+    """
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        self._say = say
+        self._bucket = Bucket(RATE, BURST)
+        self._unsaid = 0
+
+    def __call__(self, line: str) -> None:
+        """Log a line."""
+        if not self._bucket.take():
+            self._unsaid += 1
+            return
+        more = f" (and {self._unsaid} more lines before)" if self._unsaid else ""
+        self._unsaid = 0
+        kept = line if len(line) <= LONGEST else f"{line[:LONGEST]}..."
+        self._say("".join(char if char.isprintable() else "?" for char in kept) + more)
+
+
+class ToOneLine(logging.Handler):
+    """What a library logs, with its traceback if it has one, as one line."""
+
+    def __init__(self, log: OneLine) -> None:
+        super().__init__(logging.WARNING)
+        self._log = log
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Log the message and the exception's own words."""
+        text = " ".join(record.getMessage().split())
+        error = record.exc_info[1] if record.exc_info else None
+        if error is not None:
+            words = " ".join(str(error).split())
+            text += f" ({type(error).__name__}: {words})"
+        self._log(text)

@@ -1,0 +1,70 @@
+"""How long a bag's ride was on the bicycle's own clock, from its first and its last state."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from mcap.reader import SeekingReader
+from mcap.summary import Summary
+
+from bicycle_bringup.ride_log import STATE
+
+_CDR_HEADER = 4
+_LITTLE_ENDIAN = 1
+LARGEST_CHUNK = 64 * 1024 * 1024
+"""Bytes of a chunk that is opened for this."""
+
+
+def ridden(files: Sequence[Path]) -> float | None:
+    """s of simulated time between the first and the last state.
+
+    Args:
+        files: the MCAP files of a bag, in order.
+
+    Returns:
+        None where that is not known: no bicycle or several, no index, a simulator that was
+        started anew meanwhile, or files that cannot be read.
+    """
+    try:
+        first = _first_known(_stamp(file, last=False) for file in files)
+        last = _first_known(_stamp(file, last=True) for file in reversed(files))
+    except Exception:  # whatever the reader makes of a broken file: the list goes without
+        return None
+    if first is None or last is None or last < first:
+        return None
+    return last - first
+
+
+def _first_known(stamps: Iterable[float | None]) -> float | None:
+    return next((stamp for stamp in stamps if stamp is not None), None)
+
+
+def _stamp(file: Path, *, last: bool) -> float | None:
+    """s, the stamp of a file's first or last state; only the chunk that holds it is read."""
+    with file.open("rb") as stream:
+        reader = SeekingReader(stream)
+        summary = reader.get_summary()
+        topic = _state_topic(summary) if summary is not None else ""
+        if not topic:
+            return None
+        for _, _, message in reader.iter_messages([topic], reverse=last):
+            return _seconds(message.data)
+    return None
+
+
+def _state_topic(summary: Summary) -> str:
+    """Name of the one bicycle's states; nothing where the file's index does not lead to them."""
+    names = {one.topic for one in summary.channels.values() if one.topic.endswith(STATE)}
+    chunks = summary.chunk_indexes
+    small = all(chunk.uncompressed_size <= LARGEST_CHUNK for chunk in chunks)
+    return names.pop() if len(names) == 1 and chunks and small else ""
+
+
+def _seconds(data: bytes) -> float | None:
+    """The stamp that a message with a header begins with."""
+    if len(data) < _CDR_HEADER + 8 or data[1] != _LITTLE_ENDIAN:
+        return None
+    seconds, nanoseconds = struct.unpack_from("<iI", data, _CDR_HEADER)
+    return float(seconds + 1e-9 * nanoseconds)

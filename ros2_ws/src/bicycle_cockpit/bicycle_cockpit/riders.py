@@ -1,0 +1,73 @@
+"""The names of policies for a person, and their colours."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from bicycle_controller.lqr import TUNED, tuning_id
+from bicycle_controller.policy import load_policy, shipped_policies
+from bicycle_sim.parameters import Physics
+
+
+def shipped_names() -> dict[str, str]:
+    """Names of the shipped policies by their ids."""
+    return {load_policy(name).policy_id: name for name in shipped_policies()}
+
+
+def lqr_names(physics: Physics) -> dict[str, str]:
+    """Names of the LQR's tunings by their ids, which differ with the bicycle."""
+    return {tuning_id(config, physics): name for name, config in TUNED.items()}
+
+
+@dataclass(frozen=True)
+class Rider:
+    """A policy as the pages know it."""
+
+    policy: str
+    """Its id."""
+    name: str
+    """For a person."""
+    colour: str
+    """Its key in the palette: the name where that says which policy it is, else the id."""
+
+
+def rider(policy: str, names: Mapping[str, str]) -> Rider:
+    """A policy by its id.
+
+    Args:
+        policy: the id.
+        names: what policies are offered as, by their ids.
+    """
+    if policy in names:
+        return Rider(policy, names[policy], names[policy])
+    word, at, _ = policy.partition("@")
+    return Rider(policy, word if at or not policy.startswith("lqr-") else "lqr", policy)
+
+
+class Palette:
+    """A number for each policy, which is its colour on every page and in every bag.
+
+    Shipped policies and the LQR's tunings always have the same; others get the next ones in the
+    order in which they come. Any thread may call.
+    """
+
+    def __init__(self) -> None:
+        fixed = [*shipped_policies(), *TUNED]
+        self._lock = threading.Lock()
+        self._slots = {name: slot for slot, name in enumerate(fixed)}
+
+    def add(self, keys: Iterable[str]) -> bool:
+        """Give numbers to those that have none; whether there were any."""
+        with self._lock:
+            new = [key for key in dict.fromkeys(keys) if key and key not in self._slots]
+            for key in new:
+                self._slots[key] = len(self._slots)
+        return bool(new)
+
+    def message(self) -> dict[str, Any]:
+        """All of them, for the pages."""
+        with self._lock:
+            return {"type": "palette", "slots": dict(self._slots)}

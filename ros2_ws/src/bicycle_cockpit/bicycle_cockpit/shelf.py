@@ -1,0 +1,138 @@
+"""The bags of one folder: which there are, and which of their files may be read.
+
+A bag goes by its path below the folder, and only by one that the folder's listing holds. What a
+bag's own ``metadata.yaml`` names outside the bag is not read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from bicycle_bag import metadata
+from bicycle_bag.errors import BagError
+from bicycle_bag.metadata import NO_START
+from bicycle_bag.reader import BagReader, find_files
+from bicycle_cockpit.ridden import ridden
+
+MOST_BAGS = 200
+"""That are listed, the newest."""
+DEEPEST = 3
+"""Folders below the folder that bags are looked for in."""
+LARGEST_METADATA = 4 * 1024 * 1024
+"""Bytes; an hour in files of a minute each has 20 kB."""
+
+Signature = tuple[tuple[str, int, int], ...]
+"""Name, size and time of change of each of a bag's files: equal as long as the bag is."""
+
+
+class BagShelf:
+    """The bags below one folder."""
+
+    def __init__(self, folder: Path) -> None:
+        """Look into `folder`, which may not be there yet."""
+        self.folder = folder
+
+    def found(self) -> dict[str, Path]:
+        """Paths by name, the newest first; a link that leads out of the folder is none."""
+        root = self.folder.resolve()
+        paths = [
+            path
+            for path in _bags_below(self.folder, DEEPEST)
+            if path.resolve().is_relative_to(root)
+        ]
+        paths.sort(key=_changed, reverse=True)
+        return {path.relative_to(self.folder).as_posix(): path for path in paths[:MOST_BAGS]}
+
+    def path(self, name: str) -> Path:
+        """A bag's path.
+
+        Raises:
+            KeyError: when the folder's listing has no such bag.
+        """
+        return self.found()[name]
+
+
+def entry(name: str, path: Path) -> dict[str, Any]:
+    """A bag for the list.
+
+    Returns:
+        `name`, `start` (s since 1970, None where that is not known), `duration` (s), `ridden` (s
+        of simulated time, None where that is not known) and `messages`; of one that cannot be
+        shown `name` and `problem`, one line that says why.
+    """
+    try:
+        check(path)
+        about = _metadata(path)
+    except BagError as error:
+        return {"name": name, "problem": str(error)}
+    known = 0 < about.starting_time_ns < NO_START
+    return {
+        "name": name,
+        "start": about.starting_time_ns / 1e9 if known else None,
+        "duration": about.duration_ns / 1e9,
+        "ridden": ridden(find_files(path)),
+        "messages": sum(about.counts.values()),
+    }
+
+
+def check(path: Path) -> None:
+    """Check that a bag's files may be read.
+
+    Raises:
+        BagError: when there is none, or one of them lies outside the bag.
+    """
+    stored = path / metadata.FILE_NAME
+    if stored.is_file() and stored.stat().st_size > LARGEST_METADATA:
+        raise BagError(f"{stored} is larger than {LARGEST_METADATA} bytes: it is no metadata")
+    home = path.resolve()
+    for file in find_files(path):
+        if not file.resolve().is_relative_to(home):
+            raise BagError(f"{path} names a file outside itself, {file.name}: that is not read")
+
+
+def signature(path: Path) -> Signature:
+    """Tells whether a bag has changed; empty where there is none."""
+    found = []
+    try:
+        files = [path] if path.is_file() else sorted(path.iterdir())
+    except OSError:
+        return ()
+    for file in files:
+        try:
+            about = file.stat()
+        except OSError:
+            continue  # gone meanwhile, or a link to nowhere
+        found.append((file.name, about.st_size, about.st_mtime_ns))
+    return tuple(found)
+
+
+def _metadata(path: Path) -> metadata.BagMetadata:
+    """What the bag says of itself, or, where it says nothing, what its files hold."""
+    if (path / metadata.FILE_NAME).is_file():
+        return metadata.read(path)
+    return BagReader(path).metadata
+
+
+def _bags_below(folder: Path, depth: int) -> Iterator[Path]:
+    """Folders with a bag in them, and the files that lie in `folder` itself."""
+    try:
+        inside = sorted(folder.iterdir())
+    except OSError:
+        return
+    for path in inside:
+        if not path.is_dir():
+            if path.suffix == ".mcap" and path.is_file():
+                yield path
+        elif (path / metadata.FILE_NAME).is_file() or any(path.glob("*.mcap")):
+            yield path
+        elif depth > 1:
+            yield from _bags_below(path, depth - 1)
+
+
+def _changed(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except OSError:
+        return 0.0

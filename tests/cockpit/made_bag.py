@@ -1,0 +1,83 @@
+"""A bag made by hand, with all that the page marks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from bicycle_msgs.msg import BicycleCommand, BicycleState, GoalStatus, HandOver, Push
+from rclpy.serialization import serialize_message
+
+from bicycle_bag.metadata import Topic
+from bicycle_bag.schemas import Schemas
+from bicycle_bag.writer import BagWriter
+
+STEPS = 200
+PERIOD = 25_000_000
+"""ns."""
+TOPICS = {
+    "/bicycle/state": BicycleState,
+    "/bicycle/command": BicycleCommand,
+    "/bicycle/goal_status": GoalStatus,
+    "/bicycle/pushed": Push,
+    "/bicycle/hand_over": HandOver,
+}
+NAF = "naf@cee775ab58"
+
+
+def write_bag(folder: Path) -> Path:
+    """5 s along +x at 2 m/s, and a reset at the end.
+
+    It has two policies, a push at 1 s, a goal that is sent twice and reached at 4 s, a hand-over
+    at 3.75 s, and a fall in the last step.
+    """
+    with BagWriter(folder) as writer:
+        schemas = Schemas()
+        for name, kind in TOPICS.items():
+            full = f"bicycle_msgs/msg/{kind.__name__}"
+            topic = Topic(name, full, type_hash=schemas.type_hash(full))
+            writer.add_topic(topic, schemas.definition(full))
+        for step in range(STEPS):
+            _write_step(writer, step)
+        end = STEPS - 1
+        _write(writer, "/bicycle/state", _state(2, 0, end), end)
+    return folder
+
+
+def _write(writer: BagWriter, topic: str, message: Any, step: int, late: int = 0) -> None:
+    now = 10**9 + step * PERIOD
+    writer.write(topic, serialize_message(message), now + late, now)
+
+
+def _state(episode: int, step: int, stamp_step: int) -> BicycleState:
+    state = BicycleState(episode=episode, step=step, speed=2.0, goal_distance=float("nan"))
+    state.header.stamp.sec, state.header.stamp.nanosec = divmod(stamp_step * PERIOD, 10**9)
+    state.rear_contact.x = 0.05 * step
+    state.fallen = episode == 1 and step == STEPS - 1
+    return state
+
+
+def _write_step(writer: BagWriter, step: int) -> None:
+    _write(writer, "/bicycle/state", _state(1, step, step), step)
+    policy = "first" if step < 100 else NAF
+    command = BicycleCommand(episode=1, step=step, torque=0.01 * step, policy=policy)
+    _write(writer, "/bicycle/command", command, step, late=10**6)
+    if step == 40:
+        _write(writer, "/bicycle/pushed", Push(episode=1, step=40, lean_rate=-0.3), step)
+    if step in (30, 31):
+        _write(writer, "/bicycle/goal_status", _goal(GoalStatus.ACTIVE, "8.0 m to go"), step)
+    if step == 150:
+        message = f"lean rate 0.6 rad/s is beyond 0.5 rad/s: lqr-12345678 takes over from {NAF}"
+        over = HandOver(step=150, reason=HandOver.LEAN_RATE, policy="lqr-12345678")
+        over.message = message.replace(NAF, f"policy {NAF}")
+        _write(writer, "/bicycle/hand_over", over, step)
+    if step == 160:
+        _write(
+            writer, "/bicycle/goal_status", _goal(GoalStatus.REACHED, "reached after 4.0 s"), step
+        )
+
+
+def _goal(status: int, message: str) -> GoalStatus:
+    made = GoalStatus(goal_id=1, status=status, message=message)
+    made.position.x = 8.0
+    return made

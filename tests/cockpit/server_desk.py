@@ -1,0 +1,45 @@
+"""A web server for tests, with what it asks for and what it says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bicycle_cockpit.door import Door
+from bicycle_cockpit.requests import Request
+from bicycle_cockpit.server import Server
+
+TOKEN = "0123456789abcdef"
+
+
+class Desk:
+    """A server that runs.
+
+    Attributes:
+        greets: whether a page is greeted at once.
+    """
+
+    def __init__(self, door: Door, folder: Path) -> None:
+        self.greets = True
+        self.requests: list[tuple[int, Request]] = []
+        self.joined: list[int] = []
+        self.lines: list[str] = []
+        self.server = Server(
+            door,
+            0,
+            folder,
+            lambda page, request: self.requests.append((page, request)),
+            self._join,
+            self.lines.append,
+        )
+        self.server.start()
+
+    def _join(self, page: int) -> None:
+        """Note a page that has come."""
+        if self.greets:
+            self.server.greet(page, {"type": "hello"}, [])
+        self.joined.append(page)
+
+    @property
+    def url(self) -> str:
+        """Where it listens."""
+        return f"http://127.0.0.1:{self.server.port}"

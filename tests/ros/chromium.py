@@ -1,0 +1,212 @@
+"""Debian's Chromium, headless, with a page of the cockpit in it."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from cockpit_page import COCKPIT, Page, address_of
+from domains import claimed_domain
+from node_process import NodeProcess
+from waiting import PATIENCE
+from waiting import until as waited
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-sync",
+    "--disable-background-networking",
+    "--disable-component-update",
+]
+if not CHROMIUM and not os.environ.get("CI"):
+    pytest.skip(
+        "no Chromium here for the browser tests: sudo apt-get install -y chromium",
+        allow_module_level=True,
+    )
+
+from playwright.sync_api import (  # noqa: E402
+    BrowserContext,
+    Playwright,
+    ViewportSize,
+    expect,
+    sync_playwright,
+)
+from playwright.sync_api import Page as BrowserPage  # noqa: E402
+
+LONG = 1000 * PATIENCE
+"""ms."""
+expect.set_options(timeout=LONG)
+
+WIDE: ViewportSize = {"width": 1280, "height": 800}
+Started = tuple[str, NodeProcess, int]
+"""Address, process and domain of a cockpit."""
+
+
+@contextmanager
+def chromium() -> Iterator[BrowserContext]:
+    """A Chromium with a profile of its own."""
+    with sync_playwright() as playwright, another(playwright) as context:
+        yield context
+
+
+@contextmanager
+def another(playwright: Playwright) -> Iterator[BrowserContext]:
+    """One more Chromium, which knows nothing of the others."""
+    assert CHROMIUM, "CI must have Chromium: .ci/run installs it"
+    with tempfile.TemporaryDirectory() as profile:
+        context = playwright.chromium.launch_persistent_context(
+            profile, executable_path=CHROMIUM, args=FLAGS, viewport=WIDE
+        )
+        context.set_default_timeout(LONG)
+        yield context
+        context.close()
+
+
+@contextmanager
+def cockpit(*words: str) -> Iterator[Started]:
+    """A cockpit with its own ride."""
+    command = [str(COCKPIT), "--port", "0", *words]
+    with claimed_domain() as domain:
+        environment = {"ROS_DOMAIN_ID": str(domain)}
+        with NodeProcess(command, environment) as process:
+            yield address_of(process), process, domain
+
+
+@contextmanager
+def opened(context: BrowserContext, address: str, mode: str = "") -> Iterator[BrowserPage]:
+    """The page, connected; nothing that it logs as an error is forgiven.
+
+    Args:
+        context: the browser.
+        address: of the cockpit.
+        mode: what the badge must come to say.
+    """
+    page = context.new_page()
+    errors: list[str] = []
+    page.on("pageerror", lambda error: errors.append(str(error)))
+    page.on("console", lambda line: errors.append(line.text) if line.type == "error" else None)
+    page.goto(address)
+    if mode:
+        expect(page.locator("#mode")).to_have_text(mode)
+    yield page
+    assert [line for line in errors if "WebSocket connection to" not in line] == []
+    page.close()
+
+
+def place(page: BrowserPage, across: float, down: float) -> tuple[float, float]:
+    """A point of the map, given as shares of its width and height."""
+    box = page.locator("#map").bounding_box()
+    assert box is not None
+    return box["x"] + across * box["width"], box["y"] + down * box["height"]
+
+
+def said(page: BrowserPage, pattern: str) -> re.Match[str]:
+    """What the line below the controls says, once it matches."""
+    return matched(page, "#answer", pattern)
+
+
+def matched(page: BrowserPage, selector: str, pattern: str) -> re.Match[str]:
+    """What an element says, once it matches."""
+    found = page.locator(selector)
+    expect(found).to_have_text(re.compile(pattern))
+    match = re.search(pattern, found.inner_text())
+    assert match is not None
+    return match
+
+
+def position(page: BrowserPage) -> tuple[float, float]:
+    """m, as the head shows it."""
+    x, y = page.locator("#position").inner_text().split(",")
+    return float(x), float(y)
+
+
+def inside(page: BrowserPage, expression: str) -> Any:
+    """A value of the page's own `live`, `view`, `link` and `player`."""
+    script = f"({{ live, view, link, player }}) => {expression}"
+    return page.evaluate(f"async () => ({script})(await import('/web/main.js'))")
+
+
+def until(page: BrowserPage, expression: str) -> None:
+    """Wait until something holds of what `inside` knows.
+
+    Playwright's own `wait_for_function` does not ask again after a promise.
+    """
+    waited(lambda: inside(page, expression))
+
+
+def ridden(page: BrowserPage, steps: int) -> None:
+    """Wait until the page has so many more steps of the ride."""
+    newest = inside(page, "live.series.step.at(-1)")
+    until(page, f"live.series.step.at(-1) >= {newest + steps}")
+
+
+def drawn(page: BrowserPage) -> None:
+    """Wait until the page has drawn what it knows and as large as it is now."""
+    page.evaluate(
+        """async () => {
+            for (let n = 0; n < 6; n++) {
+                dispatchEvent(new Event("resize"));
+                await new Promise(requestAnimationFrame);
+            }
+        }"""
+    )
+
+
+def told(page: BrowserPage) -> list[str]:
+    """What the line below the head has said since the first call."""
+    found: list[str] = page.evaluate(
+        """() => {
+            const line = document.getElementById("who");
+            if (!window.told) {
+                window.told = [line.innerText];
+                const keep = () => window.told.push(line.innerText);
+                new MutationObserver(keep).observe(line, { subtree: true, childList: true });
+            }
+            return window.told;
+        }"""
+    )
+    return found
+
+
+def saw(page: BrowserPage, pattern: str) -> str:
+    """The first thing that matches of what `told` has kept; waits for it."""
+    told(page)
+    page.wait_for_function(
+        "(pattern) => window.told.some((line) => new RegExp(pattern).test(line))",
+        arg=pattern,
+    )
+    return next(line for line in told(page) if re.search(pattern, line))
+
+
+__all__ = [
+    "BrowserContext",
+    "BrowserPage",
+    "Page",
+    "Started",
+    "another",
+    "chromium",
+    "cockpit",
+    "drawn",
+    "expect",
+    "inside",
+    "matched",
+    "opened",
+    "place",
+    "position",
+    "ridden",
+    "said",
+    "saw",
+    "sync_playwright",
+    "told",
+    "until",
+]
