@@ -1,0 +1,79 @@
+"""The README's tables of what the shipped actors do, against the files that they name."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+LIMITS = json.loads((ROOT / "tests" / "benchmarks" / "results" / "limits.json").read_text())
+CONDITIONS = {
+    "action late by 25 ms": "--action-delay 1",
+    "by 50 ms": "--action-delay 2",
+    "by 75 ms": "--action-delay 3",
+    "by 100 ms": "--action-delay 4",
+    "start at 1 m/s": "--speed 1",
+    "at 2 m/s": "--speed 2",
+    "at 2.5 m/s": "--speed 2.5",
+    "at 4 m/s": "--speed 4",
+    "at 5 m/s": "--speed 5",
+    "a push of 0.35 rad/s": "--roll-kick 0.35",
+    "of 0.5 rad/s": "--roll-kick 0.5",
+    "of 0.75 rad/s": "--roll-kick 0.75",
+    "noise of 0.1 (rad, rad/s, rad/s²) on all six observations": "--observation-noise 0.1",
+    "the corrected physics": "--physics corrected",
+}
+"""Rows of the table, by the options of `bicycle evaluate` that they were ridden with."""
+ACTORS = ("fixed-speed", "small-displacement", "learned-speed", "naf", "ppo")
+"""In the order of the table's columns."""
+AGAINST = {
+    "fixed-speed": "lqr-20cm",
+    "small-displacement": "lqr-displacement",
+    "learned-speed": "lqr-displacement-pedal",
+}
+
+
+def cells(label: str) -> list[str]:
+    """The cells of the row that begins with a label."""
+    (found,) = re.findall(rf"^\| {re.escape(label)} \|(.*)\|$", README, re.MULTILINE)
+    return [cell.strip() for cell in found.split("|")]
+
+
+def ridden(condition: str, rider: str, actor: str) -> dict[str, Any]:
+    scenario = LIMITS["actors"][actor]["scenario"]
+    found: dict[str, Any] = LIMITS["conditions"][condition][f"{rider} in {scenario}"]
+    return found
+
+
+@pytest.mark.parametrize("label", CONDITIONS)
+def test_what_the_actors_cannot_do_is_what_was_measured(label: str) -> None:
+    for actor, cell in zip(ACTORS, cells(label), strict=True):
+        numbers = [float(number) for number in re.findall(r"\d+(?:\.\d+)?", cell)]
+        own = ridden(CONDITIONS[label], actor, actor)
+        lqr = ridden(CONDITIONS[label], LIMITS["actors"][actor]["lqr"], actor)
+        told = [own["fall_rate"], lqr["fall_rate"]]
+        if "never arrive" in cell:
+            told.append(own["timeout_rate"])
+        assert numbers == pytest.approx([100.0 * share for share in told], abs=0.5), actor
+        assert own["timeout_rate"] < 0.3 or "never arrive" in cell, actor
+
+
+def test_rides_that_are_sooner_as_soon_and_later_are_all_rides() -> None:
+    counts = cells("sooner / as soon / later than it, rides")
+    saved = cells("time saved in the median ride")
+    for (actor, lqr), count, less in zip(AGAINST.items(), counts, saved, strict=True):
+        file = ROOT / "docs" / "results" / actor / f"against-{lqr}.json"
+        found = json.loads(file.read_text())["comparison"]
+        differ = found["both_reach"] - found["same_time"]
+        sooner = round(found["faster_share"] * differ)
+        expected = [sooner, found["same_time"], differ - sooner]
+        assert [int(number.replace(",", "")) for number in count.split(" / ")] == expected
+        assert sum(expected) == found["both_reach"]
+        assert float(less.removesuffix(" %")) == pytest.approx(
+            100.0 * (1.0 - found["time_ratio"]), abs=0.006
+        )
