@@ -15,14 +15,32 @@ setup(
     name=NAME,
     version=VERSION,
     packages=find_packages(),
+    package_data={
+        f"{NAME}.plants.whipple": ["*.cpp", "*.h", "bicycles/*.yaml", "bicycles/licences/*.txt"]
+    },
     ext_modules=[
-        # Not a module but a library, see native_task.py, which does without it.
+        # Not modules but libraries, see native_task.py and plants/whipple/native.py, which do
+        # without them.
         Extension(
             f"{NAME}._native_task",
             [f"{NAME}/native_task.cpp"],
             extra_compile_args=["-O3", "-ffp-contract=off", "-std=c++17"],
             optional=True,
-        )
+        ),
+        Extension(
+            f"{NAME}.plants.whipple._whipple",
+            [f"{NAME}/plants/whipple/whipple.cpp"],
+            depends=[f"{NAME}/plants/whipple/whipple_lanes.h"],
+            # No flag here changes a result: products and sums are rounded one by one.
+            extra_compile_args=[
+                "-O3",
+                "-ffp-contract=off",
+                "-fno-math-errno",
+                "-fno-trapping-math",
+                "-std=c++17",
+            ],
+            optional=True,
+        ),
     ],
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

@@ -1,0 +1,1 @@
+"""Plants: the bicycles that the task, the simulator and controllers can ride."""

@@ -1,0 +1,136 @@
+"""Bicycles by name, and yours from a YAML file.
+
+A file has `bicycle` with the 25 parameters, or `measured` with what a tape measure and a scale
+give; beside it, if need be, a rider and the other parts of `Parameters`. docs/bicycles.md has an
+example of each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib import resources
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from typing import Any
+
+from bicycle_sim import yaml_text
+from bicycle_sim.config import nearest, require
+from bicycle_sim.plants.whipple import measure
+from bicycle_sim.plants.whipple.measure import Measured, RigidRider
+from bicycle_sim.plants.whipple.parameters import PARTS, Bicycle, Parameters, make
+
+TEXTS = ("name", "about", "source", "licence")
+SETTINGS = ("delay", "time_step", "substeps")
+KEYS = (*TEXTS, "measured", "rigid_rider", "standard_deviation", *PARTS, *SETTINGS)
+"""What a bicycle's file may have."""
+
+
+@dataclass(frozen=True)
+class Described:
+    """A bicycle and what is known about its numbers."""
+
+    parameters: Parameters
+    name: str
+    about: str = ""
+    source: str = ""
+    licence: str = ""
+    estimated: tuple[str, ...] = ()
+    """One line for each parameter that was estimated instead of measured."""
+    standard_deviation: dict[str, float] = field(default_factory=dict)
+    """Of the parameters that were measured, where it is known."""
+
+
+def _folder() -> Traversable:
+    return resources.files("bicycle_sim.plants.whipple") / "bicycles"
+
+
+def names() -> list[str]:
+    """The bicycles that come with the package."""
+    return sorted(
+        entry.name[: -len(".yaml")]
+        for entry in _folder().iterdir()
+        if entry.name.endswith(".yaml")
+    )
+
+
+def load(name_or_file: str | Path) -> Described:
+    """The bicycle of a name, or of a YAML file.
+
+    Raises:
+        ValueError: when there is none, or its file has an unknown key or a value that makes no
+            sense; one line that names it.
+    """
+    text = str(name_or_file)
+    known = names()
+    if text in known:
+        return read((_folder() / f"{text}.yaml").read_text(), text, text)
+    path = Path(name_or_file)
+    if not path.is_file():
+        raise ValueError(
+            f"no bicycle {text!r}{nearest(text, known)}: give a YAML file or one of "
+            f"{', '.join(known)}"
+        )
+    try:
+        content = yaml_text.read_text(path)
+    except (OSError, UnicodeDecodeError, yaml_text.YAMLError) as error:
+        raise ValueError(f"cannot read {path}: {error}") from error
+    return read(content, path.stem, str(path))
+
+
+def read(text: str, name: str, place: str) -> Described:
+    """The bicycle that YAML describes.
+
+    Args:
+        text: the YAML.
+        name: its name, unless the text has one.
+        place: where the text is from, for errors.
+
+    Raises:
+        ValueError: on what is not such YAML; one line that names the place and the key.
+    """
+    try:
+        data = yaml_text.load(text)
+    except yaml_text.YAMLError as error:
+        raise ValueError(f"{place} is no YAML: {' '.join(str(error).split())}") from error
+    try:
+        return _described(data, name)
+    except ValueError as error:
+        raise ValueError(f"{place}: {error}") from error
+
+
+def _described(data: Any, name: str) -> Described:
+    require(isinstance(data, dict), "a bicycle must be a mapping of names to values")
+    for key in data:
+        require(key in KEYS, f"a bicycle has no {key!r}{nearest(str(key), KEYS)}")
+    for key in TEXTS:
+        require(isinstance(data.get(key, ""), str), f"{key} must be a text")
+    both = [key for key in ("bicycle", "measured") if key in data]
+    require(
+        len(both) == 1,
+        "give either 'bicycle' with the 25 parameters or 'measured' with what you measured",
+    )
+    estimated: list[str] = []
+    if "measured" in data:
+        bicycle, estimated = measure.bicycle(make(Measured, data["measured"]))
+    else:
+        bicycle = make(Bicycle, data["bicycle"])
+    if "rigid_rider" in data:
+        bicycle = measure.with_rider(bicycle, make(RigidRider, data["rigid_rider"]))
+    parts: dict[str, Any] = {
+        key: make(kind, data[key])
+        for key, kind in PARTS.items()
+        if key in data and key != "bicycle"
+    }
+    settings = {key: data[key] for key in SETTINGS if key in data}
+    deviation = data.get("standard_deviation", {})
+    require(isinstance(deviation, dict), "standard_deviation must be a mapping")
+    shown = data.get("name", name)
+    return Described(
+        parameters=Parameters(bicycle=bicycle, name=shown, **parts, **settings),
+        name=shown,
+        about=data.get("about", ""),
+        source=data.get("source", ""),
+        licence=data.get("licence", ""),
+        estimated=tuple(estimated),
+        standard_deviation={key: float(value) for key, value in deviation.items()},
+    )

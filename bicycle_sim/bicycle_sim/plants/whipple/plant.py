@@ -1,0 +1,294 @@
+"""The Whipple-Carvallo bicycle as a plant."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+
+from bicycle_sim.plants.base import Array, BodyState, Geometry, Linear, Loads, Plant
+from bicycle_sim.plants.whipple import integrate, native, parameters, state_space, steady
+from bicycle_sim.plants.whipple.constants import (
+    UNLIMITED,
+    Constants,
+    constants,
+    delay_steps,
+    table,
+)
+from bicycle_sim.plants.whipple.integrate import Inputs
+from bicycle_sim.plants.whipple.parameters import Parameters
+
+
+@dataclass
+class WhippleState(BodyState):
+    """N Whipple bicycles; arrays of shape (N,) but for the last."""
+
+    pitch: np.ndarray
+    """rad, nose up; zero on an upright bicycle with straight steering."""
+    yaw_rate: np.ndarray
+    """rad/s."""
+    rear_wheel_angle: np.ndarray
+    """rad, against the rear frame, growing forward."""
+    front_wheel_angle: np.ndarray
+    """rad, against the front frame, growing forward."""
+    rider_lean: np.ndarray
+    """rad, against the rear frame; zero without a leaning rider."""
+    rider_rate: np.ndarray
+    """rad/s."""
+    motor_torque: np.ndarray
+    """N m on the steering now."""
+    stopped: np.ndarray
+    """1 where the bicycle lies or its geometry is singular, so that it moves no more; else 0."""
+    commands: np.ndarray = field(metadata={"wide": True})
+    """(N, 3 k), the last k commands that have not come to rule yet: torque, displacement and
+    pedal force of the last step, of the one before it and so on."""
+
+
+class WhipplePlant(Plant[WhippleState]):
+    """N Whipple bicycles, all alike or each with parameters of its own."""
+
+    name = "whipple"
+    state_type = WhippleState
+
+    def __init__(self, p: Parameters, compiled: bool = True) -> None:
+        """Prepare the constants.
+
+        Args:
+            p: the parameters.
+            compiled: whether `whipple.cpp` steps it, where it was built; numpy gives the same.
+        """
+        self.parameters = p
+        self._count = p.count
+        self.constants: Constants = constants(p)
+        self._table = table(self.constants, self._count)
+        self._delay = np.asarray(delay_steps(p)[0])
+        self._memory = int(np.max(self._delay + (np.asarray(self.constants.delay_share) > 0.0)))
+        self._library = native.load() if compiled else None
+        air, road = p.resistance, p.road
+        outside = (air.drag_area, air.side_area, air.rolling, road.grade_x, road.grade_y)
+        none = dict.fromkeys(Inputs._fields, np.zeros(1))
+        none["wind_x"], none["wind_y"] = np.atleast_1d(road.wind_x), np.atleast_1d(road.wind_y)
+        self._idle = Inputs(**none)
+        self._extras = bool(np.any([np.any(value) for value in outside]))
+
+    @property
+    def time_step(self) -> float:
+        """s of one control period."""
+        return self.parameters.time_step
+
+    @property
+    def count(self) -> int | None:
+        """How many different bicycles there are; None where all are alike."""
+        return self._count
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Displacement only with a leaning rider."""
+        if self.parameters.rider is None:
+            return "torque", "pedal_force"
+        return "torque", "displacement", "pedal_force"
+
+    @property
+    def geometry(self) -> Geometry:
+        """Of the bicycle, or of the first of many; masses with a leaning rider's."""
+        b, rider = self.parameters.bicycle, self.parameters.rider
+        mass, forward, height = b.mass, b.mass_forward, b.mass_height
+        if rider is not None:
+            total = mass + rider.mG
+            forward = (mass * forward + rider.mG * rider.xG) / total
+            height = (mass * height - rider.mG * rider.zG) / total
+            mass = total
+        values = (b.w, b.c, b.lam, b.rR, b.rF, mass, forward, height)
+        return Geometry(*(float(np.ravel(value)[0]) for value in values))
+
+    def initial(
+        self, rear_x: np.ndarray, rear_y: np.ndarray, heading: np.ndarray, speed: np.ndarray
+    ) -> WhippleState:
+        """N upright bicycles with straight handlebars; arguments of shape (N,), m, rad, m/s."""
+        count = len(rear_x)
+        state = np.zeros((len(integrate.ROWS), count))
+        for name, values in (
+            ("rear_x", rear_x),
+            ("rear_y", rear_y),
+            ("heading", heading),
+            ("speed", speed),
+        ):
+            state[integrate.ROWS.index(name)] = values
+        zero = np.zeros(count)
+        self._advance(state, self._idle, 0, 0, False)
+        return self._state(state, zero, np.zeros((count, 3 * self._memory)))
+
+    def step(
+        self,
+        state: WhippleState,
+        torque: np.ndarray,
+        displacement: np.ndarray,
+        pedal_force: np.ndarray,
+        speed_limits: tuple[Array, Array] | None = None,
+        loads: Loads | None = None,
+    ) -> WhippleState:
+        """One control period; see `Plant.step`."""
+        inputs, commands = self._commanded(
+            state, torque, displacement, pedal_force, speed_limits, loads
+        )
+        rows = self._rows(state)
+        before, rate = rows[_STOPPED] != 0.0, rows[_LEAN_RATE].copy()
+        self._advance(rows, inputs, 0, self.parameters.substeps, loads is not None)
+        up = (rows[_LEAN_RATE] - rate) / self.time_step
+        return self._state(rows, np.where(before, state.lean_acceleration, up), commands)
+
+    def trace(
+        self,
+        state: WhippleState,
+        torque: np.ndarray,
+        displacement: np.ndarray,
+        pedal_force: np.ndarray,
+        speed_limits: tuple[Array, Array] | None = None,
+        loads: Loads | None = None,
+    ) -> list[WhippleState]:
+        """The states after each substep; the last is that of `step`, to the bit."""
+        inputs, commands = self._commanded(
+            state, torque, displacement, pedal_force, speed_limits, loads
+        )
+        rows = self._rows(state)
+        before, rate = rows[_STOPPED] != 0.0, rows[_LEAN_RATE].copy()
+        states = []
+        substeps = self.parameters.substeps
+        for index in range(substeps):
+            self._advance(rows, inputs, index, index + 1, loads is not None)
+            up = (rows[_LEAN_RATE] - rate) / (self.time_step * ((index + 1) / substeps))
+            up = np.where(before, state.lean_acceleration, up)
+            states.append(self._state(rows.copy(), up, commands))
+        return states
+
+    def pushed(self, state: WhippleState, lean_rate: Array) -> WhippleState:
+        """The state after a push that adds `lean_rate`, rad/s, float or (N,)."""
+        rows = self._rows(state)
+        rows[_LEAN_RATE] += np.where(rows[_STOPPED] == 0.0, lean_rate, 0.0)
+        self._advance(rows, self._idle, 0, 0, False)
+        return self._state(rows, state.lean_acceleration, state.commands)
+
+    def fallen(self, state: WhippleState, limit: float) -> np.ndarray:
+        """(N,) bool: leans by more than `limit`, rad, or has stopped for good."""
+        leans: np.ndarray = np.abs(state.lean_angle) > limit
+        return leans | (state.stopped != 0.0)
+
+    def linearize(self, speed: float, discrete: bool = False) -> Linear:
+        """About riding straight at a speed, m/s; see `state_space.model`."""
+        return state_space.model(self.parameters, speed, discrete)
+
+    def steady_lean(self, steer_angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """(N,) rad at which a steady turn is balanced; see `steady.lean`."""
+        return steady.lean(self.constants, steer_angle, speed)
+
+    def take(self, mask: np.ndarray) -> WhipplePlant:
+        """The plant of those bicycles that `mask` (N,) keeps."""
+        if self._count is None:
+            return self
+        return WhipplePlant(parameters.take(self.parameters, mask), self._library is not None)
+
+    def to_json(self) -> str:
+        """All parameters to the last bit, with the key `plant`."""
+        return json.dumps({"plant": self.name, **parameters.to_dict(self.parameters)})
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> WhipplePlant:
+        """What `to_json` wrote, as plain data.
+
+        Raises:
+            ValueError: on an unknown or missing key, or on a value that makes no sense.
+        """
+        return cls(parameters.from_dict({k: v for k, v in data.items() if k != "plant"}))
+
+    def _rows(self, state: WhippleState) -> np.ndarray:
+        """A copy of what is integrated, (rows, N)."""
+        return np.array([getattr(state, name) for name in integrate.ROWS], dtype=float)
+
+    def _state(
+        self, rows: np.ndarray, lean_acceleration: np.ndarray, commands: np.ndarray
+    ) -> WhippleState:
+        found = dict(zip(integrate.ROWS, rows, strict=True))
+        found.update(lean_acceleration=lean_acceleration, commands=commands)
+        return WhippleState(**{item.name: found[item.name] for item in fields(WhippleState)})
+
+    def _commanded(
+        self,
+        state: WhippleState,
+        torque: np.ndarray,
+        displacement: np.ndarray,
+        pedal_force: np.ndarray,
+        speed_limits: tuple[Array, Array] | None,
+        loads: Loads | None,
+    ) -> tuple[Inputs, np.ndarray]:
+        """What acts during a period, and the commands that wait after it."""
+        count = len(state.lean_angle)
+        if self._count is not None and count != self._count:
+            raise ValueError(f"the plant has {self._count} bicycles, the state {count}")
+        if self.parameters.rider is None and np.any(displacement):
+            raise ValueError(
+                "this bicycle has no leaning rider: its displacement must be zero, or choose "
+                "one with a rider who leans"
+            )
+        wait = state.commands
+        new = before = torque, displacement, pedal_force
+        if self._memory:
+            # The newest command first; each bicycle takes the one that is as old as its delay.
+            queue = np.concatenate([np.stack(new), wait.T]).reshape(-1, 3, count)
+            age, lane = np.broadcast_to(self._delay, count), np.arange(count)
+            new = tuple(queue[age, :, lane].T)
+            before = tuple(queue[np.minimum(age + 1, self._memory), :, lane].T)
+            wait = np.ascontiguousarray(queue[:-1].reshape(-1, count).T)
+        low, high = speed_limits if speed_limits is not None else (-UNLIMITED, UNLIMITED)
+        changed = {} if loads is None else self._loads(loads)
+        return self._idle._replace(
+            torque_before=before[0],
+            torque=new[0],
+            displacement_before=before[1],
+            displacement=new[1],
+            pedal_before=before[2],
+            pedal=new[2],
+            speed_low=np.atleast_1d(low),
+            speed_high=np.atleast_1d(high),
+            **changed,
+        ), wait
+
+    def _loads(self, loads: Loads) -> dict[str, np.ndarray]:
+        """Pushes and gusts as inputs."""
+        road = self.parameters.road
+        down = self.parameters.bicycle.rR - loads.force_height
+        found = {
+            "force_across": loads.lateral_force,
+            "torque_x": loads.roll_torque - down * loads.lateral_force,
+            "torque_z": loads.force_forward * loads.lateral_force,
+            "wind_x": road.wind_x + loads.wind_x,
+            "wind_y": road.wind_y + loads.wind_y,
+        }
+        return {name: np.atleast_1d(value) for name, value in found.items()}
+
+    def _advance(
+        self, rows: np.ndarray, inputs: Inputs, first: int, last: int, loaded: bool
+    ) -> None:
+        """Move `rows` (rows, N) in place."""
+        p = self.parameters
+        extras, rider = self._extras or loaded, p.rider is not None
+        span = p.substeps, p.time_step, first, last, extras or rider, rider
+        if self._library is not None:
+            self._library.advance(self._table, rows, inputs, *span)
+            return
+        single = rows.shape[1] == 1
+        pick = (lambda row: float(row[0])) if single else np.asarray
+        moved = integrate.advance(
+            Constants(*map(pick, self._table)),
+            dict(zip(integrate.ROWS, map(pick, rows), strict=True)),
+            Inputs(*map(pick, inputs)),
+            *span,
+            xp=integrate.FLOATS if single else np,
+        )
+        for row, name in zip(rows, integrate.ROWS, strict=True):
+            row[:] = moved[name]
+
+
+_LEAN_RATE, _STOPPED = integrate.ROWS.index("lean_rate"), integrate.ROWS.index("stopped")

@@ -1,0 +1,96 @@
+"""Steady turns of the nonlinear Whipple bicycle: circles that it rides for ever."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bicycle_sim.plants.base import Array
+from bicycle_sim.plants.whipple.constants import Constants
+from bicycle_sim.plants.whipple.equations import Forces, motion
+from bicycle_sim.plants.whipple.kinematics import Pose, Rolling, front_height, rolling
+
+
+class Turn(NamedTuple):
+    """Steady turns; every field is (N,)."""
+
+    lean: np.ndarray
+    """rad."""
+    pitch: np.ndarray
+    """rad."""
+    steer_torque: np.ndarray
+    """N m that hold the steering."""
+    yaw_rate: np.ndarray
+    """rad/s."""
+
+
+def on_the_road(
+    k: Constants, lean: Array, steer: Array, pitch: Array = 0.0
+) -> tuple[Array, Rolling]:
+    """The pitch, rad, at which both wheels touch the road, and that pose's `rolling`.
+
+    Args:
+        k: of the bicycles.
+        lean: (N,) rad.
+        steer: (N,) rad.
+        pitch: (N,) rad from where Newton's method begins.
+    """
+    for _ in range(8):
+        r = rolling(k, lean, pitch, steer)
+        pitch = pitch - front_height(k, r) / r.pitch_lever
+    return pitch, rolling(k, lean, pitch, steer)
+
+
+def _imbalance(
+    k: Constants, lean: Array, steer: Array, speed: Array, pitch: Array
+) -> tuple[Array, Array, Array, Array]:
+    """N m that are missing in lean, then the pitch, the steer torque and the yaw rate."""
+    pitch, r = on_the_road(k, lean, steer, pitch)
+    zero = 0.0 * lean
+    m = motion(k, Pose(lean, pitch, steer, zero, zero, speed), Forces(), r)
+    m11, m12, m13, m22, m23, m33 = m.mass
+    lean_load = m11 * m.lean + m12 * m.steer + m13 * m.speed
+    steer_load = m12 * m.lean + m22 * m.steer + m23 * m.speed
+    rim = -(m13 * m.lean + m23 * m.steer + m33 * m.speed)
+    # The rim force that keeps the speed (next to none) acts on the pitch, too.
+    lean_load = lean_load + r.pitch[0] * rim * k.rear_radius
+    return lean_load, pitch, -(steer_load + r.pitch[1] * rim * k.rear_radius), m.yaw_rate
+
+
+def turn(k: Constants, steer: np.ndarray, speed: np.ndarray) -> Turn:
+    """The steady turns at steering angles (N,), rad, and speeds (N,), m/s; a rider sits rigid.
+
+    NaN where there is none with a lean below 75 degrees.
+    """
+    steer, speed = np.broadcast_arrays(np.asarray(steer, float), np.asarray(speed, float))
+    with np.errstate(all="ignore"):
+        lean = _guess(k, steer, speed)
+        pitch = np.zeros(steer.shape)
+        for _ in range(30):
+            step = 1e-6
+            here, pitch, _, _ = _imbalance(k, lean, steer, speed, pitch)
+            there = _imbalance(k, lean + step, steer, speed, pitch)[0]
+            change = np.clip(here / ((there - here) / step), -0.2, 0.2)
+            change = np.where(np.isfinite(change), change, 0.0)
+            lean = lean - change
+            if np.abs(change).max(initial=0.0) < 1e-15:
+                break
+        missing, pitch, torque, yaw = _imbalance(k, lean, steer, speed, pitch)
+    weight = k.gravity * (k.rear_mass + k.front_mass)
+    good = (np.abs(missing) < 1e-6 * weight) & (np.abs(lean) < 1.3)
+    return Turn(*(np.where(good, value, np.nan) for value in (lean, pitch, torque, yaw)))
+
+
+def lean(k: Constants, steer: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """(N,) rad of lean in steady turns; where there is none, the nearest guess."""
+    found = turn(k, steer, speed).lean
+    guess = _guess(k, np.asarray(steer, float), np.asarray(speed, float))
+    return np.where(np.isfinite(found), found, guess)
+
+
+def _guess(k: Constants, steer: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """(N,) rad: a mass point's lean on the circle that the steering makes."""
+    curvature = np.tan(steer) * np.cos(k.tilt) / (k.turn_limit / 0.05)
+    angle: np.ndarray = -np.arctan(speed * speed * curvature / k.gravity)
+    return np.clip(-angle, -1.2, 1.2)
