@@ -24,6 +24,7 @@ COMMANDS = {
     "sweep": "train many presets on many scenarios with many seeds",
     "reproduce": "run the paper's experiments and draw its figures",
     "export": "write a policy under a name, as ONNX, and its card",
+    "info": "tell a bicycle's geometry, critical speeds and eigenvalues",
 }
 FAILED = 1
 USAGE_ERROR = 2
