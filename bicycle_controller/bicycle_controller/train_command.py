@@ -8,8 +8,9 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from bicycle_controller import settings, train
+from bicycle_controller import beside_lqr, settings, train
 from bicycle_controller.config import RunConfig
+from bicycle_controller.run_folder import RunFolder
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -72,8 +73,13 @@ def run_command(args: argparse.Namespace) -> int:
     else:
         result = train.run(config_of(args), args.out, progress)
     print(
-        json.dumps({"out": str(args.out), **asdict(result)}) if args.json else told(result, args)
+        json.dumps({"out": str(args.out), **asdict(result)}) if args.json else told(result, args),
+        flush=True,
     )
+    if result.best is not None and result.status != "interrupted":
+        config = settings.load(RunFolder(args.out).config)
+        if worse := beside_lqr.warning(result.best, beside_lqr.lqr_score(config)):
+            print(f"bicycle: warning: {worse}", file=sys.stderr)
     return 128 + result.signal if result.signal else 0
 
 
