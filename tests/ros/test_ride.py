@@ -211,7 +211,7 @@ def test_a_policy_that_rides_another_bicycle_than_it_was_trained_on_is_warned_of
 ) -> None:
     words = ["--goals", "1", "simulator.physics:=corrected", "simulator.pace:=lockstep"]
     ride = start_node(RIDE, [*words, "--output", tmp_path / "run"])
-    ride.wait(120)
+    assert ride.wait() in (0, 3, 4), ride.output
     ride.wait_for_line("event .*fixed-speed@.* was made for another ride")
     events = json.loads((tmp_path / "run" / "summary.json").read_text())["events"]
     assert any("gyroscopic_correction true, not false" in event for event in events)
@@ -245,7 +245,8 @@ def test_an_interrupt_still_gives_the_summary(
     assert "0 of 3 reached" in ride.output
     assert "Hz, real time" in ride.output
     assert BagReader(tmp_path / "run" / "bag").message_count > 0
-    assert list((RIDE.parent / "runs" / "pids" / str(ros_domain)).glob("[!r]*")) == []
+    notes = [note.stem for note in (RIDE.parent / "runs" / "pids" / str(ros_domain)).iterdir()]
+    assert not {"simulator", "controller", "recorder"} & set(notes)
 
 
 def test_a_wrong_parameter_names_the_process_and_its_log(

@@ -43,6 +43,8 @@ ECHO = 2.0
 """s for a controller to say what it does with a goal; then the goal is sent again."""
 LIE_DOWN = 0.5
 """s that a fallen bicycle lies before it is put up again, so that the bag shows it."""
+TOLD = 10.0
+"""s to wait at most for the controller's diagnostics, which come once a second."""
 
 
 class RideError(Exception):
@@ -108,6 +110,7 @@ class Ride:
             self._take_warnings()
             self._check_bicycle()
             self._show()
+        self._hear_out()
 
     def close(self) -> list[str]:
         """End the processes: the recorder last, so that it hears the others' last words.
@@ -198,6 +201,15 @@ class Ride:
                 self._send()
         if time.monotonic() - self._sent > ECHO:
             self._send()
+
+    def _hear_out(self) -> None:
+        """Wait for the controller's diagnostics: a ride may be over before the first."""
+        deadline = time.monotonic() + TOLD
+        while not self.interrupted and not self._rider.policy_judged:
+            if time.monotonic() > deadline:
+                break
+            self._rider.spin()
+        self._take_warnings()
 
     def _take_warnings(self) -> None:
         """Keep what the controller warns of for the summary."""

@@ -48,6 +48,8 @@ class Rider(Node):
         state: newest state; None before the first.
         changes: changes of goals that nobody has taken yet, oldest first.
         warnings: what the controller warned of, each line once, oldest first.
+        policy_judged: whether the controller has told, since the bicycle rides, if its policy
+            was made for it.
     """
 
     def __init__(self, name: str) -> None:
@@ -55,6 +57,7 @@ class Rider(Node):
         self.state: BicycleState | None = None
         self.changes: deque[GoalStatus] = deque()
         self.warnings: list[str] = []
+        self.policy_judged = False
         self._dead: set[bytes] = set()
         self._heard = self._moved = time.monotonic()
         self._goal_publishers = advertise(self, interfaces.GOAL_POSE, interfaces.GOAL_PATH)
@@ -74,6 +77,8 @@ class Rider(Node):
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in array.status:
             for item in status.values:
+                ridden = self.state is not None and self.state.step > 0
+                self.policy_judged |= item.key == UNLIKE and ridden
                 told = item.key == UNLIKE and item.value != "no"
                 if told and item.value not in self.warnings:
                     self.warnings.append(item.value)
