@@ -24,7 +24,7 @@ from bicycle_cockpit.bags import session
 from bicycle_cockpit.shelf import BagShelf, Signature, check, entry, signature
 
 MOST_MEMORY = 4 * 1024**3
-"""Bytes of address space: what needs more is told, not swapped."""
+"""Bytes of address space beyond what the process has at its start: what needs more is told."""
 MOST_KEPT = 64 * 1024**2
 """Bytes of compressed bags that are kept for the next page."""
 NICENESS = 10
@@ -128,8 +128,10 @@ def _bound() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     os.nice(NICENESS)
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    most = pages * resource.getpagesize() + MOST_MEMORY
     _, hard = resource.getrlimit(resource.RLIMIT_AS)
-    most = MOST_MEMORY if hard < 0 else min(MOST_MEMORY, hard)
+    most = most if hard < 0 else min(most, hard)
     resource.setrlimit(resource.RLIMIT_AS, (most, hard))
 
 

@@ -185,7 +185,8 @@ function draw() {
   const row = cursor >= 0 ? series.row(cursor) : null;
   const { facts } = live;
   const fallAngle = (bag ? bag.fallAngle : facts.fall_angle) ?? FALL;
-  const paint = (number) => (riders[number] ? colour(riders[number]) : colours.soft);
+  const paints = riders.map(colour);
+  const paint = (number) => paints[number] ?? colours.soft;
   drawMap(byId("map"), view, {
     ...scene, series, paint, cursor, wheelbase: facts.wheelbase ?? 1.11, whole: Boolean(bag), marks: shownNow.marks,
     goal: bag ? bag.goal : live.status.goal, ahead: bag ? [] : live.status.ahead,
