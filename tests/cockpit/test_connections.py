@@ -158,6 +158,9 @@ def test_pages_that_are_open_are_never_put_out_by_new_connections(desk: Desk) ->
                 await session.ws_connect(f"{desk.url}/ws", origin=desk.url) for _ in range(16)
             ]
             lines = [connected(desk) for _ in range(2 * connections.MOST)]
+            # It is answered after all that came before it were taken in.
+            async with session.get(f"{desk.url}/web/main.js") as response:
+                assert response.status == 200
             desk.server.letter({"type": "event"})
             for page in pages:
                 kinds = {(await page.receive_json())["type"] for _ in range(3)}

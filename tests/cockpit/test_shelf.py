@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+import time
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,9 @@ from made_bag import PERIOD, STEPS, write_bag
 
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import ROOT
-from bicycle_cockpit.shelf import BagShelf, check, entry, signature
+from bicycle_bag.writer import BagWriter
+from bicycle_cockpit.bags import session
+from bicycle_cockpit.shelf import BagShelf, entry, signature
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +75,7 @@ def test_a_bag_without_metadata_is_listed_too(bag: Path, tmp_path: Path, how: st
         (file,) = bag.glob("*.mcap")
         shutil.copy(file, tmp_path / "left.mcap")
     ((name, path),) = BagShelf(tmp_path).found().items()
+    assert name == ("left" if how == "folder" else "left.mcap")
     found = entry(name, path)
     assert found["messages"] == 2 * STEPS + 6
     assert found["ridden"] == pytest.approx((STEPS - 1) * PERIOD * 1e-9)
@@ -83,6 +87,10 @@ def test_an_unfinished_bag_is_listed_with_the_remedy(bag: Path, tmp_path: Path) 
     (file,) = (tmp_path / "cut").glob("*.mcap")
     file.write_bytes(file.read_bytes()[:2000])
     ((name, path),) = BagShelf(tmp_path).found().items()
+    assert name == "cut"
+    assert entry(name, path)["problem"] == "it is being written"
+    an_hour_ago = time.time() - 3600.0
+    os.utime(file, (an_hour_ago, an_hour_ago))
     assert "record.sh --repair" in entry(name, path)["problem"]
 
 
@@ -102,16 +110,15 @@ def test_a_file_outside_the_bag_that_its_metadata_names_is_not_read(
     content = yaml.safe_load((folder / "bag" / "metadata.yaml").read_text())[ROOT]
     content["files"][0]["path"] = name
     change_metadata(folder / "bag", files=content["files"], relative_file_paths=[name])
-    with pytest.raises(BagError):
-        check(folder / "bag")
     assert "problem" in entry("bag", folder / "bag")
+    with pytest.raises(BagError):
+        session(folder / "bag")
 
 
-def test_metadata_that_cannot_be_metadata_are_not_parsed(bag: Path, tmp_path: Path) -> None:
-    shutil.copytree(bag, tmp_path / "bag")
-    with (tmp_path / "bag" / "metadata.yaml").open("a") as file:
-        file.truncate(5 * 1024 * 1024)
-    assert "larger than" in entry("bag", tmp_path / "bag")["problem"]
+def test_a_bag_without_a_message_is_listed_so(tmp_path: Path) -> None:
+    with BagWriter(tmp_path / "bag"):
+        pass
+    assert entry("bag", tmp_path / "bag") == {"name": "bag", "problem": "it holds no message"}
 
 
 def test_a_start_that_no_calendar_has_is_left_out(bag: Path, tmp_path: Path) -> None:

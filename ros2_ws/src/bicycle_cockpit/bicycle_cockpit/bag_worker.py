@@ -21,7 +21,7 @@ from typing import Any, BinaryIO
 
 from bicycle_bag.errors import BagError
 from bicycle_cockpit.bags import session
-from bicycle_cockpit.shelf import BagShelf, Signature, check, entry, signature
+from bicycle_cockpit.shelf import BagShelf, Signature, entry, signature
 
 MOST_MEMORY = 4 * 1024**3
 """Bytes of address space beyond what the process has at its start: what needs more is told."""
@@ -82,7 +82,6 @@ class Worker:
         kept = self._kept.pop(name, None)
         if kept is None or kept[0] != now:
             try:
-                check(path)
                 kept = (now, *_packed(name, path))
             except BagError as error:
                 self._say({"problem": str(error)})

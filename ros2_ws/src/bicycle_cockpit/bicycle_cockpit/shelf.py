@@ -1,11 +1,11 @@
-"""The bags of one folder: which there are, and which of their files may be read.
+"""The bags of one folder: which there are, and what is said of each.
 
-A bag goes by its path below the folder, and only by one that the folder's listing holds. What a
-bag's own ``metadata.yaml`` names outside the bag is not read.
+A bag goes by its path below the folder, and only by one that the folder's listing holds.
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,8 @@ MOST_BAGS = 200
 """That are listed, the newest."""
 DEEPEST = 3
 """Folders below the folder that bags are looked for in."""
-LARGEST_METADATA = 4 * 1024 * 1024
-"""Bytes; an hour in files of a minute each has 20 kB."""
+FRESH = 10.0
+"""s since an unfinished bag was written to, within which its recorder is still at it."""
 
 Signature = tuple[tuple[str, int, int], ...]
 """Name, size and time of change of each of a bag's files: equal as long as the bag is."""
@@ -63,33 +63,27 @@ def entry(name: str, path: Path) -> dict[str, Any]:
         shown `name` and `problem`, one line that says why.
     """
     try:
-        check(path)
         about = _metadata(path)
+        files = find_files(path)
     except BagError as error:
-        return {"name": name, "problem": str(error)}
+        fresh = time.time() - _written(path) < FRESH
+        return {"name": name, "problem": "it is being written" if fresh else str(error)}
+    messages = sum(about.counts.values())
+    if not messages:
+        return {"name": name, "problem": "it holds no message"}
     known = 0 < about.starting_time_ns < NO_START
     return {
         "name": name,
         "start": about.starting_time_ns / 1e9 if known else None,
         "duration": about.duration_ns / 1e9,
-        "ridden": ridden(find_files(path)),
-        "messages": sum(about.counts.values()),
+        "ridden": ridden(files),
+        "messages": messages,
     }
 
 
-def check(path: Path) -> None:
-    """Check that a bag's files may be read.
-
-    Raises:
-        BagError: when there is none, or one of them lies outside the bag.
-    """
-    stored = path / metadata.FILE_NAME
-    if stored.is_file() and stored.stat().st_size > LARGEST_METADATA:
-        raise BagError(f"{stored} is larger than {LARGEST_METADATA} bytes: it is no metadata")
-    home = path.resolve()
-    for file in find_files(path):
-        if not file.resolve().is_relative_to(home):
-            raise BagError(f"{path} names a file outside itself, {file.name}: that is not read")
+def _written(path: Path) -> float:
+    """s since 1970, when the bag was written to last."""
+    return max((when for _, _, when in signature(path)), default=0) * 1e-9
 
 
 def signature(path: Path) -> Signature:
