@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bicycle_cockpit.hand_over_words import explained
 from bicycle_cockpit.who_rides import SETTLED, HandOver, WhoRides
+from bicycle_controller.safety import Reason
 
 NAF, LQR = "naf@cee775ab58", "lqr-cfc5cd8e"
 TAKEN = HandOver(LQR, "lean rate 0.6 rad/s is beyond 0.5 rad/s", 4.2, stop=False)
@@ -69,9 +70,12 @@ def test_the_controller_says_which_policy_is_in_charge() -> None:
 def test_reasons_are_told_without_ids() -> None:
     names = {NAF: "naf", LQR: "lqr-displacement"}
     over = f"lean rate 0.6 rad/s is beyond 0.5 rad/s: {LQR} takes over from policy {NAF}"
-    assert explained(over, LQR, names) == "lean rate 0.6 rad/s is beyond 0.5 rad/s"
+    detail = "lean rate 0.6 rad/s is beyond 0.5 rad/s"
+    assert explained(Reason.LEAN_RATE, over, LQR, names) == f"it leaned too fast ({detail})"
+    assert explained(99, over, LQR, names) == detail, "a reason of a later version"
     fails = f"policy {NAF} fails with ValueError: {LQR} takes over"
-    assert explained(fails, LQR, names) == "naf fails with ValueError"
-    assert explained(f"calm again: policy {NAF} drives", NAF, names) == "calm again"
+    assert explained(Reason.POLICY, fails, LQR, names) == "naf fails with ValueError"
+    assert explained(Reason.NONE, f"calm again: policy {NAF} drives", NAF, names) == "calm again"
     unknown = "policy mine@1234 gives an action that is not finite: lqr-00000000 takes over"
-    assert explained(unknown, "lqr-00000000", {}) == "mine gives an action that is not finite"
+    told = explained(Reason.POLICY, unknown, "lqr-00000000", {})
+    assert told == "mine gives an action that is not finite"

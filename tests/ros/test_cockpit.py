@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from bicycle_msgs.msg import TrainerStatus
+from bicycle_msgs.msg import GoalStatus, TrainerStatus
 from cockpit_page import COCKPIT, Page, address_of
 from domains import claimed_domain
 from node_process import NodeProcess
@@ -117,6 +117,29 @@ def test_waypoints_are_added_to_what_lies_ahead(cockpit: Made) -> None:
     assert page.newest("status")["goal"] == [40.0, 0.0]
     assert page.ask("clear")["ok"]
     page.until(lambda: page.newest("status")["goal"] is None)
+
+
+def test_a_flood_of_goals_puts_no_page_out(cockpit: Made) -> None:
+    _, page, _, domain = cockpit
+    assert page.ask("goal", x=50.0, y=0.0)["ok"]
+    page.until(lambda: page.newest("status")["goal"] == [50.0, 0.0])
+    heard = len(page.heard)
+    points = [[60.0 + number, 5.0] for number in range(150)]
+    assert page.ask("waypoints", points=points)["ok"]
+    page.until(lambda: len(page.newest("status")["ahead"]) == 150)
+    assert page.ask("clear")["ok"]
+    page.until(lambda: page.newest("status")["ahead"] == [])
+    cancelled = [m for m in page.heard[heard:] if m.get("kind") == "cancelled"]
+    assert [(m["x"], m["y"]) for m in cancelled] == [(50.0, 0.0)], "not one for each waypoint"
+    probe = Probe(domain)
+    for number in range(1500):
+        probe.say(interfaces.GOAL_STATUS, GoalStatus(goal_id=number, status=GoalStatus.REJECTED))
+    probe.close()
+    page.until(lambda: page.event("rejected"))
+    assert page.ask("pause", paused=True)["ok"], "the page is still there"
+    assert page.ask("pause", paused=False)["ok"]
+    told = [m for m in page.heard[heard:] if m["type"] == "event"]
+    assert len(told) < 500
 
 
 def test_the_controller_is_switched_by_name_only(cockpit: Made) -> None:

@@ -152,6 +152,28 @@ def test_a_page_whose_connection_was_lost_has_no_hole_when_it_is_back(page: Brow
         ridden(page, 10)
 
 
+def test_rows_that_come_twice_are_taken_once_and_older_ones_only_where_they_fit(
+    page: BrowserPage,
+) -> None:
+    """Should a server or a proxy ever repeat a message."""
+    found = page.evaluate(
+        """async () => {
+            const { Series } = await import("/web/series.js");
+            const rows = (a, b) => Array.from({ length: b - a }, (_, n) => [a + n]);
+            const series = new Series(["t"], 10);
+            series.push(rows(10, 14), 10);
+            series.push(rows(12, 16), 12);
+            series.push(rows(10, 12), 10);
+            const fits = [series.prepend(rows(2, 9), 2), series.prepend(rows(6, 10), 6)];
+            series.push(rows(18, 20), 18);
+            return { fits, t: series.t, first: series.first, next: series.next };
+        }"""
+    )
+    assert found["fits"] == [False, True]
+    assert found["t"] == [*range(6, 16), 18, 19]
+    assert (found["first"], found["next"]) == (6, 20)
+
+
 # What is shown, and where.
 
 
@@ -222,7 +244,8 @@ def test_a_hand_over_is_told_who_rides_and_why(page: BrowserPage, other: Page) -
     )
     assert other.ask("push", lean_rate=0.55)["ok"]
     line = saw(page, "rides instead of lqr: ")
-    assert re.match(r"lqr-displacement rides instead of lqr: .+ is beyond ", line), line
+    why = r"it (was about to fall|leaned too fast) \(.+ is beyond .+\)\. .+ ago\.$"
+    assert re.match(rf"lqr-displacement rides instead of lqr: {why}", line), line
     expect(page.locator("#controller")).to_have_value("lqr")
     page.locator("#tab-events").click()
     expect(page.locator("#event-list")).to_contain_text("lqr-displacement takes over: ")
@@ -275,6 +298,7 @@ def test_it_says_that_it_records_once_it_does_and_not_before(page: BrowserPage) 
     ridden(page, 60)
     record.click()
     expect(record).to_contain_text(re.compile("Record$"))
+    said(page, "^recorded bag-")
     open_newest(page)
     first = inside(page, "player.bag.series.row(0)")
     assert (first["step"], first["x"], first["y"]) == (0, 0, 0), "the ride's beginning is in it"
@@ -305,10 +329,13 @@ def test_a_bag_shows_its_goals_its_own_time_and_what_the_button_does(page: Brows
     page.locator("#seek").fill(str(duration))
     goal = inside(page, "player.bag.goal")
     assert goal is not None
-    x, y = inside(page, f"view.toScreen({goal[0]}, {goal[1]})")
-    width, height = inside(page, "[view.width, view.height]")
-    assert 0 < x < width
-    assert 0 < y < height
+    for size in ((390, 844), (1280, 800)):  # also once the telephone is turned
+        page.set_viewport_size({"width": size[0], "height": size[1]})
+        drawn(page)
+        x, y = inside(page, f"view.toScreen({goal[0]}, {goal[1]})")
+        width, height = inside(page, "[view.width, view.height]")
+        assert 0 < x < width
+        assert 0 < y < height
     page.locator("#tab-events").click()
     where = f"rides to goal ({goal[0]:.1f}, {goal[1]:.1f})"
     expect(page.locator("#event-list")).to_contain_text(where)

@@ -56,9 +56,10 @@ def text(status: Status, place: Point, message: str) -> str:
 
 
 class Told:
-    """Leaves out what was told already.
+    """Leaves out what says nothing new.
 
-    A path that is sent again makes its first goal active again, though the bicycle rides on to it.
+    A path that is sent again makes its first goal active again, though the bicycle rides on to
+    it; and goals that go with the active one, as 200 waypoints may, are not told one by one.
     """
 
     def __init__(self) -> None:
@@ -66,9 +67,10 @@ class Told:
 
     def news(self, status: Status, place: Point) -> bool:
         """Whether a change is to be told."""
-        if status in UNTOLD:
+        if status is Status.REJECTED:
+            return True
+        is_active = place == self._active
+        if status in UNTOLD or (status is Status.CANCELLED and not is_active):
             return False
-        again = status is Status.ACTIVE and place == self._active
-        if status is not Status.REJECTED:
-            self._active = place if status is Status.ACTIVE else None
-        return not again
+        self._active = place if status is Status.ACTIVE else None
+        return not (status is Status.ACTIVE and is_active)

@@ -5,12 +5,24 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from bicycle_cockpit.riders import rider
+from bicycle_controller.safety import Reason
+
+REASONS = {
+    Reason.EXTRAPOLATED_LEAN: "it was about to fall",
+    Reason.LEAN: "it leaned too far",
+    Reason.LEAN_RATE: "it leaned too fast",
+    Reason.TOO_SLOW: "it was too slow",
+    Reason.TOO_FAST: "it was too fast",
+    Reason.STALE: "its command was too old",
+}
+"""What the measured limits mean."""
 
 
-def explained(message: str, policy: str, names: Mapping[str, str]) -> str:
-    """The reason that a hand-over gives.
+def explained(reason: int, message: str, policy: str, names: Mapping[str, str]) -> str:
+    """Why it is handed over, such as "it leaned too fast (lean rate 0.6 rad/s is beyond ...)".
 
     Args:
+        reason: of the hand-over, see `Reason`; one that is not known has no words but the message.
         message: the controller's line, such as "lean rate 0.6 rad/s is beyond 0.5 rad/s: lqr-1234
             takes over from policy naf@5678" or "calm again: policy naf@5678 drives".
         policy: id of what rides from here on.
@@ -23,4 +35,6 @@ def explained(message: str, policy: str, names: Mapping[str, str]) -> str:
         bare = word.rstrip(":,.;")
         is_policy = bare in names or "@" in bare or bare.startswith("lqr-")
         words.append(rider(bare, names).name + word[len(bare) :] if is_policy else word)
-    return " ".join(words).removeprefix("policy ")
+    detail = " ".join(words).removeprefix("policy ")
+    meaning = REASONS.get(Reason(reason)) if reason in set(Reason) else None
+    return f"{meaning} ({detail})" if meaning else detail

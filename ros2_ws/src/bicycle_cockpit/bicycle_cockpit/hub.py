@@ -13,7 +13,7 @@ from bicycle_cockpit.rows import Rows, joined
 
 MOST_FRAMES = 500
 """That wait for one page: 20 s, which a page gets in one go when it takes something again."""
-MOST_LETTERS = 200
+MOST_LETTERS = 1_000
 """Answers and events that wait for one page; with more it is given up."""
 MOST_CLIENTS = 16
 

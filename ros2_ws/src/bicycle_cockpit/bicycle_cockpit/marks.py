@@ -114,7 +114,8 @@ def _others(ridden: Ridden) -> Iterator[Mark]:
                 continue
             reason, policy = int(changes["reason"][index]), str(changes["policy"][index])
             name = rider(policy, ridden.names).name
-            why = explained(str(changes["message"][index]), policy, ridden.names)
+            message = str(changes["message"][index])
+            why = explained(reason, message, policy, ridden.names)
             kind = "hand_over" if reason else "hand_back"
             text = f"{name} takes over: {why}" if reason else f"{name} rides again: {why}"
             level = "warn" if reason else "info"

@@ -10,6 +10,7 @@ from typing import Any
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from bicycle_cockpit.bucket import Bucket
 from bicycle_cockpit.choices import Choices
 from bicycle_cockpit.live import Live
 from bicycle_cockpit.nodes.asking import Asking
@@ -27,6 +28,8 @@ NAME = "bicycle_cockpit"
 FRAME_PERIOD = 0.04
 """s between two frames."""
 STATUS_PERIOD = 0.25
+EVENT_RATE, EVENT_BURST = 10.0, 100.0
+"""Events that are told a second in the long run, and at once: goals can be sent at any rate."""
 
 
 class CockpitNode(Node):
@@ -52,6 +55,8 @@ class CockpitNode(Node):
         self._recording, self._on_tick = recording, on_tick
         self._trouble = Trouble(options.ride)
         self._asking = Asking(self, self.live, self._choices, recording)
+        self._event_bucket = Bucket(EVENT_RATE, EVENT_BURST)
+        self._untold = 0
         self._inbox: queue.SimpleQueue[tuple[int, Request | None]] = queue.SimpleQueue()
         self.server = Server(
             options.door,
@@ -131,7 +136,14 @@ class CockpitNode(Node):
         return reply
 
     def _tell(self, level: str, text: str, **more: Any) -> None:
-        """Tell all pages that something happened."""
+        """Tell all pages that something happened; what is not bad may be too much to tell."""
+        if level != "bad" and not self._event_bucket.take():
+            self._untold += 1
+            return
+        if self._untold:
+            words = f"{self._untold} more events came at once and are not listed"
+            self._untold = 0
+            self.server.letter(self.live.event("info", words))
         self.server.letter(self.live.event(level, text, **more))
 
     def _newest(self, data: dict[str, Any]) -> None:

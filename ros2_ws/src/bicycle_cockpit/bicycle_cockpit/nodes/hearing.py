@@ -126,7 +126,7 @@ class Hearing:
 
     def _on_hand_over(self, change: HandOver) -> None:
         live = self._live
-        why = explained(change.message, change.policy, live.names)
+        why = explained(change.reason, change.message, change.policy, live.names)
         name = self._name(change.policy)
         if change.reason == HandOver.NONE and not change.stop:
             live.who.handed_back(change.policy)

@@ -42,6 +42,7 @@ const takers = {
   palette: (message) => (slots = message.slots),
   event(message) {
     live.event(message);
+    if (message.kind === "process") answer({ ok: message.level !== "bad", message: message.text });
     if (message.kind === "end") ended = `${message.text}. Start it again: this page comes back by itself.`;
   },
   status(message) {
@@ -191,7 +192,7 @@ function draw() {
     ...scene, series, paint, cursor, wheelbase: facts.wheelbase ?? 1.11, whole: Boolean(bag), marks: shownNow.marks,
     goal: bag ? bag.goal : live.status.goal, ahead: bag ? [] : live.status.ahead,
     radius: bag ? bag.radius : facts.goal_radius ?? 1,
-    fallen: bag ? Math.abs(row?.lean) > fallAngle : live.mode === "fallen",
+    fallen: Math.abs(row?.lean) > fallAngle,
   });
   drawBehind(byId("behind"), row ?? undefined, fallAngle);
   drawAbove(byId("above"), row ?? undefined);

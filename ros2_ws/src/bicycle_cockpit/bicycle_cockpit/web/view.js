@@ -10,10 +10,14 @@ export class View {
     this.scale = 9;
     this.width = this.height = 1;
     this.following = true;
+    this.bounds = null;
   }
 
+  /** Takes a new size; what was fitted into the old one is fitted again, unless it was moved since. */
   sized(width, height) {
+    const changed = width !== this.width || height !== this.height;
     [this.width, this.height] = [width, height];
+    if (changed && this.bounds) this.refit();
   }
 
   toScreen(x, y) {
@@ -25,12 +29,14 @@ export class View {
   }
 
   pan(dx, dy) {
+    this.bounds = null;
     this.x -= dx / this.scale;
     this.y += dy / this.scale;
   }
 
   /** Zooms about a point of the screen, which stays where it is. */
   zoom(factor, px = this.width / 2, py = this.height / 2) {
+    this.bounds = null;
     const [x, y] = this.toWorld(px, py);
     this.scale = Math.min(MOST_SCALE, Math.max(LEAST_SCALE, this.scale * factor));
     const [nx, ny] = this.toWorld(px, py);
@@ -41,6 +47,7 @@ export class View {
   /** Keeps a point out of the outer quarter of the map. */
   follow(x, y) {
     if (!this.following || !Number.isFinite(x)) return;
+    this.bounds = null;
     const [reach, rise] = [this.width / this.scale / 4, this.height / this.scale / 4];
     this.x = Math.min(x + reach, Math.max(x - reach, this.x));
     this.y = Math.min(y + rise, Math.max(y - rise, this.y));
@@ -53,6 +60,12 @@ export class View {
     const [x0, x1] = bounds(finite(xs));
     const [y0, y1] = bounds(finite(ys));
     if (!(x1 >= x0)) return;
+    this.bounds = [x0, x1, y0, y1];
+    this.refit();
+  }
+
+  refit() {
+    const [x0, x1, y0, y1] = this.bounds;
     [this.x, this.y] = [(x0 + x1) / 2, (y0 + y1) / 2];
     const room = Math.min(this.width / (x1 - x0 + 16), this.height / (y1 - y0 + 16));
     this.scale = Math.min(30, Math.max(LEAST_SCALE, room));

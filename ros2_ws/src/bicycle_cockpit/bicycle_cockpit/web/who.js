@@ -29,8 +29,8 @@ export function tellLive(live, ended) {
   if (why) {
     const instead = driver.name === chosen.name ? `The safety layer's ${driver.name} rides` : `${driver.name} rides instead of ${name}`;
     const end = stop ? " It rides straight on and slows down: send a new goal to go on." : "";
-    const for_ = Number.isFinite(since) ? ` · for ${seconds(Math.max(0, status.t - since))}` : "";
-    return { level: "warn", text: `${sentence(`${instead}: ${why}`)}${end}`, more: for_, rider: driver };
+    const more = Number.isFinite(since) ? ` ${seconds(Math.max(0, status.t - since))} ago.` : "";
+    return { level: "warn", text: `${sentence(`${instead}: ${why}`)}${end}`, more, rider: driver };
   }
   const aim = status.goal ? "" : " straight on, without a goal: click on the map to send it somewhere";
   return { level: misfit ? "warn" : "info", text: `${sentence(`${driver.name || name} rides${aim}`)}${misfit}`, rider: driver };
@@ -41,7 +41,7 @@ export function tellBag(bag) {
   const rider = bag.rider;
   const last = bag.marks.findLast(({ kind }) => ["hand_over", "hand_back", "reset"].includes(kind));
   if (last?.kind === "hand_over" && rider && last.text.startsWith(`${rider.name} `)) {
-    return { level: "warn", text: sentence(`${rider.name} rides instead of the policy: ${last.why}`), more: ` · for ${seconds(bag.time - last.t)}`, rider };
+    return { level: "warn", text: sentence(`${rider.name} rides instead of the policy: ${last.why}`), more: ` ${seconds(bag.time - last.t)} ago.`, rider };
   }
   return rider ? { level: "info", text: sentence(`${rider.name} rode here`), rider } : { level: "info", text: "Nobody rides yet." };
 }
