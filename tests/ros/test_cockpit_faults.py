@@ -639,8 +639,10 @@ def test_every_control_is_called_what_is_written_on_it(page: BrowserPage) -> Non
     )
     bare = [one for one in named if one[0] in ("div", "span", "p") and not one[1]]
     assert bare == [], "a name on an element that has no role is read by nobody"
-    for _, _, name, text in [one for one in named if one[0] == "button" and one[3].isalpha()]:
-        assert text.lower() in name.lower()
+    # A sign such as + has no words that a name could repeat.
+    for tag, _, name, text in named:
+        if tag == "button" and re.search("[A-Za-z]{2}", text):
+            assert text.lower() in name.lower()
 
 
 # What dies.
