@@ -40,6 +40,12 @@ def last(page: Page, name: str) -> float:
     return float(page.rows[-1][name])
 
 
+def process_of(name: str, domain: int) -> int:
+    """Number of a process that the cockpit has started."""
+    (note,) = (COCKPIT.parent / "runs" / "pids" / str(domain)).glob(f"{name}.*")
+    return int(note.suffix[1:])
+
+
 def test_a_ride_is_recorded_pushed_and_proved(cockpit: Made) -> None:
     _, page, folder, domain = cockpit
     assert page.newest("hello")["largest_push"] == 2.0
@@ -119,6 +125,24 @@ def test_waypoints_are_added_to_what_lies_ahead(cockpit: Made) -> None:
     page.until(lambda: page.newest("status")["goal"] is None)
 
 
+def test_a_waypoint_follows_a_goal_that_a_busy_controller_has_not_taken(cockpit: Made) -> None:
+    _, page, _, domain = cockpit
+    assert page.ask("reset", random=False)["ok"]
+    page.until(lambda: page.newest("status")["mode"] == "held")
+    controller = process_of("controller", domain)
+    os.kill(controller, signal.SIGSTOP)
+    try:
+        assert page.ask("goal", x=40.0, y=0.0)["message"] == "goal (40.0, 0.0) sent"
+        answer = page.ask("waypoints", points=[[60.0, 10.0]])["message"]
+        assert answer == "goal (60.0, 10.0) sent by way of 1 point"
+    finally:
+        os.kill(controller, signal.SIGCONT)
+    page.until(lambda: page.newest("status")["goal"] == [40.0, 0.0])
+    page.until(lambda: page.newest("status")["ahead"] == [[60.0, 10.0]])
+    assert page.ask("clear")["ok"]
+    page.until(lambda: page.newest("status")["goal"] is None)
+
+
 def test_a_flood_of_goals_puts_no_page_out(cockpit: Made) -> None:
     _, page, _, domain = cockpit
     assert page.ask("goal", x=50.0, y=0.0)["ok"]
@@ -174,9 +198,7 @@ def test_the_trainer_is_told(cockpit: Made) -> None:
 
 def test_a_dead_controller_is_started_again(cockpit: Made) -> None:
     _, page, _, domain = cockpit
-    folder = COCKPIT.parent / "runs" / "pids" / str(domain)
-    (note,) = folder.glob("controller.*")
-    os.kill(int(note.suffix[1:]), signal.SIGKILL)
+    os.kill(process_of("controller", domain), signal.SIGKILL)
     page.until(lambda: any("started again" in m.get("text", "") for m in page.heard))
     page.until(lambda: page.ask("goal", x=5.0, y=5.0)["ok"])
 
