@@ -112,6 +112,8 @@ class Experiment:
     """As long as the paper's."""
     short: Length
     """A minute's."""
+    reports: str = ""
+    """The same in a few words, for a table."""
     limit: int = 400
     """Steps of a full episode."""
     set: tuple[str, ...] = ()
