@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -250,3 +251,36 @@ def test_curves_average_every_episode_once(tmp_path: Path) -> None:
     means = np.array([row["return"] for row in rows])
     assert np.average(means, weights=weights) == pytest.approx(log["return"].mean())
     assert rows[-1]["at"] == pytest.approx(log["end"].max() / 400)
+
+
+@pytest.mark.slow
+def test_runs_made_elsewhere_stay_in_the_data(tmp_path: Path) -> None:
+    """One machine trains `authors`, another `ppo`: the CSVs alone travel between them."""
+    out = tmp_path / "out"
+    command = ["reproduce", "10", "--out", str(out), *TINY, "--arms"]
+    assert cli.main([*command, "authors"]) == 0
+    folder = out / "figure-10" / "faithful"
+    before = {name: read_table(folder / name) for name in ("curves.csv", "rides.csv")}
+    entries = json.loads((folder / "run.json").read_text())["training"]
+    shutil.rmtree(out / "runs")
+    assert cli.main([*command, "ppo"]) == 0
+    assert {row["arm"] for row in read_table(folder / "curves.csv")} == {"authors", "ppo"}
+    rows = read_table(folder / "rides.csv")
+    assert [row["rider"] for row in rows if row["seed"]] == ["authors", "ppo"]
+    for name, old in before.items():
+        column = "rider" if name == "rides.csv" else "arm"
+        kept = [row for row in read_table(folder / name) if row[column] == "authors"]
+        assert kept == [row for row in old if row[column] == "authors"]
+    run = json.loads((folder / "run.json").read_text())
+    assert [entry["arm"] for entry in run["training"]] == ["authors", "ppo"]
+    assert run["training"][0] == entries[0]
+    # The same run made again takes the place of what was kept; another kind keeps nothing.
+    assert cli.main([*command, "authors", "--episodes", "4"]) == 0
+    assert len({row["seed"] for row in read_table(folder / "rides.csv")}) == 2
+    run = json.loads((folder / "run.json").read_text())
+    assert (run["training"][0]["arm"], run["training"][0]["steps"]) == ("authors", 1600)
+    shutil.rmtree(out / "runs")
+    run["experiment"]["limit"] = 399
+    (folder / "run.json").write_text(json.dumps(run))
+    assert cli.main([*command, "ppo"]) == 0
+    assert {row["arm"] for row in read_table(folder / "curves.csv")} == {"ppo"}
