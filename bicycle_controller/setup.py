@@ -41,9 +41,9 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "bicycle_controller = bicycle_controller.nodes.controller_node:main",
-            "bicycle_trainer = bicycle_controller.nodes.trainer_node:main",
-            "bicycle = bicycle_controller.cli:main",
+            "bicycle_controller = bicycle_controller.programs:controller",
+            "bicycle_trainer = bicycle_controller.programs:trainer",
+            "bicycle = bicycle_controller.programs:bicycle",
         ],
     },
 )

@@ -119,7 +119,13 @@ run() { # NAME MODULE ARGUMENT...: becomes that Python program, so that signals 
   local name=$1 module=$2
   shift 2
   register "$name"
-  exec "$python" -m "$module" "$@"
+  start "$module" "$@"
+}
+
+start() { # MODULE ARGUMENT...: becomes that Python program; signals wait until it can answer them
+  local wait=(env --block-signal=INT,TERM,HUP)
+  "${wait[@]}" true 2>/dev/null || wait=()
+  exec "${wait[@]}" "$python" -m "$@"
 }
 
 run_node() { # NAME MODULE ARGUMENT...: the same for a node: its config/NAME.yaml, then the arguments

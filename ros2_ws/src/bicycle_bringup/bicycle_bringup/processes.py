@@ -12,6 +12,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from bicycle_sim import early
+
 PATIENCE = 10.0
 """s that a process gets to follow a signal: on a busy machine it is slow, not stuck."""
 FIRST_WORD, NEXT_WORD = 2.0, 10.0
@@ -110,7 +112,7 @@ class Child:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                preexec_fn=_die_with_parent,
+                preexec_fn=_prepare,
             )
         if self._registry is not None:
             self._registry.mkdir(parents=True, exist_ok=True)
@@ -248,8 +250,9 @@ class Crew:
         return any(child.running for child in self._children.values())
 
 
-def _die_with_parent() -> None:
-    """Have the kernel send SIGTERM when the ride is gone, even by SIGKILL."""
+def _prepare() -> None:
+    """Have the kernel send SIGTERM when the ride is gone, even by SIGKILL; see `early`."""
+    early.block()
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
