@@ -1,6 +1,13 @@
 # shellcheck shell=bash disable=SC2154 # ws is the caller's: the folder of the workspace
 # What the scripts share: messages, help, the environment, and how a node is started. Sourced.
 
+end_on_signals() { # Without it, a signal is lost that comes while another program runs and ends well
+  trap 'exit 130' INT
+  trap 'exit 143' TERM
+  trap 'exit 129' HUP
+}
+end_on_signals
+
 die() { # STATUS MESSAGE: one line for a person, then out
   printf '%s: %s\n' "$(basename "$0")" "$2" >&2
   exit "$1"

@@ -77,7 +77,7 @@ class Ride:
         self._recorder = f"{RECORDER}_{os.getpid()}"
         commands["recorder"] += ["--ros-args", "-r", f"__node:={self._recorder}"]
         saves = {"recorder": str(options.folder / "bag")}
-        self._crew = Crew(commands, options.folder, registry_of(workspace()), saves)
+        self._crew = Crew(commands, options.folder, registry_of(workspace()), saves, True)
         self._ctrl_c = 0
         self._plan = Plan(options.draw_goals())
         self._deaths = self._warned = 0

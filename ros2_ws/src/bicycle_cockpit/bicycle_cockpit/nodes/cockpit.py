@@ -47,7 +47,7 @@ class Ride:
         if not options.ride:
             return
         commands = {name: node_command(name, config_folder(), options.parameters) for name in RIDE}
-        self._crew = Crew(commands, logs, registry_of(workspace()))
+        self._crew = Crew(commands, logs, registry_of(workspace()), early=True)
         self._crew.start()
 
     def look(self) -> Line | None:
