@@ -16,7 +16,14 @@ setup(
     version=VERSION,
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
-        NAME: ["models/*", "presets/*.yaml", "figures/*.yaml", "agents/*.cpp", "agents/*.h"]
+        NAME: [
+            "models/*",
+            "presets/*.yaml",
+            "figures/*.yaml",
+            "figures/causes/*.yaml",
+            "agents/*.cpp",
+            "agents/*.h",
+        ]
     },
     ext_modules=[
         # Not a module but a library, see one_bicycle.py, which does without it.

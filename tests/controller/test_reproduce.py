@@ -38,6 +38,17 @@ def test_there_is_an_experiment_for_every_figure_of_section_5() -> None:
     assert full["figure-15"].episodes == 10000
 
 
+def test_each_cause_changes_one_thing_at_a_time() -> None:
+    """The first arm is the preset as it is; ours differ from it by what their names say."""
+    for name in experiments.causes():
+        item = experiments.load(name)
+        assert item.picture == "cause"
+        if item.arms:
+            assert item.arms[0].set == ()
+            assert {arm.preset for arm in item.arms} == {item.arms[0].preset}
+            assert len({arm.set for arm in item.arms}) == len(item.arms) > 2
+
+
 def test_the_runs_are_the_paper_s(tmp_path: Path) -> None:
     item = experiments.load("figure-10")
     runs = training.plan(item, tmp_path, "corrected", item.full)
@@ -70,7 +81,10 @@ def test_figures_9_and_10_share_their_runs(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [item.removeprefix("figure-") for item in experiments.names()])
+@pytest.mark.parametrize(
+    "name",
+    [item.removeprefix("figure-") for item in (*experiments.names(), *experiments.causes())],
+)
 def test_every_short_form_makes_its_data_and_its_picture(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -88,6 +102,7 @@ def test_every_short_form_makes_its_data_and_its_picture(
     assert {entry["status"] for entry in run["training"]} <= {"finished"}
     riders = {row["rider"] for row in read_table(folder / "rides.csv")}
     assert riders == {a.name for a in item.arms} | {r.name for r in item.riders}
+    assert item.reports
     table = (out / "RESULTS.md").read_text()
     assert f"{PAGES.as_posix()}/{item.name}.md" in table
     page = out / PAGES / f"{item.name}.md"

@@ -14,7 +14,7 @@ from bicycle_controller.reproduce.verdicts import DDPG, Part, Verdict, is_short,
 ROOT = Path(__file__).parent.parent.parent
 RESULTS = collect(ROOT / "docs" / "results" / "reproduction")
 FAITHFUL = {item.experiment.name: item for item in RESULTS if item.mode == "faithful"}
-CLAIMING = [item for item in RESULTS if item.experiment.name != "robustness"]
+CLAIMING = [item for item in RESULTS if item.experiment.name.startswith("figure-")]
 ARMS = (DDPG, "naf", "ppo")
 """Arms that some claim is about."""
 

@@ -21,6 +21,7 @@ CLAIMS: dict[str, Callable[[Experiment, Summary], Verdict]] = {
     "turn": riding_claims.turn,
     "speed": riding_claims.speed,
     "robustness": riding_claims.robustness,
+    "cause": riding_claims.cause,
 }
 
 

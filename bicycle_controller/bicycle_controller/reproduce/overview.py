@@ -44,6 +44,17 @@ def overview(results: list[Result], mode: str, pages: Path) -> list[str]:
     return lines
 
 
+def causes(results: list[Result], pages: Path) -> list[str]:
+    """The table of what was changed to see why a claim does not hold."""
+    lines = ["| why | the paper | physics | what came of it |", "| --- " * 4 + "|"]
+    for item in results:
+        link = f"[{item.experiment.title}]({(pages / item.experiment.name).as_posix()}.md)"
+        cells = [link, item.experiment.reports, item.mode]
+        cells += verdict(item.experiment, item.summary).notes
+        lines.append("| " + " | ".join(cells) + " |")
+    return lines
+
+
 def _marked(item: Result, text: str, arm: str, variant: str = "") -> str:
     """A number, with a mark where the runs behind it are shorter or fewer than the paper's."""
     wanted = {"arm": arm} | ({"variant": variant} if variant else {})

@@ -31,7 +31,10 @@ def page(results: list[Result], links: dict[str, str], up: str) -> str:
     """
     item = results[0].experiment
     command = f"bicycle reproduce {item.name.removeprefix('figure-')}"
-    lines = [f"# {title(item)}: {item.title}", ""]
+    lines = [
+        f"# {item.title}" if item.picture == "cause" else f"# {title(item)}: {item.title}",
+        "",
+    ]
     lines += [f"Made by `{command}`, do not edit; [all figures]({up}).", ""]
     lines += [f"The paper reports: {item.paper}", "", f"What differs: {item.differs}", "", READING]
     for result in results:
@@ -46,7 +49,7 @@ def page(results: list[Result], links: dict[str, str], up: str) -> str:
 
 def _claims(found: Verdict) -> list[str]:
     """The parts of a claim as a list, then what is said besides."""
-    lines = [f"**{found.word}.**", ""]
+    lines = [f"**{found.word}.**", ""] if found.parts else []
     lines += [f"- {part.text}" for part in found.parts]
     if found.parts:
         lines.append("")

@@ -25,7 +25,7 @@ class Result:
 def collect(out: Path) -> list[Result]:
     """What the folder of results holds, in the paper's order."""
     found = []
-    for name in experiments.names():
+    for name in [*experiments.names(), *experiments.causes()]:
         for mode in MODES:
             folder = out / name / mode
             if (folder / "summary.json").exists():
@@ -37,4 +37,6 @@ def collect(out: Path) -> list[Result]:
 
 def title(item: Experiment) -> str:
     """How a page names an experiment."""
+    if item.picture == "cause":
+        return item.title
     return item.name.replace("figure-", "Figure ").replace("robustness", "Robustness")

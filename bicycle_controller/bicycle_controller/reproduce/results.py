@@ -12,7 +12,7 @@ from pathlib import Path
 from bicycle_controller.policy import write_atomically
 from bicycle_controller.reproduce import experiment as experiments
 from bicycle_controller.reproduce.experiment import MODES
-from bicycle_controller.reproduce.overview import overview
+from bicycle_controller.reproduce.overview import causes, overview
 from bicycle_controller.reproduce.page import page
 from bicycle_controller.reproduce.result import Result, collect, title
 from bicycle_controller.reproduce.summary_fields import filled
@@ -48,10 +48,13 @@ def render(out: Path, where: Path) -> str:
     if by_hand.exists():
         lines += [filled(by_hand.read_text().strip(), results, by_hand), ""]
     lines += [BELOW, ""]
+    figures = [item for item in results if item.experiment.picture != "cause"]
     for mode in MODES:
-        mine = [item for item in results if item.mode == mode]
+        mine = [item for item in figures if item.mode == mode]
         if mine:
             lines += [*overview(mine, mode, PAGES), ""]
+    if len(figures) < len(results):
+        lines += [*causes([item for item in results if item not in figures], PAGES), ""]
     missing = _missing(results)
     if missing:
         lines += [f"Not run here: {', '.join(missing)}.", ""]
@@ -75,7 +78,7 @@ def _missing(results: list[Result]) -> list[str]:
     there = {(item.experiment.name, item.mode) for item in results}
     return [
         f"{title(experiments.load(name))} ({mode})"
-        for name in experiments.names()
+        for name in [*experiments.names(), *experiments.causes()]
         for mode in MODES
         if (name, mode) not in there
     ]

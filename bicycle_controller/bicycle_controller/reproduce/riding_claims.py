@@ -148,3 +148,9 @@ def robustness(experiment: Experiment, summary: Summary) -> Verdict:
         if trained is not None and is_short(experiment, trained):
             parts[-1] += f" after {over(experiment, trained)}"
     return Verdict((), (f"Fewest goals, and where: {', '.join(parts)}.",))
+
+
+def cause(experiment: Experiment, summary: Summary) -> Verdict:
+    """What the rides came to with each change; the paper claims nothing about it."""
+    names = tuple(dict.fromkeys(entry["rider"] for entry in summary["rides"]))
+    return Verdict((), (arrivals(summary, experiment, names),))
