@@ -59,7 +59,7 @@ wait_for_saver() { # FILE: as long as it takes, or until Ctrl-C
       ((waited < 10)) || kill -s TERM "$pid" 2>/dev/null || true
     fi
   done
-  end_on_signals
+  trap - INT TERM
 }
 
 end() { # FILE: ends one process

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from io import BytesIO
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, TypeVar
@@ -18,7 +18,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Footer, Metadata, Schema, Statistics
+from mcap.records import Channel, Chunk, Metadata, Schema
 
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import Topic
@@ -29,10 +29,9 @@ MAGIC = b"\x89MCAP0\r\n"
 MAX_RECORD_BYTES = 256 * 2**20
 
 _T = TypeVar("_T")
-_HEAD = struct.Struct("<BQ")
+HEAD = struct.Struct("<BQ")
+ENTRY = struct.Struct("<QQ")
 _MESSAGE = struct.Struct("<HIQQ")
-_CHUNK_INDEX = struct.Struct("<QQQQ")
-_FOOTER_BYTES = _HEAD.size + 20
 
 
 class DamageError(Exception):
@@ -98,13 +97,16 @@ def check_magic(path: Path, stream: BinaryIO) -> None:
 
     Raises:
         BagError: The file is of another kind.
-        DamageError: The file ends within the magic bytes.
+        DamageError: The file ends within the magic bytes, or one or two of them are wrong.
     """
     start = stream.read(len(MAGIC))
-    if not MAGIC.startswith(start):
+    wrong = sum(one != other for one, other in zip(start, MAGIC, strict=False))
+    if wrong > 2 or wrong == len(start) > 0:
         raise BagError(f"{path} is not an MCAP file: name a bag directory or a .mcap file")
     if len(start) < len(MAGIC):
         raise DamageError("it ends before its first record")
+    if wrong:
+        raise DamageError("its first bytes are wrong")
 
 
 def records(stream: BinaryIO, size: int) -> Iterator[tuple[int, Record]]:
@@ -119,11 +121,11 @@ def records(stream: BinaryIO, size: int) -> Iterator[tuple[int, Record]]:
     """
     offset = stream.tell()
     while True:
-        head = stream.read(_HEAD.size)
-        if len(head) < _HEAD.size:
+        head = stream.read(HEAD.size)
+        if len(head) < HEAD.size:
             raise DamageError(f"it is cut off at byte {offset}")
-        opcode, length = _HEAD.unpack(head)
-        end = offset + _HEAD.size + length
+        opcode, length = HEAD.unpack(head)
+        end = offset + HEAD.size + length
         if end > size or length > MAX_RECORD_BYTES:
             raise DamageError(f"it is cut off or corrupt in the record at byte {offset}")
         yield offset, Record(opcode, stream.read(length))
@@ -134,47 +136,65 @@ def records(stream: BinaryIO, size: int) -> Iterator[tuple[int, Record]]:
         offset = end
 
 
+class Content(NamedTuple):
+    """A chunk's records as they lie in it, and as they were packed into it."""
+
+    compression: str
+    packed: bytes
+    plain: bytes
+    has_checksum: bool
+
+    def records(self) -> Iterator[tuple[int, Record]]:
+        """Each record with its offset in ``plain``; ``DamageError`` where that are none."""
+        view, offset, size = memoryview(self.plain), 0, len(self.plain)
+        while offset < size:
+            body = offset + HEAD.size
+            opcode, length = HEAD.unpack_from(view, offset) if body <= size else (0, size)
+            if body + length > size:
+                raise DamageError("a chunk ends within a record")
+            yield offset, Record(opcode, bytes(view[body : body + length]))
+            offset = body + length
+
+
 def chunk_records(body: bytes) -> Iterator[Record]:
     """The records in a chunk, its checksum verified before the first comes out.
 
     Raises:
         DamageError: The chunk cannot be unpacked or its contents are not records.
     """
-    content = _unpack(body)
-    view = memoryview(content)
-    offset, size = 0, len(content)
-    while offset < size:
-        if offset + _HEAD.size > size:
-            raise DamageError("a chunk ends within a record")
-        opcode, length = _HEAD.unpack_from(content, offset)
-        offset += _HEAD.size
-        if offset + length > size:
-            raise DamageError("a chunk ends within a record")
-        yield Record(opcode, bytes(view[offset : offset + length]))
-        offset += length
+    yield from (record for _, record in unpack(parse_chunk(body)).records())
 
 
-def _unpack(body: bytes) -> bytes:
-    chunk: Chunk = _parse(Chunk.read, body)
+def parse_chunk(body: bytes) -> Chunk:
+    """A chunk record, still packed; ``DamageError`` if it is none."""
+    return parse(Chunk.read, body, whole=True)
+
+
+def unpack(chunk: Chunk) -> Content:
+    """What a chunk holds.
+
+    Raises:
+        DamageError: It cannot be unpacked, or its size or checksum is wrong.
+    """
     size = chunk.uncompressed_size
     if size > MAX_RECORD_BYTES:
         raise DamageError(f"a chunk announces {size} bytes, over the limit of {MAX_RECORD_BYTES}")
     try:
         if chunk.compression == "zstd":
-            content = _unpack_zstd(chunk.data, size)
+            plain = _unpack_zstd(chunk.data, size)
         elif chunk.compression == "lz4":
-            content = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+            plain = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
         elif chunk.compression == "":
-            content = chunk.data
+            plain = chunk.data
         else:
             raise DamageError(f"a chunk is packed as {chunk.compression!r}, not zstd or lz4")
     except (zstandard.ZstdError, RuntimeError, EOFError) as error:
         raise DamageError(f"a chunk cannot be unpacked ({error})") from None
-    if len(content) != size:
-        raise DamageError(f"a chunk holds {len(content)} bytes instead of {size}")
-    if chunk.uncompressed_crc and zlib.crc32(content) != chunk.uncompressed_crc:
+    if len(plain) != size:
+        raise DamageError(f"a chunk holds {len(plain)} bytes instead of {size}")
+    if chunk.uncompressed_crc and zlib.crc32(plain) != chunk.uncompressed_crc:
         raise DamageError("a chunk's checksum is wrong")
-    return content
+    return Content(chunk.compression, chunk.data, plain, bool(chunk.uncompressed_crc))
 
 
 def _unpack_zstd(data: bytes, size: int) -> bytes:
@@ -183,6 +203,18 @@ def _unpack_zstd(data: bytes, size: int) -> bytes:
     if announced > size:
         raise DamageError(f"a chunk holds {announced} bytes instead of {size}")
     return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+
+
+def message_index(items: Iterable[Record]) -> dict[int, bytearray]:
+    """The entries of a chunk's message indexes by channel: log time and offset of each message."""
+    index: dict[int, bytearray] = {}
+    offset = 0
+    for opcode, body in items:
+        if opcode == Opcode.MESSAGE:
+            channel, _, log_time, _ = _MESSAGE.unpack_from(body)
+            index.setdefault(channel, bytearray()).extend(ENTRY.pack(log_time, offset))
+        offset += HEAD.size + len(body)
+    return index
 
 
 def parse_message(body: bytes) -> RawMessage:
@@ -197,24 +229,43 @@ def parse_message(body: bytes) -> RawMessage:
     return RawMessage(channel_id, log_time, publish_time, body[_MESSAGE.size :])
 
 
+def channel_of(body: bytes) -> int:
+    """The channel of a message record."""
+    return int.from_bytes(body[:2], "little")
+
+
 def parse_channel(body: bytes) -> Channel:
     """A channel record; ``DamageError`` if it is none."""
-    return _parse(Channel.read, body)
+    return parse(Channel.read, body)
 
 
 def parse_schema(body: bytes) -> Schema:
     """A schema record; ``DamageError`` if it is none."""
-    return _parse(Schema.read, body)
+    return parse(Schema.read, body)
 
 
 def parse_metadata(body: bytes) -> Metadata:
     """A metadata record; ``DamageError`` if it is none."""
-    return _parse(Metadata.read, body)
+    return parse(Metadata.read, body)
 
 
-def _parse(read: Callable[[ReadDataStream], _T], body: bytes) -> _T:
+def parse(read: Callable[[ReadDataStream], _T], body: bytes, whole: bool = False) -> _T:
+    """A record of the ``mcap`` package.
+
+    Args:
+        read: Its reader.
+        body: Its bytes.
+        whole: It must fill them; others may be followed by fields of a later version.
+
+    Raises:
+        DamageError: It is none.
+    """
+    stream = _Strict(body)
     try:
-        return read(_Strict(body))
+        found = read(stream)
+        if whole and stream.count < len(body):
+            raise McapError("there is more behind it")
+        return found
     except (McapError, UnicodeDecodeError, struct.error) as error:
         kind = read.__qualname__.split(".")[0].lower()
         raise DamageError(f"a {kind} record is corrupt ({error})") from None
@@ -232,59 +283,6 @@ class _Strict(ReadDataStream):
             raise McapError("it ends too soon")
         self._left -= length
         return super().read(length)
-
-
-class ChunkEntry(NamedTuple):
-    """What the index of a finished file says of a chunk; times in ns, lengths in bytes."""
-
-    start_ns: int
-    end_ns: int
-    offset: int
-    length: int
-
-
-class Summary(NamedTuple):
-    """What the end of a finished file says of it; ``statistics`` may be missing."""
-
-    registry: Registry
-    statistics: Statistics | None
-    chunks: list[ChunkEntry]
-
-
-def read_summary(stream: BinaryIO, size: int) -> Summary:
-    """The summary section of a finished file.
-
-    Raises:
-        DamageError: The file does not end as a finished one does, or its summary is corrupt.
-    """
-    tail = _FOOTER_BYTES + len(MAGIC)
-    if size < len(MAGIC) + tail:
-        raise DamageError("it was never finished")
-    stream.seek(size - tail)
-    end = stream.read(tail)
-    opcode, length = _HEAD.unpack_from(end)
-    if not end.endswith(MAGIC) or opcode != Opcode.FOOTER or length != 20:
-        raise DamageError("it was never finished")
-    footer: Footer = _parse(Footer.read, end[_HEAD.size : _FOOTER_BYTES])
-    summary = Summary(Registry(), None, [])
-    if footer.summary_start == 0:
-        return summary
-    if not len(MAGIC) <= footer.summary_start <= size - tail:
-        raise DamageError("its footer is corrupt")
-    stream.seek(footer.summary_start)
-    section = stream.read(size - len(MAGIC) - 4 - footer.summary_start)
-    if footer.summary_crc and zlib.crc32(section) != footer.summary_crc:
-        raise DamageError("its summary's checksum is wrong")
-    stream.seek(footer.summary_start)
-    for _, record in records(stream, size):
-        summary.registry.take(record)
-        if record.opcode == Opcode.STATISTICS:
-            summary = summary._replace(statistics=_parse(Statistics.read, record.body))
-        elif record.opcode == Opcode.CHUNK_INDEX:
-            if len(record.body) < _CHUNK_INDEX.size:
-                raise DamageError("a chunk index is too short")
-            summary.chunks.append(ChunkEntry(*_CHUNK_INDEX.unpack_from(record.body)))
-    return summary
 
 
 def size_of(path: Path) -> int:

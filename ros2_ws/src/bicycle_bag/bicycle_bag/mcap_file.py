@@ -48,6 +48,7 @@ class McapFile:
             chunk_size=chunk_bytes,
             compression=COMPRESSIONS[compression],
             index_types=IndexType.ALL,
+            enable_data_crcs=True,
         )
         self._writer.start(profile="ros2", library="bicycle_bag")
         self._syncer = Syncer(self._stream.fileno())

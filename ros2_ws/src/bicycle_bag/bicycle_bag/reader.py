@@ -7,12 +7,12 @@ from collections.abc import Collection, Iterator
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
-from mcap.opcode import Opcode
-
-from bicycle_bag import container, metadata
-from bicycle_bag.container import DamageError, Registry, Summary
+from bicycle_bag import metadata
+from bicycle_bag.container import DamageError, Registry
+from bicycle_bag.contents import Contents
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import NO_START, BagMetadata, FileInformation, Topic
+from bicycle_bag.summary import Summary
 
 
 class BagMessage(NamedTuple):
@@ -103,13 +103,14 @@ class BagReader:
         found: list[tuple[int, int]] = []
         for file, about in zip(self.files, self._informations, strict=True):
             try:
-                chunks = _summary(file).chunks
+                chunks = _summary(Contents(file)).chunks
             except DamageError as error:
                 raise damaged(file, error) from None
             start = about.starting_time_ns
             whole = [(start, start + about.duration_ns)] if about.message_count else []
-            chunks.sort(key=lambda chunk: chunk.offset)
-            found += [(chunk.start_ns, chunk.end_ns) for chunk in chunks] or whole
+            chunks.sort(key=lambda chunk: chunk.chunk_start_offset)
+            times = [(chunk.message_start_time, chunk.message_end_time) for chunk in chunks]
+            found += times or whole
         return found
 
     def definition(self, topic: str) -> str:
@@ -249,63 +250,47 @@ def _natural(path: Path) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts]
 
 
-class _Contents(NamedTuple):
+class _Found(NamedTuple):
     registry: Registry
     counts: dict[int, int]
     first_ns: int
     last_ns: int
 
 
-def _summary(file: Path) -> Summary:
-    size = container.size_of(file)
-    with container.open_binary(file) as stream:
-        container.check_magic(file, stream)
-        return container.read_summary(stream, size)
+def _summary(contents: Contents) -> Summary:
+    if contents.summary is None:
+        raise DamageError(contents.unfinished)
+    return contents.summary
 
 
-def _inspect(file: Path) -> _Contents:
-    summary = _summary(file)
-    if summary.statistics is not None and summary.registry.channels:
-        found = summary.statistics
-        counts = dict(found.channel_message_counts)
-        return _Contents(
-            summary.registry, counts, found.message_start_time, found.message_end_time
-        )
-    return _scan(file, summary)
+def _inspect(file: Path) -> _Found:
+    contents = Contents(file)
+    summary = _summary(contents)
+    if summary.statistics is None or not summary.complete:
+        return _scan(contents)
+    found = summary.statistics
+    counts = dict(found.channel_message_counts)
+    return _Found(summary.registry, counts, found.message_start_time, found.message_end_time)
 
 
-def _scan(file: Path, summary: Summary) -> _Contents:
-    counts: dict[int, int] = {}
+def _scan(contents: Contents) -> _Found:
     first, last = NO_START, 0
-    for message in _raw_messages(file, summary.registry):
-        counts[message.channel_id] = counts.get(message.channel_id, 0) + 1
+    for message in contents.messages():
         first, last = min(first, message.log_time_ns), max(last, message.log_time_ns)
-    return _Contents(summary.registry, counts, first, last)
-
-
-def _raw_messages(file: Path, registry: Registry) -> Iterator[container.RawMessage]:
-    with container.open_binary(file) as stream:
-        container.check_magic(file, stream)
-        for _, record in container.records(stream, container.size_of(file)):
-            is_chunk = record.opcode == Opcode.CHUNK
-            for item in container.chunk_records(record.body) if is_chunk else (record,):
-                if item.opcode == Opcode.MESSAGE:
-                    yield container.parse_message(item.body)
-                else:
-                    registry.take(item)
+    return _Found(contents.registry, contents.counts, first, last)
 
 
 def _file_messages(
     file: Path, topics: Collection[str] | None, before: int
 ) -> Iterator[BagMessage]:
     """Messages of a file, numbered on from how many came before."""
-    registry = Registry()
+    contents = Contents(file)
     wanted: dict[int, tuple[str, str, str] | None] = {}
     try:
-        raw = enumerate(_raw_messages(file, registry), before)
+        raw = enumerate(contents.messages(), before)
         for number, (channel_id, log_time, publish_time, data) in raw:
             if channel_id not in wanted:
-                wanted[channel_id] = _kind(registry, channel_id, topics)
+                wanted[channel_id] = _kind(contents.registry, channel_id, topics)
             if (kind := wanted[channel_id]) is not None:
                 topic, type_name, encoding = kind
                 yield BagMessage(topic, type_name, log_time, publish_time, data, encoding, number)
@@ -317,9 +302,7 @@ def _kind(
     registry: Registry, channel_id: int, topics: Collection[str] | None
 ) -> tuple[str, str, str] | None:
     """Topic, type and encoding of a channel's messages; None where they are not wanted."""
-    channel = registry.channels.get(channel_id)
-    if channel is None:
-        raise DamageError(f"a message belongs to no channel ({channel_id})")
+    channel = registry.channels[channel_id]
     if topics is not None and channel.topic not in topics:
         return None
     return channel.topic, registry.type_of(channel), channel.message_encoding

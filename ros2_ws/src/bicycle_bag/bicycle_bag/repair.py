@@ -2,60 +2,87 @@
 
 from __future__ import annotations
 
-if __name__ == "__main__":
-    from bicycle_sim.early import run_module
-
-    run_module("bicycle_bag.repair")
-
 import contextlib
+import itertools
 import os
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from tqdm import tqdm
 
 from bicycle_bag import container, metadata
 from bicycle_bag.arguments import OneLineParser
-from bicycle_bag.container import Registry
 from bicycle_bag.errors import BagError
-from bicycle_bag.mcap_file import McapFile
-from bicycle_bag.metadata import BagMetadata, Topic
+from bicycle_bag.metadata import BagMetadata, FileInformation, Topic
 from bicycle_bag.reader import BagReader, find_files
+from bicycle_bag.rewrite import Rewrite
 from bicycle_bag.salvage import Progress, Salvage
+from bicycle_bag.syncing import sync_folder
+
+MOST_SPANS = 5
+"""Of lost chunks whose times are told."""
 
 
 @dataclass
 class RepairReport:
-    """What a repair found; ``kept`` are copies of files of which something is lost."""
+    """What a repair found; ``kept`` are copies of what was damaged, as it was.
+
+    ``lost_messages`` is known of files that were finished once; ``lost_spans`` are the first and
+    last times of lost chunks in ns, ``lost_bytes`` were of no record that could be told, and of
+    ``unproved`` messages, which have no checksum, some may be damaged.
+    """
 
     messages: int = 0
     rewritten: list[Path] = field(default_factory=list)
     lost_bytes: int = 0
     lost_chunks: int = 0
     lost_messages: int = 0
+    lost_spans: list[tuple[int, int]] = field(default_factory=list)
+    unproved: int = 0
+    starting_time_ns: int = metadata.NO_START
     kept: list[Path] = field(default_factory=list)
 
     def __str__(self) -> str:
-        line = f"{self.messages} messages are whole, {len(self.rewritten)} files were rewritten"
-        if self.lost_bytes or self.lost_chunks or self.lost_messages:
+        of = f" of {self.messages + self.lost_messages}" if self.lost_messages else ""
+        line = (
+            f"{self.messages} messages are whole{of}, {len(self.rewritten)} files were rewritten"
+        )
+        losses = {
+            "messages": self.lost_messages,
+            "chunks": self.lost_chunks,
+            "bytes": self.lost_bytes,
+        }
+        if any(losses.values()):
+            line += "; lost: " + ", ".join(f"{n} {name}" for name, n in losses.items() if n)
+        if self.lost_spans:
+            line += f", of {self._spans()} after the beginning"
+        if self.unproved:
             line += (
-                f"; lost: {self.lost_bytes} bytes at the end, {self.lost_chunks} chunks, "
-                f"{self.lost_messages} messages"
+                f"; the checksum of all data is wrong, and which of {self.unproved} messages that "
+                "have none of their own are damaged cannot be told"
             )
         if self.kept:
             line += f"; damaged originals kept as {', '.join(str(path) for path in self.kept)}"
         return line
 
+    def _spans(self) -> str:
+        start = min(self.starting_time_ns, *(first for first, _ in self.lost_spans))
+        seconds = [
+            f"{1e-9 * (a - start):.3f} to {1e-9 * (b - start):.3f} s" for a, b in self.lost_spans
+        ]
+        more = f" and {len(seconds) - MOST_SPANS} more" if len(seconds) > MOST_SPANS else ""
+        return ", ".join(seconds[:MOST_SPANS]) + more
+
 
 def repair(path: Path | str, progress: Progress = lambda _: None) -> RepairReport:
     """Rewrite the unfinished or damaged files of a bag and its ``metadata.yaml``, in place.
 
-    Everything up to the damage is kept, and chunks behind a damaged chunk too. Each file is
-    replaced in one step, so an interrupted repair can be run again. The original of a file that
-    lost anything stays beside it as ``*.damaged``.
+    All that checks out is kept as it was, also what is not understood. A new file is read again in
+    full before it takes the old one's place, in one step, so an interrupted repair can be run
+    again. What was damaged stays beside it as ``*.damaged``.
 
     Args:
         path: Bag directory or MCAP file.
@@ -73,9 +100,10 @@ def repair(path: Path | str, progress: Progress = lambda _: None) -> RepairRepor
         custom_data.update(salvage.custom_data)
         parts.append(BagReader(source).metadata)
         report.messages += parts[-1].message_count
+    report.starting_time_ns = min(part.starting_time_ns for part in parts)
     if path.is_dir():
         with _disk_errors(path):
-            metadata.write(path, _joined(parts, custom_data))
+            _write_metadata(path, parts, custom_data, report)
     return report
 
 
@@ -84,7 +112,10 @@ def present_files(path: Path) -> list[Path]:
     return find_files(path, listed=False)
 
 
-def _joined(parts: Sequence[BagMetadata], custom_data: dict[str, str]) -> BagMetadata:
+def _write_metadata(
+    folder: Path, parts: Sequence[BagMetadata], custom_data: dict[str, str], report: RepairReport
+) -> None:
+    """Write ``metadata.yaml`` if it does not say already what is there."""
     topics: dict[str, Topic] = {}
     counts: dict[str, int] = {}
     for part in parts:
@@ -92,68 +123,97 @@ def _joined(parts: Sequence[BagMetadata], custom_data: dict[str, str]) -> BagMet
             topics.setdefault(topic.name, topic)
             counts[topic.name] = counts.get(topic.name, 0) + part.counts.get(topic.name, 0)
     files = tuple(file for part in parts for file in part.files)
-    return BagMetadata(tuple(topics.values()), counts, files, custom_data)
+    old = folder / metadata.FILE_NAME
+    distro = "jazzy"
+    if old.is_file():
+        with contextlib.suppress(BagError):
+            stored = metadata.read(folder)
+            named = [file.name for file in find_files(folder)]
+            if named == [file.path for file in files] and stored.counts == counts:
+                return
+            custom_data.update(stored.custom_data)
+            distro = stored.ros_distro or distro
+        report.kept.append(_keep(old))
+    metadata.write(folder, BagMetadata(tuple(topics.values()), counts, files, custom_data, distro))
 
 
 def _repair_file(source: Path, report: RepairReport, progress: Progress) -> Salvage:
     check = Salvage(source)
-    if check.indexed:
-        for _ in check.messages(progress):
-            pass
-        if check.whole:
-            return check
+    for _ in check.pieces(progress):
+        pass
+    if check.whole:
+        return check
     scratch = source.with_name(f".{source.name}.repair")
-    salvage = Salvage(source)
     try:
         with _disk_errors(source):
             scratch.unlink(missing_ok=True)
-            _copy(salvage, scratch, (lambda _: None) if check.indexed else progress)
+            salvage = _copy(source, scratch)
+            _read_again(scratch, salvage)
             _swap(source, scratch, salvage, report)
     finally:
         scratch.unlink(missing_ok=True)
     return salvage
 
 
-def _copy(salvage: Salvage, scratch: Path, progress: Progress) -> None:
-    written = McapFile(scratch)
-    try:
-        names: dict[int, str] = {}
-        for message in salvage.messages(progress):
-            name = names.get(message.channel_id)
-            if name is None:
-                name = _add_topic(written, salvage.registry, message.channel_id)
-                names[message.channel_id] = name
-            written.add_message(name, message.data, message.log_time_ns, message.publish_time_ns)
-        for channel_id in salvage.registry.channels:
-            _add_topic(written, salvage.registry, channel_id)
-        file = replace(written.information, path=salvage.path.name)
-        topics = tuple(written.topics.values())
-        written.add_metadata(BagMetadata(topics, written.counts, (file,), salvage.custom_data))
+def _copy(source: Path, scratch: Path) -> Salvage:
+    salvage = Salvage(source)
+    registry = salvage.contents.registry
+    with contextlib.closing(Rewrite(source, scratch, registry)) as written:
+        for piece in salvage.pieces(lambda _: None):
+            written.add(piece)
+        if salvage.is_rosbag2:
+            topics = {number: registry.topic_of(one) for number, one in registry.channels.items()}
+            counts = dict.fromkeys((topic.name for topic in topics.values()), 0)
+            for number, count in written.counts.items():
+                counts[topics[number].name] += count
+            first, last = written.span or (metadata.NO_START, metadata.NO_START)
+            file = FileInformation(source.name, first, last - first, salvage.messages)
+            about = BagMetadata(tuple(topics.values()), counts, (file,), salvage.custom_data)
+            written.add_metadata("rosbag2", about.to_record())
         written.finish()
-    except BaseException:
-        written.abandon()
-        raise
+    return salvage
 
 
-def _add_topic(written: McapFile, registry: Registry, channel_id: int) -> str:
-    channel = registry.channels[channel_id]
-    if channel.topic not in written.topics:
-        written.add_topic(registry.topic_of(channel), registry.definition_of(channel))
-    return channel.topic
+def _read_again(scratch: Path, salvage: Salvage) -> None:
+    again = Salvage(scratch)
+    for _ in again.pieces(lambda _: None):
+        pass
+    if not again.whole or again.contents.counts != salvage.contents.counts:
+        raise BagError(
+            f"cannot repair {salvage.path}: the new file was not read back as it was written; the "
+            "bag is as it was; check the disk and the memory, then try again"
+        )
 
 
 def _swap(source: Path, scratch: Path, salvage: Salvage, report: RepairReport) -> None:
-    report.lost_bytes += salvage.lost_bytes
-    report.lost_chunks += salvage.lost_chunks
-    report.lost_messages += salvage.lost_messages
-    if not salvage.lossless:
-        kept = source.with_name(f"{source.name}.damaged")
-        kept.unlink(missing_ok=True)
-        os.link(source, kept)
-        report.kept.append(kept)
+    damages = salvage.damages
+    report.lost_bytes += sum(one.end - one.offset for one in damages if not one.is_chunk)
+    report.lost_chunks += sum(one.is_chunk for one in damages)
+    report.lost_spans += [one.span for one in damages if one.span is not None]
+    announced = salvage.contents.announced
+    known = announced is not None and announced >= salvage.messages
+    orphans = sum(one.orphans for one in damages)
+    report.lost_messages += announced - salvage.messages if announced and known else orphans
+    if damages and not salvage.explained:
+        report.unproved += salvage.unproved
+    if damages:
+        report.kept.append(_keep(source))
     shutil.copymode(source, scratch)
     scratch.replace(source)
+    sync_folder(source.parent)
     report.rewritten.append(source)
+
+
+def _keep(file: Path) -> Path:
+    """Keep a file under another name too; what was kept before stays."""
+    for number in itertools.count(1):
+        kept = file.with_name(f"{file.name}.damaged{f'.{number}' if number > 1 else ''}")
+        with contextlib.suppress(FileExistsError):
+            os.link(file, kept)
+            return kept
+        if kept.samefile(file):
+            return kept
+    raise AssertionError
 
 
 @contextlib.contextmanager
@@ -184,3 +244,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
     print(f"{bag}: {report}")
     return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -8,8 +8,10 @@ from pathlib import Path
 from mcap.opcode import Opcode
 
 from bicycle_bag import container, metadata
-from bicycle_bag.container import DamageError, RawMessage, Record, Registry
+from bicycle_bag.container import ENTRY
+from bicycle_bag.contents import Contents
 from bicycle_bag.errors import BagError
+from bicycle_bag.walk import WRONG_CHECKSUM, Damage, Piece
 from bicycle_sim import yaml_text
 
 Progress = Callable[[int], object]
@@ -18,82 +20,74 @@ Progress = Callable[[int], object]
 class Salvage:
     """One file as it is read: what it holds and what was lost.
 
-    Args:
-        path: MCAP file; nothing need be right behind its first byte.
+    Attributes:
+        contents: The file, with channels, and messages by channel.
+        custom_data: From the metadata in it.
+        damages: What it holds besides.
+        unproved: Messages that have no checksum of their own.
+        is_rosbag2: Whether it has rosbag2's metadata in it.
 
     Raises:
-        BagError: The file cannot be read, or is of another kind (from ``messages``).
+        BagError: The file cannot be read, or is of another kind.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.registry = Registry()
+        self.contents = Contents(path)
         self.custom_data: dict[str, str] = {}
-        self.lost_bytes = 0
-        self.lost_chunks = 0
-        self.lost_messages = 0
-        self.indexed = False
-        self._finished = False
-        self._size = container.size_of(path)
-        # A finished file repeats its channels at the end, so a lost chunk takes none with it.
-        with container.open_binary(path) as stream:
-            try:
-                self.registry = container.read_summary(stream, self._size).registry
-                self.indexed = True
-            except DamageError:
-                pass
+        self.damages: list[Damage] = []
+        self.unproved = 0
+        self.is_rosbag2 = False
+        self._index: dict[int, bytearray] = {}
 
     @property
-    def lossless(self) -> bool:
-        """Whether every message has come out, so far as one can know."""
-        return not (self.lost_bytes or self.lost_chunks or self.lost_messages)
+    def messages(self) -> int:
+        """Messages that were found."""
+        return sum(self.contents.counts.values())
+
+    @property
+    def explained(self) -> bool:
+        """Whether it is known where the damage is, not only that there is some."""
+        return any(one.what != WRONG_CHECKSUM for one in self.damages)
 
     @property
     def whole(self) -> bool:
-        """Whether the file has its index and every record is right."""
-        return self.indexed and self._finished and self.lossless
+        """Whether, once read, the file has its index and every record is right."""
+        return self.contents.summary is not None and not self.damages
 
-    def messages(self, progress: Progress) -> Iterator[RawMessage]:
-        """Messages up to the end, or to where no record can be found any more."""
+    def pieces(self, progress: Progress) -> Iterator[Piece]:
+        """All that checks out.
+
+        Args:
+            progress: Called with the number of bytes read since the last call.
+        """
         end = 0
-        all_data_read = False
-        with container.open_binary(self.path) as stream:
-            try:
-                container.check_magic(self.path, stream)
-                end = stream.tell()
-                for offset, record in container.records(stream, self._size):
-                    yield from self._contents(record)
-                    all_data_read = all_data_read or record.opcode == Opcode.DATA_END
-                    end = stream.tell()
-                    progress(end - offset)
-                self._finished = True
-            except DamageError:
-                self.lost_bytes = 0 if all_data_read else self._size - end
+        for found in self.contents.pieces():
+            progress(max(0, found.end - end))
+            end = max(end, found.end)
+            if isinstance(found, Damage):
+                self.damages.append(found)
+                continue
+            if found.content is None or not found.content.has_checksum:
+                self.unproved += sum(item.opcode == Opcode.MESSAGE for item in found.items)
+            if found.opcode == Opcode.METADATA:
+                self._remember(found.body)
+            elif found.opcode == Opcode.CHUNK:
+                self._index = container.message_index(found.items)
+            elif found.opcode == Opcode.MESSAGE_INDEX and not self._indexes(found.body):
+                self.damages.append(Damage(found.offset, found.offset, "an index is wrong"))
+            yield found
+        progress(self.contents.size - end)
 
-    def _contents(self, record: Record) -> Iterator[RawMessage]:
-        if record.opcode != Opcode.CHUNK:
-            yield from self._take(record)
-            return
-        try:
-            for inner in container.chunk_records(record.body):
-                yield from self._take(inner)
-        except DamageError:
-            self.lost_chunks += 1
+    def _indexes(self, body: bytes) -> bool:
+        """Whether a message index says what the chunk before it holds."""
+        entries = self._index.get(container.channel_of(body), b"")
+        return sorted(ENTRY.iter_unpack(entries)) == sorted(ENTRY.iter_unpack(body[6:]))
 
-    def _take(self, record: Record) -> Iterator[RawMessage]:
-        if record.opcode == Opcode.METADATA:
-            self._remember(record)
-        elif record.opcode != Opcode.MESSAGE:
-            self.registry.take(record)
-        else:
-            message = container.parse_message(record.body)
-            if message.channel_id in self.registry.channels:
-                yield message
-            else:
-                self.lost_messages += 1
-
-    def _remember(self, record: Record) -> None:
-        text = container.parse_metadata(record.body).metadata.get("serialized_metadata", "")
+    def _remember(self, body: bytes) -> None:
+        record = container.parse_metadata(body)
+        self.is_rosbag2 = self.is_rosbag2 or record.name == "rosbag2"
+        text = record.metadata.get("serialized_metadata", "")
         try:
             stored = metadata.from_yaml_map(yaml_text.load(text))
         except (yaml_text.YAMLError, BagError, KeyError, TypeError, ValueError, AttributeError):

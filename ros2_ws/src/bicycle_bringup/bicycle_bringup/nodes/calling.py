@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -12,7 +13,6 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from bicycle_sim.early import on_signals
 from bicycle_sim.nodes.interfaces import Service
 from bicycle_sim.nodes.runner import start_tool
 
@@ -108,7 +108,8 @@ def run_tool(name: str, ros: Sequence[str], act: Callable[[Caller], int]) -> int
     """
     start_tool(name, ros)
     caller = Caller(f"_bicycle_{name.partition('.')[0]}")
-    on_signals(caller.on_signal)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, caller.on_signal)
     try:
         return act(caller)
     except CallError as error:

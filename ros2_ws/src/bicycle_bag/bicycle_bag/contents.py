@@ -1,0 +1,121 @@
+"""What an MCAP file holds, piece by piece, and whether that is all."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from mcap.opcode import Opcode
+
+from bicycle_bag import container
+from bicycle_bag.container import DamageError, RawMessage, Record, Registry
+from bicycle_bag.summary import Summary, read_summary
+from bicycle_bag.walk import Damage, Piece, Walk
+
+
+class Contents:
+    """One file, read from its beginning to its end.
+
+    Attributes:
+        size: Bytes of the file.
+        summary: What its end says; None where the file was never finished or its end is damaged.
+        unfinished: Why there is none.
+        registry: Channels and schemas that are known so far.
+        counts: Messages found so far, by channel.
+
+    Raises:
+        BagError: The file cannot be read, or is of another kind.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.size = container.size_of(path)
+        self.summary: Summary | None = None
+        self.unfinished = ""
+        self.registry = Registry()
+        self.counts: dict[int, int] = {}
+        self._start = ""
+        with container.open_binary(path) as stream:
+            try:
+                container.check_magic(path, stream)
+            except DamageError as error:
+                self._start = str(error)
+            try:
+                self.summary = read_summary(stream, self.size)
+            except DamageError as error:
+                self.unfinished = str(error)
+        if self.summary is not None:
+            self.registry.channels.update(self.summary.registry.channels)
+            self.registry.schemas.update(self.summary.registry.schemas)
+
+    @property
+    def announced(self) -> int | None:
+        """Messages by the file's statistics; None where it has none."""
+        found = self.summary.statistics if self.summary else None
+        return found.message_count if found else None
+
+    def messages(self) -> Iterator[RawMessage]:
+        """Messages of a file that is whole.
+
+        Raises:
+            DamageError: It is not.
+        """
+        for piece in self.pieces():
+            if isinstance(piece, Damage):
+                raise DamageError(piece.what)
+            for item in piece.items:
+                if item.opcode == Opcode.MESSAGE:
+                    yield container.parse_message(item.body)
+
+    def pieces(self) -> Iterator[Piece | Damage]:
+        """All that checks out, and all that does not; messages only of channels that are known."""
+        damaged = False
+        for piece in self._pieces():
+            damaged = damaged or isinstance(piece, Damage)
+            yield piece
+        total = sum(self.counts.values())
+        if not damaged and self.announced not in (None, total):
+            what = f"it holds {total} messages, its statistics say {self.announced}"
+            yield Damage(self.size, self.size, what)
+
+    def _pieces(self) -> Iterator[Piece | Damage]:
+        if self._start:
+            yield Damage(0, 0, self._start)
+        with container.open_binary(self.path) as stream:
+            for piece in Walk(stream, self.size, self.summary, self.registry):
+                if isinstance(piece, Damage):
+                    yield piece
+                else:
+                    yield from self._take(piece)
+
+    def _take(self, piece: Piece) -> Iterator[Piece | Damage]:
+        known, channels, counts = [], self.registry.channels, self.counts
+        for item in piece.items:
+            if item.opcode == Opcode.MESSAGE:
+                channel = container.channel_of(item.body)
+                if channel not in channels:
+                    continue
+                counts[channel] = counts.get(channel, 0) + 1
+            elif piece.content is None and self._contradicts(item):
+                what = f"the record at byte {piece.offset} is not as the summary has it"
+                yield Damage(piece.offset, piece.end, what)
+                return
+            else:
+                self.registry.take(item)
+            known.append(item)
+        orphans = len(piece.items) - len(known)
+        if orphans:
+            what = f"{orphans} messages belong to no channel"
+            yield Damage(piece.offset, piece.offset, what, orphans=orphans)
+        yield piece._replace(items=known)
+
+    def _contradicts(self, item: Record) -> bool:
+        """Whether a channel or a schema, outside of a chunk, is another one in the summary."""
+        said = self.summary.registry if self.summary else Registry()
+        if item.opcode == Opcode.CHANNEL:
+            channel = container.parse_channel(item.body)
+            return said.channels.get(channel.id, channel) != channel
+        if item.opcode == Opcode.SCHEMA:
+            schema = container.parse_schema(item.body)
+            return said.schemas.get(schema.id, schema) != schema
+        return False

@@ -1,0 +1,109 @@
+"""What the end of a finished MCAP file says of it: channels, numbers, and where things lie."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from typing import BinaryIO, NamedTuple
+
+from mcap.opcode import Opcode
+from mcap.records import ChunkIndex, Footer, Statistics
+
+from bicycle_bag import container
+from bicycle_bag.container import HEAD, MAGIC, DamageError, Registry
+
+DATA_END_BYTES = HEAD.size + 4
+_FOOTER_BYTES = HEAD.size + 20
+_PLACE = struct.Struct("<QQ")
+_PLACED: dict[int, int] = {
+    Opcode.ATTACHMENT_INDEX: Opcode.ATTACHMENT,
+    Opcode.METADATA_INDEX: Opcode.METADATA,
+}
+_MESSAGE_INDEX_BYTES, _ENTRY_BYTES = HEAD.size + 6, 16
+
+
+class Place(NamedTuple):
+    """What an index says of a record: its kind, and its bytes with its head."""
+
+    opcode: int
+    length: int
+
+
+class Summary(NamedTuple):
+    """The summary of a finished file; ``statistics`` may be missing.
+
+    ``places`` has records that an index names, by offset; ``data_end`` is the offset of the record
+    that ends the data.
+    """
+
+    registry: Registry
+    statistics: Statistics | None
+    chunks: list[ChunkIndex]
+    places: dict[int, Place]
+    data_end: int
+
+    @property
+    def complete(self) -> bool:
+        """Whether it names every channel with its schema, and counts each one's messages."""
+        found, channels = self.statistics, self.registry.channels
+        if found is None or (found.message_count and not found.channel_message_counts):
+            return False
+        schemas = {channel.schema_id for channel in channels.values()} - {0}
+        return len(channels) >= max(1, found.channel_count) and schemas <= set(
+            self.registry.schemas
+        )
+
+    @property
+    def is_chunked(self) -> bool | None:
+        """Whether all messages lie in chunks; None where it does not say."""
+        if self.statistics is None:
+            return True if self.chunks else None
+        inside = sum(
+            (one.message_index_length - _MESSAGE_INDEX_BYTES * len(one.message_index_offsets))
+            // _ENTRY_BYTES
+            for one in self.chunks
+        )
+        unknown = not any(one.message_index_length for one in self.chunks)
+        enough = unknown or inside >= self.statistics.message_count
+        return self.statistics.chunk_count > 0 and enough
+
+
+def read_summary(stream: BinaryIO, size: int) -> Summary:
+    """The summary section of a finished file.
+
+    Raises:
+        DamageError: The file does not end as a finished one does, or its summary is corrupt.
+    """
+    footer_at = size - _FOOTER_BYTES - len(MAGIC)
+    if footer_at < len(MAGIC):
+        raise DamageError("it was never finished")
+    stream.seek(footer_at)
+    end = stream.read()
+    opcode, length = HEAD.unpack_from(end)
+    if not end.endswith(MAGIC) or opcode != Opcode.FOOTER or length != 20:
+        raise DamageError("it was never finished, or its end is damaged")
+    footer = container.parse(Footer.read, end[HEAD.size : _FOOTER_BYTES])
+    start = footer.summary_start or footer_at
+    if not len(MAGIC) + DATA_END_BYTES <= start <= footer_at:
+        raise DamageError("its footer is corrupt")
+    stream.seek(start)
+    section = stream.read(size - len(MAGIC) - 4 - start)
+    if footer.summary_crc and zlib.crc32(section) != footer.summary_crc:
+        raise DamageError("its summary's checksum is wrong")
+    summary = Summary(Registry(), None, [], {}, start - DATA_END_BYTES)
+    stream.seek(start)
+    for _, record in container.records(stream, size):
+        summary.registry.take(record)
+        if record.opcode == Opcode.STATISTICS:
+            summary = summary._replace(statistics=container.parse(Statistics.read, record.body))
+        elif record.opcode == Opcode.CHUNK_INDEX:
+            chunk = container.parse(ChunkIndex.read, record.body)
+            summary.chunks.append(chunk)
+            place = Place(Opcode.CHUNK, chunk.chunk_length)
+            summary.places[chunk.chunk_start_offset] = place
+        elif (opcode := _PLACED.get(record.opcode)) is not None:
+            if len(record.body) < _PLACE.size:
+                raise DamageError("an index is too short")
+            offset, length = _PLACE.unpack_from(record.body)
+            summary.places[offset] = Place(opcode, length)
+    return summary

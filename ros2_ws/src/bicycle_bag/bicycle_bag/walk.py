@@ -1,0 +1,340 @@
+"""Walks the records of an MCAP file and believes only what checks out.
+
+A record is taken where its head and its body fit each other; the index of a finished file says
+where a record lies whose head is wrong. What makes no sense is stepped over, to the next place
+that does, and told.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+import struct
+import zlib
+from bisect import bisect_right
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, BinaryIO, NamedTuple
+
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Header, Metadata, Schema
+
+from bicycle_bag import container
+from bicycle_bag.container import (
+    HEAD,
+    MAGIC,
+    MAX_RECORD_BYTES,
+    Content,
+    DamageError,
+    Record,
+    Registry,
+)
+from bicycle_bag.summary import Summary
+
+PRIVATE = 0x80
+"""From here on opcodes belong to applications."""
+_INDEX = struct.Struct("<HI")
+_CHUNK = struct.Struct("<QQQII")
+_MESSAGE_BYTES = 22
+_DEFINING = (Opcode.SCHEMA, Opcode.CHANNEL)
+_LIKELY = re.compile(rb"(?=[\x03-\x07\x09\x0c\x0f].{3}\0{5})", re.DOTALL)
+"""Where a record of less than 16 MiB may begin."""
+_WINDOW = 2**20
+WRONG_CHECKSUM = "the checksum of its data is wrong"
+_HUGE = 2**40
+_CHAIN = 3
+"""Records in a row that fit each other are no coincidence."""
+
+
+class Damage(NamedTuple):
+    """Bytes of a file that are not what was written.
+
+    ``span`` are the times of a lost chunk in ns, ``orphans`` messages that are left out.
+    """
+
+    offset: int
+    end: int
+    what: str
+    is_chunk: bool = False
+    span: tuple[int, int] | None = None
+    orphans: int = 0
+
+
+class Piece(NamedTuple):
+    """A record that checks out; of a chunk also what is in it, of a huge record no body."""
+
+    offset: int
+    end: int
+    opcode: int
+    body: bytes
+    content: Content | None = None
+    items: Sequence[Record] = ()
+
+
+class Walk:
+    """The data of a file, from its first record to the end of its data.
+
+    Args:
+        stream: The file, behind its magic bytes or not.
+        size: Its bytes.
+        summary: Of a finished file whose summary is sound.
+        registry: Channels that are known, filled by who takes the pieces.
+    """
+
+    def __init__(
+        self, stream: BinaryIO, size: int, summary: Summary | None, registry: Registry
+    ) -> None:
+        self._stream = stream
+        self._size = size
+        self._registry = registry
+        self._summary = summary
+        self._data_end = summary.data_end if summary else None
+        self._limit = size if self._data_end is None else self._data_end
+        self._places = summary.places if summary else {}
+        self._offsets = sorted(at for at in self._places if len(MAGIC) <= at < self._limit)
+        self._is_chunked = summary.is_chunked if summary else None
+
+    def __iter__(self) -> Iterator[Piece | Damage]:
+        offset, sound = len(MAGIC), True
+        checksum: int | None = zlib.crc32(self._read(0, offset))
+        while offset < self._size:
+            found = self._at(offset)
+            if found is None:
+                end = self._resume(offset)
+                what = (
+                    "it is cut off or corrupt in the record"
+                    if end < self._size
+                    else "it is cut off"
+                )
+                found = Damage(offset, end, f"{what} at byte {offset}")
+            elif isinstance(found, Piece) and not self._head_is(found):
+                sound = False
+                yield Damage(offset, offset, f"the head of the record at byte {offset} is wrong")
+            sound = sound and isinstance(found, Piece)
+            if isinstance(found, Piece) and found.opcode == Opcode.DATA_END:
+                (stored,) = struct.unpack("<I", found.body)
+                if sound and stored not in (0, checksum):
+                    yield Damage(offset, offset, WRONG_CHECKSUM)
+                return
+            if sound:
+                checksum = self._checksum(offset, found.end, checksum)
+            yield found
+            offset = found.end
+            if offset == self._data_end and self._at(offset) is None:
+                yield Damage(offset, offset, "its data has no end")
+                return
+
+    def _at(self, offset: int) -> Piece | Damage | None:
+        """What lies at an offset; None where it is nothing that can be told."""
+        head = self._read(offset, HEAD.size)
+        if len(head) < HEAD.size:
+            return None
+        opcode, length = HEAD.unpack(head)
+        if opcode == Opcode.CHUNK and self._is_chunked is None:
+            self._is_chunked = True
+        own = self._record(opcode, offset, length)
+        if opcode >= PRIVATE:
+            own = self._chunk_with_a_wrong_head(offset) or own
+        place = self._places.get(offset)
+        if place is None:
+            return own or self._chunk_with_a_wrong_head(offset)
+        indexed = own
+        if own is None or own.end != offset + place.length or opcode != place.opcode:
+            indexed = self._record(place.opcode, offset, place.length - HEAD.size)
+        if own is None and indexed is None and place.opcode == Opcode.CHUNK:
+            end = min(offset + max(place.length, HEAD.size), self._limit)
+            return self._lost(offset, end, "a chunk is corrupt")
+        return indexed or own
+
+    def _lost(
+        self, offset: int, end: int, what: str, span: tuple[int, int] | None = None
+    ) -> Damage:
+        """A chunk that is lost; its times by the index, or else by itself."""
+        for chunk in self._summary.chunks if self._summary else ():
+            if chunk.chunk_start_offset == offset:
+                span = chunk.message_start_time, chunk.message_end_time
+        return Damage(offset, end, what, True, span)
+
+    def _chunk_with_a_wrong_head(self, offset: int) -> Piece | None:
+        start = self._read(offset + HEAD.size, _CHUNK.size + 12)
+        if len(start) < _CHUNK.size + 12:
+            return None
+        name = _CHUNK.unpack_from(start)[-1]
+        if name > 4:
+            return None
+        (packed,) = struct.unpack_from("<Q", start, _CHUNK.size + name)
+        found = self._record(Opcode.CHUNK, offset, _CHUNK.size + name + 8 + packed)
+        return found if isinstance(found, Piece) and found.items else None
+
+    def _record(self, opcode: int, offset: int, length: int) -> Piece | Damage | None:
+        """A record of this kind and length, if there is one; damage where it is a broken chunk."""
+        end = offset + HEAD.size + length
+        if length < 0 or not self._fits(opcode, offset, end):
+            return None
+        if length > MAX_RECORD_BYTES:
+            huge = opcode == Opcode.ATTACHMENT or opcode >= PRIVATE
+            return Piece(offset, end, opcode, b"") if huge and self._goes_on(offset, end) else None
+        if opcode == Opcode.CHUNK:
+            return self._chunk(offset, length)
+        body = self._read(offset + HEAD.size, length)
+        proof = _PROOFS.get(opcode, _unproved)(body)
+        if proof is None or (not proof and not self._goes_on(offset, end)):
+            return None
+        if opcode == Opcode.MESSAGE:
+            self._is_chunked = False
+        return Piece(offset, end, opcode, body, None, (Record(opcode, body),))
+
+    def _fits(self, opcode: int, offset: int, end: int) -> bool:
+        """Whether a record of this kind may be there, and is no longer than there is room."""
+        if opcode == Opcode.DATA_END:
+            return end <= self._size and self._data_end in (None, offset)
+        if opcode == Opcode.HEADER:
+            return end <= self._limit and offset == len(MAGIC)
+        if opcode == Opcode.MESSAGE and self._is_chunked:
+            return False
+        known = opcode in _PROOFS or opcode == Opcode.CHUNK or opcode >= PRIVATE
+        return known and end <= self._limit
+
+    def _chunk(self, offset: int, length: int) -> Piece | Damage | None:
+        body = self._read(offset + HEAD.size, length)
+        try:
+            chunk = container.parse_chunk(body)
+        except DamageError:
+            return None
+        end = offset + HEAD.size + length
+        try:
+            content = container.unpack(chunk)
+            items = [record for _, record in content.records()]
+            for opcode, inner in items:
+                short = opcode == Opcode.MESSAGE and len(inner) < _MESSAGE_BYTES
+                if short or (opcode in _DEFINING and _PROOFS[opcode](inner) is None):
+                    raise DamageError("a record in a chunk is corrupt")
+        except DamageError as error:
+            span = chunk.message_start_time, chunk.message_end_time
+            return self._lost(offset, end, str(error), span)
+        return Piece(offset, end, Opcode.CHUNK, body, content, items)
+
+    def _goes_on(self, offset: int, end: int) -> bool:
+        """Whether a record that nothing else proves ends where the next one begins."""
+        if bisect_right(self._offsets, offset) != bisect_right(self._offsets, end - 1):
+            return False
+        ahead = self._read(end, HEAD.size)
+        if end == self._limit or end in self._places or len(ahead) < HEAD.size:
+            return True
+        if self._begins(end, self._limit):
+            return True
+        opcode, length = HEAD.unpack(ahead)
+        if opcode < PRIVATE and self._begins(end, self._limit, 1):
+            return True
+        # The next one's head may be what is broken, or it is cut off.
+        after, resumed = end + HEAD.size + length, self._resume(offset)
+        is_message = opcode == Opcode.MESSAGE and self._likely(opcode, end + HEAD.size, length)
+        cut_off = opcode in _PROOFS and after > self._limit == resumed
+        return resumed > end and (after == resumed or is_message or cut_off)
+
+    def _resume(self, offset: int) -> int:
+        """Where the next record begins behind one that makes no sense."""
+        place = bisect_right(self._offsets, offset)
+        bound = self._offsets[place] if place < len(self._offsets) else self._limit
+        return self._search(offset + 1, max(bound, offset + 1))
+
+    def _search(self, start: int, bound: int) -> int:
+        while start < bound:
+            window = self._read(start, min(_WINDOW + HEAD.size - 1, bound - start))
+            for match in _LIKELY.finditer(window):
+                if self._begins(start + match.start(), bound):
+                    return start + match.start()
+            start += _WINDOW
+        return bound
+
+    def _begins(self, offset: int, bound: int, chain: int = _CHAIN) -> bool:
+        """Whether a row of records begins here that fit each other."""
+        for _ in range(chain):
+            head = self._read(offset, HEAD.size)
+            if len(head) < HEAD.size:
+                return False
+            opcode, length = HEAD.unpack(head)
+            if self._is_chunked and opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
+                return False
+            if not self._fits(opcode, offset, offset + HEAD.size + length):
+                return False
+            if opcode == Opcode.CHUNK:
+                if self._summary is not None and self._summary.chunks:
+                    return offset in self._places
+                return isinstance(self._chunk(offset, length), Piece)
+            if not self._likely(opcode, offset + HEAD.size, length):
+                return False
+            offset += HEAD.size + length
+            if opcode == Opcode.DATA_END or offset == bound:
+                return True
+        return True
+
+    def _likely(self, opcode: int, body: int, length: int) -> bool:
+        if opcode == Opcode.MESSAGE:
+            (channel,) = struct.unpack("<H", self._read(body, 2).ljust(2, b"\0"))
+            return length >= _MESSAGE_BYTES and channel in self._registry.channels
+        if opcode >= PRIVATE or length > MAX_RECORD_BYTES:
+            return opcode >= PRIVATE
+        return _PROOFS[opcode](self._read(body, length)) is not None
+
+    def _head_is(self, piece: Piece) -> bool:
+        head = HEAD.pack(piece.opcode, piece.end - piece.offset - HEAD.size)
+        return self._read(piece.offset, HEAD.size) == head
+
+    def _checksum(self, start: int, end: int, before: int | None) -> int:
+        checksum = before or 0
+        for at in range(start, end, _WINDOW):
+            checksum = zlib.crc32(self._read(at, min(_WINDOW, end - at)), checksum)
+        return checksum
+
+    def _read(self, offset: int, length: int) -> bytes:
+        self._stream.seek(offset)
+        return self._stream.read(length)
+
+
+_Proof = Callable[[bytes], "bool | None"]
+"""Whether a body proves to be of its kind by itself; None where it is none."""
+
+
+def _unproved(_: bytes) -> bool | None:
+    return False
+
+
+def _parsed(read: Callable[[Any], object]) -> _Proof:
+    def proof(body: bytes) -> bool | None:
+        for whole in (True, False):
+            with contextlib.suppress(DamageError):
+                container.parse(read, body, whole)
+                return whole
+        return None
+
+    return proof
+
+
+def _message(body: bytes) -> bool | None:
+    topic = int.from_bytes(body[4:8], "little")
+    is_channel = topic < len(body) and _PROOFS[Opcode.CHANNEL](body)
+    return None if is_channel or len(body) < _MESSAGE_BYTES else False
+
+
+def _message_index(body: bytes) -> bool | None:
+    length = _INDEX.unpack_from(body)[1] if len(body) >= _INDEX.size else 1
+    return True if length == len(body) - _INDEX.size and length % 16 == 0 else None
+
+
+def _attachment(body: bytes) -> bool | None:
+    stored = int.from_bytes(body[-4:], "little")
+    right = stored in (0, zlib.crc32(memoryview(body)[:-4]))
+    return True if right and _parsed(Attachment.read)(body) else None
+
+
+_PROOFS: dict[int, _Proof] = {
+    Opcode.HEADER: _parsed(Header.read),
+    Opcode.SCHEMA: _parsed(Schema.read),
+    Opcode.CHANNEL: _parsed(Channel.read),
+    Opcode.MESSAGE: _message,
+    Opcode.MESSAGE_INDEX: _message_index,
+    Opcode.ATTACHMENT: _attachment,
+    Opcode.METADATA: _parsed(Metadata.read),
+    Opcode.DATA_END: lambda body: True if len(body) == 4 else None,
+}
+"""The kinds of records that may lie in a file's data, besides chunks and private ones."""

@@ -1,0 +1,233 @@
+"""Repair of files that others wrote: what is not understood is kept as it was."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from foreign_bag import ForeignFile
+from mcap.reader import make_reader
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.writer import CompressionType, IndexType
+from ride_bag import make_bag, ride
+
+from bicycle_bag import container, repair
+from bicycle_bag.reader import BagReader
+
+PRIVATE = struct.pack("<BQ", 0x9A, 11) + b"ours, alone"
+IMAGE = bytes(range(256)) * 40
+Content = dict[str, Any]
+
+
+def write(path: Path, **options: Any) -> Path:
+    """A file with something of everything that the format knows."""
+    with ForeignFile(path, profile="lab", library="another 1.0", **options) as file:
+        writer = file.writer
+        writer.add_attachment(7, 8, "map.png", "image/png", IMAGE)
+        writer.add_metadata("run", {"driver": "Åse", "seed": "3"})
+        file.ride_channels()
+        kinds = {
+            "/json": ("plot", b'{"type": "object"}', "jsonschema", "json"),
+            "/proto": ("foxglove.Scene", b"\0\1\2\xff", "protobuf", "protobuf"),
+            "/idl": ("a/msg/B", b"module a { };", "ros2idl", "cdr"),
+            "/bare": ("", b"", "", "text"),
+        }
+        for topic, (type_name, definition, schema_encoding, encoding) in kinds.items():
+            file.channel(topic, type_name, definition, schema_encoding, encoding, {"by": "us"})
+        schema = writer.register_schema("other", "ros2msg", b"float64 x\n")
+        twice = writer.register_channel("/json", "cdr", schema, {"second": "yes"})
+        for number, (topic, data, now) in enumerate(ride(30)):
+            writer.add_message(file.channels[topic], now, data, now - 5, number)
+            for other in kinds:
+                writer.add_message(
+                    file.channels[other], now, b"%d" % number, now, 2**32 - 1 - number
+                )
+            writer.add_message(twice, now, b"\0\1\0\0", now, 5)
+            if number % 20 == 10:
+                writer.flush()  # type: ignore[no-untyped-call]
+                writer._Writer__record_builder.write(PRIVATE)  # type: ignore[attr-defined]
+                writer.add_metadata(f"note {number}", {"": ""})
+        writer.add_attachment(0, 0, "", "", b"")
+    return path
+
+
+def content(path: Path) -> Content:
+    """All of it, by the MCAP package: messages with their channel and its schema."""
+    with path.open("rb") as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        header = reader.get_header()
+        messages: list[tuple[Schema | None, Channel, Message]] = list(
+            reader.iter_messages(log_time_order=False)
+        )
+        attachments: list[Attachment] = list(reader.iter_attachments())
+        metadata: list[Metadata] = list(reader.iter_metadata())
+        summary = reader.get_summary()
+    assert summary is not None
+    return {
+        "header": header,
+        "messages": messages,
+        "attachments": attachments,
+        "metadata": metadata,
+        "channels": summary.channels,
+        "schemas": summary.schemas,
+        "private": path.read_bytes().count(PRIVATE),
+    }
+
+
+def cut_off(data: bytes) -> bytes:
+    return data[:-20]
+
+
+def in_the_summary(data: bytes) -> bytes:
+    return data[:-60] + bytes([data[-60] ^ 1]) + data[-59:]
+
+
+def in_an_index(data: bytes) -> bytes:
+    at = data.index(PRIVATE) - 5
+    return data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]
+
+
+OPTIONS: dict[str, dict[str, Any]] = {
+    "zstd": {"chunk_size": 2000},
+    "lz4": {"chunk_size": 2000, "compression": CompressionType.LZ4},
+    "uncompressed": {"chunk_size": 2000, "compression": CompressionType.NONE},
+    "without checksums": {"chunk_size": 2000, "enable_crcs": False},
+    "without chunks": {"use_chunking": False},
+    "with a checksum of all": {"chunk_size": 2000, "enable_data_crcs": True},
+}
+
+
+@pytest.mark.parametrize(
+    ("damage", "name"),
+    [
+        (damage, name)
+        for damage, name in product((cut_off, in_the_summary, in_an_index), OPTIONS)
+        if (damage, name) != (in_an_index, "without chunks")  # where no index is
+    ],
+)
+def test_a_repair_keeps_all_that_others_wrote(
+    tmp_path: Path, name: str, damage: Callable[[bytes], bytes]
+) -> None:
+    file = write(tmp_path / "x.mcap", **OPTIONS[name])
+    wanted = content(file)
+    file.write_bytes(damage(file.read_bytes()))
+    report = repair.repair(file)
+    assert report.rewritten == [file] or (damage, name) == (in_the_summary, "without checksums")
+    assert (report.lost_messages, report.lost_chunks, report.lost_bytes) == (0, 0, 0)
+    assert report.messages == len(wanted["messages"])
+    assert content(file) == wanted
+    assert repair.repair(file).rewritten == []
+    assert BagReader(file).message_count == report.messages
+
+
+def test_a_lost_chunk_takes_nothing_else_with_it(tmp_path: Path) -> None:
+    file = write(tmp_path / "x.mcap", chunk_size=2000)
+    wanted = content(file)
+    data = bytearray(file.read_bytes())
+    with file.open("rb") as stream:
+        stream.read(8)
+        chunks = [
+            offset for offset, one in container.records(stream, len(data)) if one.opcode == 6
+        ]
+    data[chunks[0] + 100] ^= 1
+    file.write_bytes(data)
+    report = repair.repair(file)
+    found = content(file)
+    lost = len(wanted["messages"]) - len(found["messages"])
+    assert 0 < lost == report.lost_messages < 100
+    assert found["messages"] == wanted["messages"][lost:]
+    for part in ("header", "attachments", "metadata", "channels", "schemas", "private"):
+        assert found[part] == wanted[part], part
+    (kept,) = report.kept
+    assert kept.read_bytes() == data
+
+
+def test_a_damaged_attachment_is_told_and_the_original_kept(tmp_path: Path) -> None:
+    file = write(tmp_path / "x.mcap", chunk_size=2000)
+    data = bytearray(file.read_bytes())
+    data[data.index(IMAGE) + 300] ^= 1
+    file.write_bytes(data)
+    report = repair.repair(file)
+    assert report.lost_bytes > len(IMAGE)
+    assert f"lost: {report.lost_bytes} bytes" in str(report)
+    assert [kept.read_bytes() for kept in report.kept] == [data]
+    assert [one.name for one in content(file)["attachments"]] == [""]
+
+
+def test_an_attachment_larger_than_a_record_may_be_is_no_damage(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bicycle_bag.walk.MAX_RECORD_BYTES", len(IMAGE) - 1)
+    file = write(tmp_path / "x.mcap", chunk_size=2000)
+    wanted = content(file)
+    assert BagReader(file).message_count == len(list(BagReader(file).messages()))
+    assert repair.repair(file).rewritten == []
+    file.write_bytes(file.read_bytes()[:-20])
+    repair.repair(file)
+    assert content(file) == wanted
+
+
+def unusual() -> dict[str, dict[str, Any]]:
+    """Options that leave out what a file need not have."""
+    switches = ("repeat_channels", "repeat_schemas", "use_statistics", "use_summary_offsets")
+    found: dict[str, dict[str, Any]] = {f"no {name}": {name: False} for name in switches}
+    for index in (IndexType.NONE, IndexType.CHUNK, IndexType.MESSAGE, IndexType.METADATA):
+        found[f"index {index.name}"] = {"index_types": index}
+    bare = dict.fromkeys(switches, False) | {"index_types": IndexType.NONE, "enable_crcs": False}
+    found["no summary"] = bare
+    return {
+        f"{name}, {packing}": {**options, **OPTIONS[packing]}
+        for (name, options), packing in product(found.items(), OPTIONS)
+    }
+
+
+@pytest.mark.parametrize("name", unusual())
+def test_what_is_only_unusual_is_not_called_damaged(tmp_path: Path, name: str) -> None:
+    options = unusual()[name]
+    file = write(tmp_path / "bag" / "x.mcap", **options)
+    before = file.read_bytes()
+    reader = BagReader(file.parent)
+    found = [(m.topic, m.data) for m in reader.messages()]
+    assert len(found) == reader.message_count == 6 * len(ride(30))
+    assert reader.topics["/proto"].type == "foxglove.Scene"
+    assert [one for one in found if one[0] in ("/bicycle/state", "/bicycle/command")] == [
+        (topic, data) for topic, data, _ in ride(30) if topic != "/bicycle/episode"
+    ]
+    report = repair.repair(file.parent)
+    assert (report.messages, report.rewritten, report.kept) == (len(found), [], [])
+    assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_a_file_without_a_message_is_whole(tmp_path: Path, name: str) -> None:
+    file = tmp_path / "x.mcap"
+    with ForeignFile(file, **OPTIONS[name]) as made:
+        made.ride_channels()
+    assert list(BagReader(file).messages()) == []
+    assert repair.repair(file).rewritten == []
+
+
+def test_a_repair_leaves_the_metadata_of_others_alone(tmp_path: Path) -> None:
+    make_bag(tmp_path / "bag", 20)
+    file = tmp_path / "bag" / "metadata.yaml"
+    stored = yaml.safe_load(file.read_text())
+    about = stored["rosbag2_bagfile_information"]
+    about |= {"version": 8, "ros_distro": "iron", "custom_data": {"who": "they"}, "more": 1}
+    file.write_text(yaml.safe_dump(stored))
+    before = file.read_bytes()
+    repair.repair(tmp_path / "bag")
+    assert file.read_bytes() == before
+    about["message_count"] += 1
+    about["topics_with_message_count"][0]["message_count"] += 1
+    file.write_text(yaml.safe_dump(stored))
+    before = file.read_bytes()
+    report = repair.repair(tmp_path / "bag")
+    assert [kept.read_bytes() for kept in report.kept] == [before]
+    found = BagReader(tmp_path / "bag").metadata
+    assert found.custom_data == {"seed": "7", "who": "they"}
+    assert found.ros_distro == "iron"
