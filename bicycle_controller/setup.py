@@ -16,7 +16,14 @@ setup(
     version=VERSION,
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
-        NAME: ["models/*", "presets/*.yaml", "figures/*.yaml", "agents/*.cpp", "agents/*.h"]
+        NAME: [
+            "models/*",
+            "presets/*.yaml",
+            "figures/*.yaml",
+            "figures/causes/*.yaml",
+            "agents/*.cpp",
+            "agents/*.h",
+        ]
     },
     ext_modules=[
         # Not a module but a library, see one_bicycle.py, which does without it.
@@ -41,9 +48,9 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "bicycle_controller = bicycle_controller.nodes.controller_node:main",
-            "bicycle_trainer = bicycle_controller.nodes.trainer_node:main",
-            "bicycle = bicycle_controller.cli:main",
+            "bicycle_controller = bicycle_controller.programs:controller",
+            "bicycle_trainer = bicycle_controller.programs:trainer",
+            "bicycle = bicycle_controller.programs:bicycle",
         ],
     },
 )

@@ -54,5 +54,5 @@ setup(
     maintainer_email="maintainers@self-driving-bicycle.org",
     description="A simulated bicycle: dynamics, reward, task and ROS 2 node.",
     license="Apache-2.0",
-    entry_points={"console_scripts": ["bicycle_sim = bicycle_sim.nodes.sim_node:main"]},
+    entry_points={"console_scripts": ["bicycle_sim = bicycle_sim.programs:simulator"]},
 )

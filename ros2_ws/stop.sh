@@ -59,7 +59,7 @@ wait_for_saver() { # FILE: as long as it takes, or until Ctrl-C
       ((waited < 10)) || kill -s TERM "$pid" 2>/dev/null || true
     fi
   done
-  trap - INT TERM
+  end_on_signals
 }
 
 end() { # FILE: ends one process

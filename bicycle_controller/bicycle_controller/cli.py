@@ -7,6 +7,11 @@ is quick and riding needs nothing that only training needs.
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from bicycle_sim.early import run_module
+
+    run_module("bicycle_controller.cli")
+
 import argparse
 import importlib
 import os
@@ -121,7 +126,3 @@ def _report(name: str, message: str, error: Exception) -> int:
         raise error
     print(f"bicycle {name}: {' '.join(message.split())}", file=sys.stderr)
     return USAGE_ERROR
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -16,11 +16,12 @@ from bicycle_sim.config import nearest, require
 MOST = 1_000_000
 """Episodes, seeds and parallel runs."""
 EPILOG = """\
-FIGURE is 9 to 16, robustness, or all. Training runs are kept in OUT/runs: what was stopped, by
-Ctrl-C or kill -9, goes on when the same command is given again; what is done is not done again,
-and a longer --episodes lets it go on from where it ended. OUT/FIGURE/PHYSICS holds the raw data
-(CSV), run.json with command, commit, seeds and times, summary.json and figure.png; RESULTS.md is
-made from all of them.
+FIGURE is 9 to 16, robustness, or all; why-naf, why-ppo, why-displacement and why-speed look for
+why a claim does not hold. Training runs are kept in OUT/runs: what was stopped, by Ctrl-C or
+kill -9, goes on when the same command is given again; what is done is not done again, and a
+longer --episodes lets it go on from where it ended. OUT/FIGURE/PHYSICS holds the raw data (CSV),
+run.json with command, commit, seeds and times, summary.json and figure.png; RESULTS.md is made
+from all of them.
 
 examples:
   bicycle reproduce 11 --short
@@ -32,7 +33,7 @@ examples:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `bicycle reproduce`."""
     add = parser.add_argument
-    add("figure", metavar="FIGURE", help="9 to 16, robustness, or all")
+    add("figure", metavar="FIGURE", help="9 to 16, robustness, why-..., or all")
     out = Path("reproduction")
     add("--out", type=Path, default=out, metavar="DIR", help="default: %(default)s")
     add("--results", type=Path, metavar="FILE", help="the page (default: OUT/RESULTS.md)")

@@ -1,6 +1,13 @@
 # shellcheck shell=bash disable=SC2154 # ws is the caller's: the folder of the workspace
 # What the scripts share: messages, help, the environment, and how a node is started. Sourced.
 
+end_on_signals() { # Without it, a signal is lost that comes while another program runs and ends well
+  trap 'exit 130' INT
+  trap 'exit 143' TERM
+  trap 'exit 129' HUP
+}
+end_on_signals
+
 die() { # STATUS MESSAGE: one line for a person, then out
   printf '%s: %s\n' "$(basename "$0")" "$2" >&2
   exit "$1"
@@ -119,7 +126,13 @@ run() { # NAME MODULE ARGUMENT...: becomes that Python program, so that signals 
   local name=$1 module=$2
   shift 2
   register "$name"
-  exec "$python" -m "$module" "$@"
+  start "$module" "$@"
+}
+
+start() { # MODULE ARGUMENT...: becomes that Python program; signals wait until it can answer them
+  local wait=(env --block-signal=INT,TERM,HUP)
+  "${wait[@]}" true 2>/dev/null || wait=()
+  exec "${wait[@]}" "$python" -m "$@"
 }
 
 run_node() { # NAME MODULE ARGUMENT...: the same for a node: its config/NAME.yaml, then the arguments

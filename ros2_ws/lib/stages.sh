@@ -171,7 +171,7 @@ stage() { # LABEL COUNTER COMMAND...: runs quietly with one line of progress; en
     sleep 0.2
   done
   wait "$pid" || status=$?
-  trap - INT TERM
+  end_on_signals
   [[ ! -t 1 ]] || printf '\r\033[K%s ... ' "$label"
   if ((status)); then
     echo "failed"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from bicycle_cockpit.goal_book import GoalBook
 from bicycle_controller.goals import Status
 
@@ -57,6 +59,39 @@ def test_waypoints_come_after_all_that_lies_ahead() -> None:
     book.sent([A, B])
     book.changed(Status.ACTIVE, A, 1)
     assert book.with_more([C]) == [A, B, C]
+
+
+def test_a_waypoint_follows_what_was_sent_and_not_taken_yet() -> None:
+    book = GoalBook()
+    book.sent([A])
+    assert book.with_more([C]) == [A, C], "the controller is busy"
+    book.changed(Status.ACTIVE, A, 0)
+    book.send([B])
+    book.changed(Status.REACHED, A, 0)
+    assert book.with_more([C]) == [B, C]
+    book.changed(Status.ACTIVE, B, 0)
+    book.sent([B])
+    book.changed(Status.REACHED, B, 0)
+    assert book.with_more([C]) == [C], "its own path came back from the topic, and late"
+    book.send([B])
+    assert book.with_more([C]) == [B, C], "the same goal once more"
+    book.changed(Status.REJECTED, B, 0)
+    assert book.with_more([C]) == [C]
+    book.send([A])
+    book.send([])
+    assert book.with_more([C]) == [C]
+
+
+def test_a_path_that_was_refused_leaves_the_one_before() -> None:
+    book = GoalBook()
+    book.sent([A, B])
+    book.changed(Status.ACTIVE, A, 1)
+    nowhere = (math.nan, 0.0)
+    book.sent([nowhere])
+    book.changed(Status.REJECTED, nowhere, 0)
+    assert book.with_more([C]) == [A, B, C]
+    book.changed(Status.ACTIVE, B, 0)
+    assert (book.active, book.ahead) == (B, [])
 
 
 def test_who_comes_late_knows_the_goal_but_not_the_path() -> None:

@@ -14,6 +14,7 @@ import pytest
 from server_desk import TOKEN, Desk
 from waiting import until
 
+from bicycle_cockpit import page_socket
 from bicycle_cockpit.door import Door
 from bicycle_cockpit.page_socket import MOST_REFUSALS
 from bicycle_cockpit.requests import MOST_BYTES
@@ -157,7 +158,9 @@ def test_a_message_too_large_ends_the_connection_with_a_line(desk: Desk) -> None
     assert desk.lines[0].endswith(f"size {MOST_BYTES + 1} exceeds limit {MOST_BYTES}")
 
 
-def test_too_many_messages_are_refused(desk: Desk) -> None:
+def test_too_many_messages_are_refused(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page_socket, "MESSAGE_RATE", 0.0)  # however slowly they come
+
     async def story() -> None:
         async with Session() as session:
             page = await opened(session, desk)
@@ -166,7 +169,7 @@ def test_too_many_messages_are_refused(desk: Desk) -> None:
             assert "slow down" in (await page.receive_json())["message"]
 
     asyncio.run(story())
-    assert 40 <= len(desk.requests) < 50
+    assert len(desk.requests) == page_socket.MESSAGE_BURST
 
 
 def stalled(desk: Desk, more: str = "") -> socket.socket:

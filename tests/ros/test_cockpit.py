@@ -40,6 +40,12 @@ def last(page: Page, name: str) -> float:
     return float(page.rows[-1][name])
 
 
+def process_of(name: str, domain: int) -> int:
+    """Number of a process that the cockpit has started."""
+    (note,) = (COCKPIT.parent / "runs" / "pids" / str(domain)).glob(f"{name}.*")
+    return int(note.suffix[1:])
+
+
 def test_a_ride_is_recorded_pushed_and_proved(cockpit: Made) -> None:
     _, page, folder, domain = cockpit
     assert page.newest("hello")["largest_push"] == 2.0
@@ -54,7 +60,7 @@ def test_a_ride_is_recorded_pushed_and_proved(cockpit: Made) -> None:
     assert "0.25 rad/s" in page.event("push")["text"]
     reached = page.event("reached")
     assert (reached["x"], reached["y"]) == (14.0, 4.0)
-    assert math.hypot(last(page, "x") - 14.0, last(page, "y") - 4.0) < 3.0
+    assert min(math.hypot(row["x"] - 14.0, row["y"] - 4.0) for row in page.rows) < 1.2
     status = page.newest("status")
     assert status["mode"] == "riding"
     assert status["who"]["driver"]["name"] == status["who"]["chosen"]["name"] == "lqr"
@@ -119,6 +125,24 @@ def test_waypoints_are_added_to_what_lies_ahead(cockpit: Made) -> None:
     page.until(lambda: page.newest("status")["goal"] is None)
 
 
+def test_a_waypoint_follows_a_goal_that_a_busy_controller_has_not_taken(cockpit: Made) -> None:
+    _, page, _, domain = cockpit
+    assert page.ask("reset", random=False)["ok"]
+    page.until(lambda: page.newest("status")["mode"] == "held")
+    controller = process_of("controller", domain)
+    os.kill(controller, signal.SIGSTOP)
+    try:
+        assert page.ask("goal", x=40.0, y=0.0)["message"] == "goal (40.0, 0.0) sent"
+        answer = page.ask("waypoints", points=[[60.0, 10.0]])["message"]
+        assert answer == "goal (60.0, 10.0) sent by way of 1 point"
+    finally:
+        os.kill(controller, signal.SIGCONT)
+    page.until(lambda: page.newest("status")["goal"] == [40.0, 0.0])
+    page.until(lambda: page.newest("status")["ahead"] == [[60.0, 10.0]])
+    assert page.ask("clear")["ok"]
+    page.until(lambda: page.newest("status")["goal"] is None)
+
+
 def test_a_flood_of_goals_puts_no_page_out(cockpit: Made) -> None:
     _, page, _, domain = cockpit
     assert page.ask("goal", x=50.0, y=0.0)["ok"]
@@ -135,11 +159,11 @@ def test_a_flood_of_goals_puts_no_page_out(cockpit: Made) -> None:
     for number in range(1500):
         probe.say(interfaces.GOAL_STATUS, GoalStatus(goal_id=number, status=GoalStatus.REJECTED))
     probe.close()
-    page.until(lambda: page.event("rejected"))
+    page.until(lambda: any("are not listed" in m.get("text", "") for m in page.heard[heard:]))
     assert page.ask("pause", paused=True)["ok"], "the page is still there"
     assert page.ask("pause", paused=False)["ok"]
     told = [m for m in page.heard[heard:] if m["type"] == "event"]
-    assert len(told) < 500
+    assert len(told) < 500, "as many as there may be in a wait of the longest kind"
 
 
 def test_the_controller_is_switched_by_name_only(cockpit: Made) -> None:
@@ -174,9 +198,7 @@ def test_the_trainer_is_told(cockpit: Made) -> None:
 
 def test_a_dead_controller_is_started_again(cockpit: Made) -> None:
     _, page, _, domain = cockpit
-    folder = COCKPIT.parent / "runs" / "pids" / str(domain)
-    (note,) = folder.glob("controller.*")
-    os.kill(int(note.suffix[1:]), signal.SIGKILL)
+    os.kill(process_of("controller", domain), signal.SIGKILL)
     page.until(lambda: any("started again" in m.get("text", "") for m in page.heard))
     page.until(lambda: page.ask("goal", x=5.0, y=5.0)["ok"])
 
@@ -198,7 +220,7 @@ def test_a_cockpit_that_gives_up_tells_its_pages_why(start_node: Start) -> None:
         os.kill(int(note.suffix[1:]), signal.SIGKILL)
         if death < MOST_DEATHS:
             page.until(lambda death=death: starts(page) == death + 1)  # type: ignore[misc]
-    assert process.wait(60) == 2
+    assert process.wait() == 2
     assert "simulator was killed by SIGKILL" in process.lines[-1]
     end = page.event("end")
     assert "the cockpit ends: simulator was killed by SIGKILL" in end["text"]

@@ -239,9 +239,7 @@ def test_the_events_move_nothing_else(page: BrowserPage, size: tuple[int, int]) 
 def test_a_hand_over_is_told_who_rides_and_why(page: BrowserPage, other: Page) -> None:
     ride(page)
     saw(page, "^lqr rides")
-    page.wait_for_function(
-        "async () => (await import('/web/main.js')).live.series.step.at(-1) > 80"
-    )
+    ridden(page, 80)
     assert other.ask("push", lean_rate=0.55)["ok"]
     line = saw(page, "rides instead of lqr: ")
     why = r"it (was about to fall|leaned too fast) \(.+ is beyond .+\)\. .+ ago\.$"

@@ -117,6 +117,10 @@ class FakeSim:
         self.simulator.step(convert.to_command(commands[-1]))
         return commands[-1]
 
+    def ride_to(self, goal_id: int) -> Any:
+        """Step until the controller has taken a goal; the first command on the way to it."""
+        return self.probe.spin_until(lambda: (made := self.step()).goal_id == goal_id and made)
+
 
 # Goals.
 
@@ -154,8 +158,7 @@ def test_a_new_goal_replaces_the_old_and_one_in_the_map_will_do(
     probe.say(GOAL_POSE, goal(100.0, 0.0))
     first = sim.step()
     probe.say(GOAL_POSE, goal(0.0, 100.0, "map"))
-    probe.spin_for(0.3)
-    second = sim.step()
+    second = sim.ride_to(2)
     assert (first.goal.x, first.goal_id, second.goal.y, second.goal_id) == (100.0, 1, 100.0, 2)
     probe.spin_until(lambda: len(statuses(probe)) == 3)
     assert statuses(probe)[1:] == [(1, GoalStatus.REPLACED), (2, GoalStatus.ACTIVE)]
@@ -193,8 +196,7 @@ def test_a_reset_cancels_and_a_fall_ends_the_goal(start_controller: Any, probe: 
     sim.publish()
     probe.spin_until(lambda: statuses(probe)[-1:] == [(1, GoalStatus.CANCELLED)])
     probe.say(GOAL_POSE, goal(50.0, 0.0))
-    probe.spin_for(0.3)
-    sim.step()
+    sim.ride_to(2)
     down = sim.message()
     down.fallen = True
     probe.say(STATE, down)

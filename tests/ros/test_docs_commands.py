@@ -85,14 +85,14 @@ def ride(folder: Path, running: ExitStack) -> None:
     """What the page says to have running while one records."""
     for command in ("./ros2_ws/sim.sh", "./ros2_ws/controller.sh"):
         begin(command, FOREVER[command.removeprefix("./ros2_ws/")], folder, running)
-    subprocess.run(["./ros2_ws/goal.sh", "40", "15"], cwd=folder, check=True, timeout=60)
+    subprocess.run(["./ros2_ws/goal.sh", "40", "15"], cwd=folder, check=True, timeout=LONGEST)
 
 
 def begin(command: str, line: str, folder: Path, running: ExitStack) -> NodeProcess:
     """Start a command that runs until it is ended."""
     words = ["bash", "-c", f"exec {command}"]
     process = running.enter_context(NodeProcess(words, cwd=folder))
-    process.wait_for_line(line, 60.0)
+    process.wait_for_line(line)
     return process
 
 
@@ -105,7 +105,7 @@ def test_the_commands_of_a_page_run_as_printed(
         if run_by(command):
             continue
         if recorder is not None and "record.sh --output" not in command:
-            assert recorder.stop(signal.SIGINT, 60.0) == 0, recorder.output
+            assert recorder.stop(signal.SIGINT) == 0, recorder.output
             recorder = None
         forever = [line for start, line in FOREVER.items() if start in command]
         if forever:
@@ -115,7 +115,7 @@ def test_the_commands_of_a_page_run_as_printed(
             if "record.sh" in command:
                 recorder = process
                 look = ["./ros2_ws/topic.sh", "rate", "/bicycle/state", "--seconds", "3"]
-                subprocess.run(look, cwd=folder, check=True, timeout=60, capture_output=True)
+                subprocess.run(look, cwd=folder, check=True, timeout=LONGEST, capture_output=True)
             continue
         done = subprocess.run(
             ["bash", "-c", f". ros2_ws/env.sh && {command}"],

@@ -263,6 +263,9 @@ def test_after_a_killed_simulator_the_next_one_starts(start_sim: Any) -> None:
 
 # Watchdog, pause, reset.
 
+SLOW = 2.0
+"""s without a command; a busy machine may hold up the test's own answers for shorter ones."""
+
 
 def ride_some(probe: Probe, steps: int) -> None:
     probe.on_state = answer_upright
@@ -276,12 +279,10 @@ def sources(probe: Probe) -> list[int]:
 
 
 def test_without_commands_zero_input_is_applied_and_told(start_sim: Any, probe: Probe) -> None:
-    sim = start_sim()
+    sim = start_sim(watchdog_timeout=SLOW)
     ride_some(probe, 10)
-    sim.wait_for_line("no valid command for 0.25 s.*zero input until the next one")
-    begun = newest(probe).step
-    probe.spin_until(lambda: newest(probe).step > begun + 20)
-    assert sources(probe)[-1] == BicycleState.SOURCE_ZERO
+    sim.wait_for_line("no valid command for 2 s.*zero input until the next one")
+    probe.spin_until(lambda: set(sources(probe)[-20:]) == {BicycleState.SOURCE_ZERO})
     reports = probe[interfaces.DIAGNOSTICS]
     probe.spin_until(
         lambda: reports and any("zero input" in status.message for status in reports[-1].status)
@@ -293,10 +294,10 @@ def test_without_commands_zero_input_is_applied_and_told(start_sim: Any, probe: 
 
 
 def test_by_parameter_the_bicycle_is_held_instead(start_sim: Any, probe: Probe) -> None:
-    sim = start_sim(on_timeout="pause")
+    sim = start_sim(on_timeout="pause", watchdog_timeout=SLOW)
     ride_some(probe, 10)
-    sim.wait_for_line("no valid command for 0.25 s.*held until the next one")
-    line = sim.wait_for_line(r"no valid command for 0.25 s at step (\d+)")
+    sim.wait_for_line("no valid command for 2 s.*held until the next one")
+    line = sim.wait_for_line(r"no valid command for 2 s at step (\d+)")
     held = int(line.group(1))
     at_step(probe, held)
     probe.spin_for(0.5)

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from bicycle_sim.early import run_module
+
+    run_module("bicycle_controller.nodes.controller_node")
+
 import math
 import os
 import secrets
@@ -335,7 +340,3 @@ def main() -> None:
         + describe(ControllerSettings)
     )
     sys.exit(run(NAME, ControllerNode, usage, executor=LOOP_EXECUTOR))
-
-
-if __name__ == "__main__":
-    main()

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from bicycle_sim.early import run_module
+
+    run_module("bicycle_controller.nodes.trainer_node")
+
 import importlib.util
 import math
 import sys
@@ -240,7 +245,3 @@ def main() -> None:
         "Learns to ride the bicycle. Parameters and their defaults:\n" + describe(TrainerSettings)
     )
     sys.exit(run(NAME, TrainerNode, usage))
-
-
-if __name__ == "__main__":
-    main()

@@ -15,8 +15,20 @@ from bicycle_sim.scenario import Scenario, named
 MODES = ("faithful", "corrected")
 ROLES = ("paper", "authors", "baseline", "best", "lqr")
 """Tables 2 and 3 as printed; what the authors ran; NAF and PPO; ours; the classical controller."""
-PICTURES = ("terms", "learning", "states", "displacement", "goals", "turn", "speed", "robustness")
+PICTURES = (
+    "terms",
+    "learning",
+    "states",
+    "displacement",
+    "goals",
+    "turn",
+    "speed",
+    "robustness",
+    "cause",
+)
 """Kinds of figures, see `pictures`."""
+CAUSES = "causes"
+"""Folder of the experiments named `why-...`."""
 
 
 @dataclass(frozen=True)
@@ -112,6 +124,8 @@ class Experiment:
     """As long as the paper's."""
     short: Length
     """A minute's."""
+    reports: str = ""
+    """The same in a few words, for a table."""
     limit: int = 400
     """Steps of a full episode."""
     set: tuple[str, ...] = ()
@@ -151,10 +165,18 @@ class Experiment:
 
 
 def names() -> list[str]:
-    """The experiments, in the paper's order."""
-    folder = resources.files("bicycle_controller") / "figures"
-    found = [entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml")]
-    return sorted(found, key=lambda name: (not name.startswith("figure-"), len(name), name))
+    """The paper's figures and what is measured beside them, in the paper's order."""
+    return sorted(_files(), key=lambda name: (not name.startswith("figure-"), len(name), name))
+
+
+def causes() -> list[str]:
+    """The experiments that look for why a claim does not hold."""
+    return [f"why-{name}" for name in sorted(_files(CAUSES))]
+
+
+def _files(folder: str = "") -> list[str]:
+    found = resources.files("bicycle_controller") / "figures" / folder
+    return [entry.name[:-5] for entry in found.iterdir() if entry.name.endswith(".yaml")]
 
 
 def find(name: str) -> list[Experiment]:
@@ -163,7 +185,7 @@ def find(name: str) -> list[Experiment]:
     Raises:
         ValueError: on an unknown name, with the nearest.
     """
-    known = names()
+    known = [*names(), *causes()]
     if name == "all":
         return [load(item) for item in known]
     full = f"figure-{name}" if name.isdigit() else name
@@ -175,8 +197,11 @@ def find(name: str) -> list[Experiment]:
 
 def load(name: str) -> Experiment:
     """The experiment of a file of `figures/`."""
-    text = (resources.files("bicycle_controller") / "figures" / f"{name}.yaml").read_text()
-    return build(name, yaml_text.load(text))
+    folder = resources.files("bicycle_controller") / "figures"
+    file = folder / f"{name}.yaml"
+    if name.startswith("why-"):
+        file = folder / CAUSES / f"{name.removeprefix('why-')}.yaml"
+    return build(name, yaml_text.load(file.read_text()))
 
 
 def build(name: str, tree: dict[str, Any]) -> Experiment:

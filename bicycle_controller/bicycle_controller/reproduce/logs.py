@@ -78,6 +78,7 @@ def provenance(run: Run) -> dict[str, Any]:
     origin = json.loads((folder / "run.json").read_text())
     about = _about(run) | {"preset": run.arm.preset, "scenario": run.job.scenario}
     about |= {key: origin[key] for key in ("command", "commit", "started")}
+    about["processor"] = origin.get("processor", "unknown")
     result = json.loads(run.job.result.read_text())
     keys = ("status", "steps", "updates", "wall_s", "cpu_s", "error")
     return about | {key: result[key] for key in keys if key in result}

@@ -131,14 +131,15 @@ def _robustness(data: Data) -> Figure:
     for item in data.rides:
         place = [variant.name for variant in variants].index(item["variant"])
         table[riders.index(item["rider"]), place] = 100.0 * item["reached"][0]
-    drawing = figure(12.0, 1.9 + 0.38 * len(riders))
+    drawing = figure(max(8.0, 12.0 * min(1.0, len(variants) / 15)), 1.9 + 0.38 * len(riders))
     axes = drawing.subplots()
     axes.grid(visible=False)
     shown = axes.imshow(table, cmap="RdYlGn", vmin=0, vmax=100, aspect="auto", alpha=0.6)
     axes.set_xticks(range(len(variants)), [v.label for v in variants], rotation=35, ha="right")
     axes.set_yticks(range(len(riders)), [label(rider) for rider in riders])
     for (row, place), value in np.ndenumerate(table):
-        axes.text(place, row, f"{value:.0f}", ha="center", va="center", fontsize=8)
+        if np.isfinite(value):
+            axes.text(place, row, f"{value:.0f}", ha="center", va="center", fontsize=8)
     drawing.colorbar(shown, ax=axes, label="goals reached (%)", pad=0.01)
     return drawing
 
@@ -152,4 +153,5 @@ KINDS: dict[str, Callable[[Data], Figure]] = {
     "turn": turn,
     "speed": speed,
     "robustness": _robustness,
+    "cause": _robustness,
 }

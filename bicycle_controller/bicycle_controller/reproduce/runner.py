@@ -14,6 +14,7 @@ from tqdm import tqdm
 from bicycle_controller.policy import write_atomically
 from bicycle_controller.reproduce import logs, riding, summary, training
 from bicycle_controller.reproduce.experiment import Experiment, Length, build, limited
+from bicycle_controller.reproduce.kept import Kept
 from bicycle_controller.reproduce.riding import Ridden
 from bicycle_controller.reproduce.tables import Row, write_table
 from bicycle_controller.run_folder import origin
@@ -61,14 +62,17 @@ def reproduce(experiment: Experiment, mode: str, length: Length, options: Option
     done = [run for run in map(training.there, planned) if run is not None]
     good = [run for run in done if run.succeeded]
     folder = out / experiment.name / mode
-    _write_training(folder, experiment, good)
+    made = [(run.arm.name, run.variant.name, run.job.seed) for run in done]
+    kept = Kept(folder, experiment, made, length.rides)
+    _write_training(folder, experiment, good, kept)
     ridden = list(riding.riders(experiment, mode, good))
     about["policies"] = {item.name: item.controller.policy_id for item in ridden if not item.seed}
-    _write_rides(folder, experiment, mode, length, ridden, progress)
+    _write_rides(folder, experiment, mode, length, ridden, kept, progress)
     wall, cpu = time.monotonic() - started[0], time.process_time() - started[1]
     about |= {"seeds": list(range(1, length.seeds + 1)), "ride_seed": riding.SEED}
     about |= {"rides": length.rides, "wall_s": round(wall, 1), "cpu_s": round(cpu, 1)}
-    about["training"] = [logs.provenance(run) for run in done]
+    trained = [*map(logs.provenance, done), *kept.training]
+    about["training"] = kept.ordered(trained)
     about["experiment"] = asdict(experiment)
     _write_json(folder / "run.json", about)
     _finish(experiment, folder)
@@ -93,18 +97,19 @@ def _finish(experiment: Experiment, folder: Path) -> None:
     draw(experiment, folder)
 
 
-def _write_training(folder: Path, experiment: Experiment, runs: list[training.Run]) -> None:
+def _write_training(
+    folder: Path, experiment: Experiment, runs: list[training.Run], kept: Kept
+) -> None:
     """What the training episodes came to, and the ways of some."""
     limit = experiment.limit
-    curves = [row for run in runs for row in logs.curves(run, limit)]
-    write_table(folder / summary.CURVES, curves)
-    scores = [row for run in runs for row in logs.evaluations(run, limit)]
-    write_table(folder / summary.EVALUATIONS, scores)
+    for name, read in ((summary.CURVES, logs.curves), (summary.EVALUATIONS, logs.evaluations)):
+        rows = [row for run in runs for row in read(run, limit)]
+        write_table(folder / name, kept.with_training(name, rows))
     if experiment.tracks and experiment.picture in ("displacement", "goals", "turn"):
         first = [run for run in runs if run.job.seed == 1]
         best = [run for run in first if run.arm.role == "best"] or first
         rows = [row for run in best for row in logs.tracks(run)]
-        write_table(folder / summary.TRACKS, rows)
+        write_table(folder / summary.TRACKS, kept.with_traces(summary.TRACKS, rows))
 
 
 def _write_rides(
@@ -113,6 +118,7 @@ def _write_rides(
     mode: str,
     length: Length,
     ridden: list[Ridden],
+    kept: Kept,
     progress: bool,
 ) -> None:
     """What the rides without noise came to, and what the picture needs of them."""
@@ -120,16 +126,21 @@ def _write_rides(
     label = f"{experiment.name} {mode}"
     for item in tqdm(ridden, desc=label, unit="controller", disable=not progress, file=sys.stderr):
         rows.append(riding.scored(experiment, mode, item, length.rides))
-    write_table(folder / summary.RIDES, rows)
+    write_table(folder / summary.RIDES, kept.with_rides(summary.RIDES, rows))
     if not experiment.tracks:
         return
     once = {(item.name, item.variant.name): item for item in reversed(ridden)}
     count = experiment.tracks if length.rides >= experiment.tracks else length.rides
-    _write_traces(folder, experiment, mode, list(reversed(once.values())), count)
+    _write_traces(folder, experiment, mode, list(reversed(once.values())), count, kept)
 
 
 def _write_traces(
-    folder: Path, experiment: Experiment, mode: str, ridden: list[Ridden], count: int
+    folder: Path,
+    experiment: Experiment,
+    mode: str,
+    ridden: list[Ridden],
+    count: int,
+    kept: Kept,
 ) -> None:
     """The states of a ride, the ways of many, or how their speed goes."""
     physics = Physics.named(mode)
@@ -145,7 +156,7 @@ def _write_traces(
         if experiment.picture == "goals" and item is best:
             rows.setdefault(summary.WAYS, []).extend(riding.ways(item, made))
     for name, table in rows.items():
-        write_table(folder / name, table)
+        write_table(folder / name, kept.with_traces(name, table))
 
 
 def _write_json(path: Path, value: dict[str, Any]) -> None:

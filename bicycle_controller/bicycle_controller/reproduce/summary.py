@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from bicycle_controller.evaluate import wilson
 from bicycle_controller.reproduce.tables import (
     Row,
     column,
@@ -15,6 +14,7 @@ from bicycle_controller.reproduce.tables import (
     interval,
     read_table,
     select,
+    share,
 )
 from bicycle_sim.task import OBSERVATION_FIELDS
 
@@ -41,8 +41,9 @@ def summarise(folder: Path) -> dict[str, Any]:
 def training(rows: list[Row]) -> list[dict[str, Any]]:
     """Each arm on each variant: `first` and `last` tenth of its runs, [mean, low, high].
 
-    `return`, `steps` and so on are means per episode; the intervals are over the runs. `length`
-    is in full episodes, of the shortest run, `longest` of the longest.
+    `return`, `steps` and so on are means per episode; the intervals are over the runs, and
+    `return_by_run` is what they are made of. `length` is in full episodes, of the shortest run,
+    `longest` of the longest.
     """
     found = []
     for arm, role, variant in distinct(rows, "arm", "role", "variant"):
@@ -52,27 +53,43 @@ def training(rows: list[Row]) -> list[dict[str, Any]]:
         entry: dict[str, Any] = {"arm": arm, "role": role, "variant": variant}
         entry |= {"runs": len(seeds), "length": float(min(ends)), "longest": float(max(ends))}
         for part in ("first", "last"):
-            entry[part] = {
-                name: interval([_tenth(select(mine, seed=seed), name, part) for seed in seeds])
+            by_run = {
+                name: [_tenth(select(mine, seed=seed), name, part) for seed in seeds]
                 for name in (*MEASURES, *TERMS)
             }
+            entry[part] = {name: interval(values) for name, values in by_run.items()}
+            counts = [_episodes(select(mine, seed=seed), part) for seed in seeds]
+            for name in ("reached", "fallen"):
+                hits = np.clip(np.rint(np.multiply(by_run[name], counts)), 0, counts)
+                entry[part][name] = share(hits, counts)
+            entry[part]["return_by_run"] = by_run["return"]
         found.append(entry)
     return found
 
 
 def _tenth(rows: list[Row], name: str, part: str) -> float:
     """Mean over the episodes of the first or the last tenth of one run."""
-    at, weights = column(rows, "at"), column(rows, "episodes")
-    end = at.max()
-    mine = at <= max(TENTH * end, at.min()) if part == "first" else at > (1.0 - TENTH) * end
+    mine, weights = _within(rows, part), column(rows, "episodes")
     return float(np.average(column(rows, name)[mine], weights=weights[mine]))
+
+
+def _episodes(rows: list[Row], part: str) -> int:
+    """Episodes of the first or the last tenth of one run."""
+    return int(column(rows, "episodes")[_within(rows, part)].sum())
+
+
+def _within(rows: list[Row], part: str) -> np.ndarray:
+    """Which rows of one run belong to its first or last tenth."""
+    at = column(rows, "at")
+    end = at.max()
+    return at <= max(TENTH * end, at.min()) if part == "first" else at > (1.0 - TENTH) * end
 
 
 def rides(rows: list[Row]) -> list[dict[str, Any]]:
     """Each controller on each variant, over the runs it was trained in.
 
-    Rates are over all rides, with Wilson's 95 % interval; `return`, `steps`, `time_s` and so on
-    are [mean, low, high] over runs.
+    Rates are `tables.share` of all rides; `return`, `steps`, `time_s` and so on are [mean, low,
+    high] over runs.
     """
     found = []
     for rider, role, variant in distinct(rows, "rider", "role", "variant"):
@@ -81,9 +98,9 @@ def rides(rows: list[Row]) -> list[dict[str, Any]]:
         entry: dict[str, Any] = {"rider": rider, "role": role, "variant": variant}
         entry |= {"runs": len(mine), "rides": total}
         for name in ("reached", "fallen", "orbits"):
-            hits = int(column(mine, name).sum())
-            entry[name] = [hits / total, *wilson(hits, total)]
-        entry["reached_by_run"] = (column(mine, "reached") / column(mine, "rides")).tolist()
+            entry[name] = share(column(mine, name), column(mine, "rides"))
+        for name in ("reached", "fallen"):
+            entry[f"{name}_by_run"] = (column(mine, name) / column(mine, "rides")).tolist()
         entry["time_s"] = interval(column(mine, "median_time_s"))
         for name in ("return", "steps", "path_ratio", "peak_lean", "speed"):
             entry[name] = interval(column(mine, name))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-import signal
 import sys
 from collections.abc import Callable, Sequence
 from itertools import pairwise
@@ -23,6 +22,7 @@ except ImportError:
     EventsExecutor = None
 
 from bicycle_sim import yaml_text
+from bicycle_sim.early import on_signals
 from bicycle_sim.nodes import security
 from bicycle_sim.nodes.heartbeat import VARIABLE, Heartbeat
 
@@ -56,14 +56,6 @@ class _Stop:
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         self.asked = True
-
-
-def on_signals(handler: Callable[[int, FrameType | None], object]) -> None:
-    """Have `handler` called when the program is asked to end, or its terminal is closed."""
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        # nohup has SIGHUP ignored.
-        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
-            signal.signal(number, handler)
 
 
 def run(

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from bicycle_sim.early import run_module
+
+    run_module("bicycle_sim.nodes.sim_node")
+
 import math
 import sys
 import time
@@ -321,7 +326,3 @@ def main() -> None:
         "Simulates one bicycle at 40 Hz. Parameters and their defaults:\n" + describe(SimSettings)
     )
     sys.exit(run(NAME, SimNode, usage, executor=LOOP_EXECUTOR))
-
-
-if __name__ == "__main__":
-    main()

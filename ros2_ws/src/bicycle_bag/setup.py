@@ -24,9 +24,9 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "bicycle_record = bicycle_bag.nodes.recorder_node:main",
-            "bicycle_play = bicycle_bag.nodes.player_node:main",
-            "bicycle_repair = bicycle_bag.repair:main",
+            "bicycle_record = bicycle_bag.programs:record",
+            "bicycle_play = bicycle_bag.programs:play",
+            "bicycle_repair = bicycle_bag.programs:repair",
         ],
     },
 )

@@ -34,12 +34,12 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "bicycle_ride = bicycle_bringup.nodes.ride:main",
-            "bicycle_report = bicycle_bringup.ride_page.command:main",
-            "bicycle_foxglove = bicycle_bringup.nodes.foxglove_server:main",
-            "bicycle_goal = bicycle_bringup.nodes.goal:main",
-            "bicycle_topic = bicycle_bringup.nodes.topic:main",
-            "bicycle_verify = bicycle_bringup.nodes.verify:main",
+            "bicycle_ride = bicycle_bringup.programs:ride",
+            "bicycle_report = bicycle_bringup.programs:report",
+            "bicycle_foxglove = bicycle_bringup.programs:foxglove",
+            "bicycle_goal = bicycle_bringup.programs:goal",
+            "bicycle_topic = bicycle_bringup.programs:topic",
+            "bicycle_verify = bicycle_bringup.programs:verify",
         ],
     },
 )

@@ -22,6 +22,6 @@ setup(
     description="Shows the bicycle in the browser, takes goals there, and scrubs through bags.",
     license="Apache-2.0",
     entry_points={
-        "console_scripts": ["bicycle_cockpit = bicycle_cockpit.nodes.cockpit:main"],
+        "console_scripts": ["bicycle_cockpit = bicycle_cockpit.programs:cockpit"],
     },
 )

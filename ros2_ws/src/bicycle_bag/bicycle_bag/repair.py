@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from bicycle_sim.early import run_module
+
+    run_module("bicycle_bag.repair")
+
 import contextlib
 import itertools
 import os
@@ -244,7 +249,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
     print(f"{bag}: {report}")
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from bicycle_sim.early import run_module
+
+    run_module("bicycle_bringup.circle")
+
 import json
 import sys
 from pathlib import Path
@@ -73,7 +78,3 @@ def main() -> None:
     before, after, comparison = (json.loads((folder / name).read_text()) for name in names)
     print(text_of(before, after, comparison))
     sys.exit(BETTER if is_better(comparison) else NOT_BETTER)
-
-
-if __name__ == "__main__":
-    main()

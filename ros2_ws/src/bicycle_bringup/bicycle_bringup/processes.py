@@ -12,12 +12,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from bicycle_sim import early
+
 PATIENCE = 10.0
 """s that a process gets to follow a signal: on a busy machine it is slow, not stuck."""
 FIRST_WORD, NEXT_WORD = 2.0, 10.0
 """s after which people are told that somebody is waited for, and between such lines."""
-ASKED = (-signal.SIGINT, -signal.SIGTERM)
-"""Ends as good as any of a process that saves nothing, such as one that is still starting."""
+ASKED = (-signal.SIGINT, -signal.SIGTERM, 128 + signal.SIGINT, 128 + signal.SIGTERM)
+"""Ends as good as any of a process that has nothing to save, such as one that is starting."""
 LOOK = 0.05
 """s between two looks at a process that is waited for."""
 
@@ -83,6 +85,7 @@ class Child:
         log: file that its output is added to.
         registry: folder where stop.sh looks for what runs; None leaves no note.
         saves: what it writes that must not be lost: then it is waited for, and never killed.
+        early: whether it answers signals by `bicycle_sim.early`, so that none can be too early.
     """
 
     def __init__(
@@ -92,11 +95,13 @@ class Child:
         log: Path,
         registry: Path | None = None,
         saves: str = "",
+        early: bool = False,
     ) -> None:
         self.name = name
         self.command = list(command)
         self.log = log
         self.saves = saves
+        self._early = early
         self._registry = registry
         self._note: Path | None = None
         self._process: subprocess.Popen[bytes] | None = None
@@ -110,7 +115,7 @@ class Child:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                preexec_fn=_die_with_parent,
+                preexec_fn=_begin_early if self._early else _die_with_parent,
             )
         if self._registry is not None:
             self._registry.mkdir(parents=True, exist_ok=True)
@@ -170,6 +175,10 @@ class Child:
         self._forget()
         return self._process.returncode
 
+    def is_well(self, status: int) -> bool:
+        """Whether that is how it should end: with 0, or asked to before it had begun to save."""
+        return status == 0 or (status in ASKED and not (self.saves and Path(self.saves).exists()))
+
     def left(self) -> str:
         """A line for people who did not wait for it."""
         assert self._process is not None
@@ -192,6 +201,7 @@ class Crew:
         folder: where their logs go.
         registry: as for `Child`.
         saves: by name, what one writes; see `Child`.
+        early: as for `Child`.
     """
 
     def __init__(
@@ -200,10 +210,11 @@ class Crew:
         folder: Path,
         registry: Path | None = None,
         saves: Mapping[str, str] | None = None,
+        early: bool = False,
     ) -> None:
         self._children = {
             name: Child(
-                name, command, folder / f"{name}.log", registry, (saves or {}).get(name, "")
+                name, command, folder / f"{name}.log", registry, (saves or {}).get(name, ""), early
             )
             for name, command in commands.items()
         }
@@ -238,7 +249,7 @@ class Crew:
             status = child.stop(vigil)
             if status is None:
                 lines.append(child.left())
-            elif status != 0 and (child.saves or status not in ASKED):
+            elif not child.is_well(status):
                 lines.append(f"{Exit(name, status)}: {self.last_words(name)}")
         return lines
 
@@ -251,6 +262,12 @@ class Crew:
 def _die_with_parent() -> None:
     """Have the kernel send SIGTERM when the ride is gone, even by SIGKILL."""
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+def _begin_early() -> None:
+    """The same for a program that unblocks signals when it can answer them."""
+    early.block()
+    _die_with_parent()
 
 
 def _start_time(pid: int) -> str:

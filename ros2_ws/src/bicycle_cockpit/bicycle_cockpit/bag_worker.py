@@ -8,6 +8,11 @@ that who waits knows which one takes too long.
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from bicycle_sim.early import run_module
+
+    run_module("bicycle_cockpit.bag_worker")
+
 import ctypes
 import gzip
 import json
@@ -142,7 +147,3 @@ def main() -> int:
     for line in sys.stdin:
         worker.answer(json.loads(line))
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from bicycle_sim.early import run_module
+
+    run_module("bicycle_bag.nodes.player_node")
+
 import argparse
 import re
 import sys
@@ -161,7 +166,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"bicycle_play: {error}", file=sys.stderr)
         return 1
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -13,6 +12,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from bicycle_sim.early import on_signals
 from bicycle_sim.nodes.interfaces import Service
 from bicycle_sim.nodes.runner import start_tool
 
@@ -108,8 +108,7 @@ def run_tool(name: str, ros: Sequence[str], act: Callable[[Caller], int]) -> int
     """
     start_tool(name, ros)
     caller = Caller(f"_bicycle_{name.partition('.')[0]}")
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, caller.on_signal)
+    on_signals(caller.on_signal)
     try:
         return act(caller)
     except CallError as error:

@@ -7,6 +7,11 @@ so each call is a line in a queue that the node's one thread works off.
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from bicycle_sim.early import run_module
+
+    run_module("bicycle_bringup.nodes.foxglove_server")
+
 import functools
 import queue
 import sys
@@ -273,7 +278,3 @@ def main() -> None:
         + describe(FoxgloveSettings)
     )
     sys.exit(run(NAME, FoxgloveServer, usage))
-
-
-if __name__ == "__main__":
-    main()

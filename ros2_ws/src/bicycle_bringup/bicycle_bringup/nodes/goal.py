@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from bicycle_sim.early import run_module
+
+    run_module("bicycle_bringup.nodes.goal")
+
 import argparse
 import math
-import signal
 import sys
 import time
 from collections.abc import Callable
@@ -20,6 +24,7 @@ from bicycle_bringup.nodes.calling import LYING, NOBODY
 from bicycle_bringup.nodes.rider import Rider, progress_text
 from bicycle_bringup.plan import Plan
 from bicycle_controller.goals import Status
+from bicycle_sim.early import on_signals
 from bicycle_sim.nodes.runner import start_tool
 
 EXIT = {Status.REACHED: 0, Status.FALLEN: LYING, Status.MISSED: 4, Status.GIVEN_UP: 4}
@@ -257,8 +262,7 @@ def main() -> int:
     start_tool("goal.sh", ros)
     rider = Rider("bicycle_goal")
     errand = Errand(rider, given.goals, given.timeout)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, errand.on_signal)
+    on_signals(errand.on_signal)
     try:
         errand.send()
         if given.wait:
@@ -272,7 +276,3 @@ def main() -> int:
     finally:
         rider.close()
         rclpy.try_shutdown()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

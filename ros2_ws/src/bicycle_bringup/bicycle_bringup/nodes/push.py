@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from bicycle_sim.early import run_module
+
+    run_module("bicycle_bringup.nodes.push")
+
 import argparse
 import sys
 
@@ -56,7 +61,3 @@ def main() -> int:
     """Do what the command line says; returns the exit status."""
     given, ros = parse(sys.argv[1:])
     return run_tool("push.sh", ros, lambda caller: push(caller, given))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from bicycle_sim.early import run_module
+
+    run_module("bicycle_bringup.nodes.reset")
+
 import argparse
 import math
 import sys
@@ -64,7 +69,3 @@ def main() -> int:
     """Do what the command line says; returns the exit status."""
     given, ros = parse(sys.argv[1:])
     return run_tool("reset.sh", ros, lambda caller: reset(caller, given))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

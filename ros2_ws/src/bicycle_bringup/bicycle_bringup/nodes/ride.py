@@ -6,6 +6,11 @@ ends them in an order that leaves the bag whole.
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from bicycle_sim.early import run_module
+
+    run_module("bicycle_bringup.nodes.ride")
+
 import math
 import os
 import signal
@@ -25,7 +30,8 @@ from bicycle_bringup.report import report
 from bicycle_bringup.ride_options import MODULES, RideOptions, parse, workspace
 from bicycle_bringup.summary import RideSummary
 from bicycle_controller.goals import Status
-from bicycle_sim.nodes.runner import on_signals, start_tool
+from bicycle_sim.early import on_signals
+from bicycle_sim.nodes.runner import start_tool
 
 DISCOVERY = 0.5
 """s for nodes of this machine to be seen."""
@@ -71,7 +77,7 @@ class Ride:
         self._recorder = f"{RECORDER}_{os.getpid()}"
         commands["recorder"] += ["--ros-args", "-r", f"__node:={self._recorder}"]
         saves = {"recorder": str(options.folder / "bag")}
-        self._crew = Crew(commands, options.folder, registry_of(workspace()), saves)
+        self._crew = Crew(commands, options.folder, registry_of(workspace()), saves, True)
         self._ctrl_c = 0
         self._plan = Plan(options.draw_goals())
         self._deaths = self._warned = 0
@@ -330,7 +336,3 @@ def _sum_up(options: RideOptions, one: Ride, failed: bool) -> int:
 def main() -> None:
     """Ride as the command line says."""
     sys.exit(ride(parse(sys.argv[1:], workspace())))
-
-
-if __name__ == "__main__":
-    main()

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from bicycle_sim.early import run_module
+
+    run_module("bicycle_bringup.nodes.service")
+
 import argparse
 import importlib
 import sys
@@ -125,7 +130,3 @@ def main() -> int:
     """Do what the command line says; returns the exit status."""
     given, ros = parse(sys.argv[1:])
     return run_tool("service.sh", ros, lambda caller: int(given.action(caller, given)))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

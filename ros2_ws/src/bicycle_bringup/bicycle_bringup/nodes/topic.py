@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from bicycle_sim.early import run_module
+
+    run_module("bicycle_bringup.nodes.topic")
+
 import argparse
 import importlib
-import signal
 import sys
 import time
 from collections.abc import Callable, Iterable
@@ -22,6 +26,7 @@ from bicycle_bringup.nodes.filling import FillingError
 from bicycle_bringup.nodes.flat import flat, shown
 from bicycle_bringup.rates import Rate
 from bicycle_sim.config import nearest
+from bicycle_sim.early import on_signals
 from bicycle_sim.nodes.runner import start_tool
 
 DISCOVERY = 1.0
@@ -239,8 +244,7 @@ def main() -> int:
     given, ros = parse(sys.argv[1:])
     start_tool("topic.sh", ros)
     watcher = Watcher()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, watcher.on_signal)
+    on_signals(watcher.on_signal)
     try:
         status: int = given.action(watcher, given)
         return status
@@ -253,7 +257,3 @@ def main() -> int:
     finally:
         watcher.close()
         rclpy.try_shutdown()
-
-
-if __name__ == "__main__":
-    sys.exit(main())

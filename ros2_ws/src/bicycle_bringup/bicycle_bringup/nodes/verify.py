@@ -9,6 +9,11 @@ is computed from the recorded one again.
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from bicycle_sim.early import run_module
+
+    run_module("bicycle_bringup.nodes.verify")
+
 import math
 import struct
 import sys
@@ -354,7 +359,3 @@ def main() -> int:
         return 130
     print(f"{path}: {verdict}")
     return 0 if verdict.same else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from bicycle_sim.early import run_module
+
+    run_module("bicycle_bringup.ride_page.command")
+
 import argparse
-import signal
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -101,7 +105,6 @@ def _write(path: Path, write: Callable[[Path], object]) -> Path:
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command; returns its exit status."""
     options = parse(arguments)
-    signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         for path in report(options):
             print(path)
@@ -115,7 +118,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("report.sh: interrupted; nothing was written", file=sys.stderr)
         return INTERRUPTED
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -129,6 +129,7 @@ class Asking:
         if self._node.count_publishers(interfaces.COMMAND.name) == 0:
             reply(False, "no controller runs: start ros2_ws/controller.sh")
             return
+        self._live.goals.send(points)
         if len(points) == 1:
             self._topics[interfaces.GOAL_POSE.name].publish(to_pose(points[0], heading))
         else:

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+if __name__ == "__main__":
+    from bicycle_sim.early import run_module
+
+    run_module("bicycle_cockpit.nodes.cockpit")
+
 import os
 import signal
 import sys
@@ -14,8 +19,9 @@ from bicycle_cockpit.nodes.cockpit_node import NAME, CockpitNode
 from bicycle_cockpit.nodes.recording import Recording
 from bicycle_cockpit.options import RIDE, Options, parse
 from bicycle_cockpit.trouble import Line
+from bicycle_sim.early import on_signals
 from bicycle_sim.nodes import interfaces
-from bicycle_sim.nodes.runner import UserError, on_signals, run
+from bicycle_sim.nodes.runner import UserError, run
 
 BACK_OFF = 1.0
 """s between a process's death and its next start."""
@@ -41,7 +47,7 @@ class Ride:
         if not options.ride:
             return
         commands = {name: node_command(name, config_folder(), options.parameters) for name in RIDE}
-        self._crew = Crew(commands, logs, registry_of(workspace()))
+        self._crew = Crew(commands, logs, registry_of(workspace()), early=True)
         self._crew.start()
 
     def look(self) -> Line | None:
@@ -147,7 +153,3 @@ def _end(ride: Ride, recording: Recording) -> list[str]:
 
 def _tell(line: str) -> None:
     print(f"cockpit.sh: {line}", file=sys.stderr, flush=True)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -10,8 +10,8 @@ from typing import Any
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from bicycle_cockpit.bucket import Bucket
 from bicycle_cockpit.choices import Choices
+from bicycle_cockpit.event_room import EventRoom
 from bicycle_cockpit.live import Live
 from bicycle_cockpit.nodes.asking import Asking
 from bicycle_cockpit.nodes.hearing import Hearing
@@ -28,8 +28,6 @@ NAME = "bicycle_cockpit"
 FRAME_PERIOD = 0.04
 """s between two frames."""
 STATUS_PERIOD = 0.25
-EVENT_RATE, EVENT_BURST = 10.0, 100.0
-"""Events that are told a second in the long run, and at once: goals can be sent at any rate."""
 
 
 class CockpitNode(Node):
@@ -55,8 +53,7 @@ class CockpitNode(Node):
         self._recording, self._on_tick = recording, on_tick
         self._trouble = Trouble(options.ride)
         self._asking = Asking(self, self.live, self._choices, recording)
-        self._event_bucket = Bucket(EVENT_RATE, EVENT_BURST)
-        self._untold = 0
+        self._room = EventRoom()
         self._inbox: queue.SimpleQueue[tuple[int, Request | None]] = queue.SimpleQueue()
         self.server = Server(
             options.door,
@@ -112,6 +109,10 @@ class CockpitNode(Node):
         if line is not None:
             self._tell(line.level, line.text, kind="process")
             self._trouble.told(line)
+        left_out = self._room.left_out()
+        if left_out:
+            words = f"{left_out} more events came at once and are not listed"
+            self.server.letter(self.live.event("info", words))
         controllers = self.count_publishers(interfaces.COMMAND.name)
         status = self.live.status(
             pages=self.server.pages,
@@ -136,15 +137,9 @@ class CockpitNode(Node):
         return reply
 
     def _tell(self, level: str, text: str, **more: Any) -> None:
-        """Tell all pages that something happened; what is not bad may be too much to tell."""
-        if level != "bad" and not self._event_bucket.take():
-            self._untold += 1
-            return
-        if self._untold:
-            words = f"{self._untold} more events came at once and are not listed"
-            self._untold = 0
-            self.server.letter(self.live.event("info", words))
-        self.server.letter(self.live.event(level, text, **more))
+        """Tell all pages that something happened, where there is room for it."""
+        if self._room.take(str(more.get("kind", ""))):
+            self.server.letter(self.live.event(level, text, **more))
 
     def _newest(self, data: dict[str, Any]) -> None:
         """Tell all pages something that replaces what was of its type; riders get colours."""

@@ -57,7 +57,7 @@ class Recording:
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             command = [*program("recorder"), "--output", bag]
-            child = Child("recorder", command, log, registry_of(workspace()), saves=bag)
+            child = Child("recorder", command, log, registry_of(workspace()), bag, early=True)
             self._read_from = log.stat().st_size if log.exists() else 0
             child.start()
         except OSError as error:
@@ -91,10 +91,11 @@ class Recording:
         name, last = self._name, child.last_lines(1)
         self._child, self._ending, self._name = None, None, ""
         self._words.clear()
-        if exit_ is not None and exit_.status != 0:
+        if exit_ is not None and not child.is_well(exit_.status):
             self.failures.append(f"{exit_}: {last[0] if last else 'it said nothing'}")
             return Line("bad", self.failures[-1])
-        return Line("info", f"recorded {name}")
+        begun = (self._folder / name).exists()
+        return Line("info", f"recorded {name}" if begun else f"{name} was ended before it began")
 
     def _first_message(self, child: Child) -> Line | None:
         """A line once the recorder has said that it hears the bicycle."""

@@ -1,0 +1,96 @@
+"""Results of runs that are not on this machine: they stay when others are made beside them.
+
+Training runs are large and stay where they were made; what is kept of them is a folder of CSVs.
+So where that folder holds rows of a run that is not among those here, and the experiment is the
+same, its rows and its line of `run.json` are kept.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from bicycle_controller.reproduce.experiment import Experiment
+from bicycle_controller.reproduce.tables import Row, read_table
+
+SAME = ("scenario", "set", "ride_set", "limit", "variants", "train_variants", "tracks")
+"""What must not differ between two experiments whose rows stand in one table."""
+Key = tuple[str, str, int]
+"""Arm, variant and seed."""
+
+
+class Kept:
+    """What a folder holds of runs that were made elsewhere.
+
+    Attributes:
+        training: their entries of `run.json`.
+    """
+
+    def __init__(
+        self, folder: Path, experiment: Experiment, made: Iterable[Key], rides: int
+    ) -> None:
+        """Read the folder.
+
+        Args:
+            folder: of the experiment in one mode, perhaps empty.
+            experiment: what is run now.
+            made: the runs that are here.
+            rides: of each controller's score.
+        """
+        self._folder, self._experiment = folder, experiment
+        file = folder / "run.json"
+        old = json.loads(file.read_text()) if file.exists() else {"training": []}
+        here, names = set(made), [arm.name for arm in experiment.arms]
+        self.training: list[dict[str, Any]] = [
+            entry
+            for entry in old["training"]
+            if self._fits(old, rides) and entry["arm"] in names and _key(entry) not in here
+        ]
+        self._runs = {_key(entry) for entry in self.training}
+        self._arms = {(arm, seed) for arm, _, seed in self._runs}
+
+    def _fits(self, old: dict[str, Any], rides: int) -> bool:
+        now = json.loads(json.dumps(asdict(self._experiment)))
+        same = all(old["experiment"].get(name) == now[name] for name in SAME)
+        return same and old["rides"] == rides
+
+    def with_training(self, name: str, rows: list[Row]) -> list[Row]:
+        """Rows of training runs, and those that are kept, in the order of the runs."""
+        mine = [row for row in self._rows(name) if _key(row) in self._runs]
+        return self.ordered([*rows, *mine])
+
+    def with_rides(self, name: str, rows: list[Row]) -> list[Row]:
+        """Rows of scored controllers, and those that are kept."""
+        mine = [row for row in self._rows(name) if (row["rider"], row["seed"]) in self._arms]
+        return self.ordered([*rows, *mine])
+
+    def with_traces(self, name: str, rows: list[Row]) -> list[Row]:
+        """Rows of single rides, and those of controllers that have none here."""
+        there = {(row["rider"], row["variant"]) for row in rows}
+        kept = {arm for arm, _ in self._arms}
+        mine = [row for row in self._rows(name) if row["rider"] in kept]
+        return [*rows, *(row for row in mine if (row["rider"], row["variant"]) not in there)]
+
+    def ordered(self, rows: list[Row]) -> list[Row]:
+        """Training runs by seed, variant and arm; rides by variant, trained controllers first."""
+        item = self._experiment
+        arms = [*(arm.name for arm in item.arms), *(rider.name for rider in item.riders)]
+        variants = [variant.name for variant in item.variants]
+
+        def place(row: Row) -> tuple[int, ...]:
+            variant = variants.index(row["variant"]) if row["variant"] in variants else 0
+            if "rider" not in row:
+                return row["seed"], variant, arms.index(row["arm"])
+            return variant, row["seed"] == 0, row["seed"], arms.index(row["rider"])
+
+        return sorted(rows, key=place)
+
+    def _rows(self, name: str) -> list[Row]:
+        return read_table(self._folder / name) if self.training else []
+
+
+def _key(row: dict[str, Any]) -> Key:
+    return row["arm"], row["variant"], row["seed"]
