@@ -89,6 +89,31 @@ def test_results_md_follows_from_the_committed_data() -> None:
             assert (ROOT / PAGES / link).exists(), (name, link)
 
 
+def test_no_interval_on_a_page_leaves_what_there_can_be() -> None:
+    number = r"(−?[0-9][0-9,.]*)"
+    pattern = re.compile(rf"{number}( %| s|) \({number} to {number}\)")
+    count = 0
+    for text in render_pages(COMMITTED, ROOT).values():
+        for match in pattern.finditer(text):
+            found = (match[1], match[3], match[4])
+            value, low, high = (float(x.replace(",", "").replace("−", "-")) for x in found)
+            assert low <= value <= high, match[0]
+            if match[2] == " %":
+                assert 0.0 <= low <= high <= 100.0, match[0]
+            elif match[2] == " s":
+                assert low > 0.0, match[0]
+            count += 1
+    assert count > 600
+
+
+def test_a_mean_over_runs_says_so() -> None:
+    for name, text in render_pages(COMMITTED, ROOT).items():
+        for line in text.splitlines():
+            cells = line.split(" | ")
+            if len(cells) > 5 and re.match(r"[0-9−,]+ \(", cells[2] + cells[4]):
+                assert re.match(r"[0-9]+ × ", cells[1]), (name, line)
+
+
 def test_no_number_of_results_md_is_written_by_hand() -> None:
     """Times and settings are, as `10 s` and `±0.003`: what came out has a share or a sign."""
     text = re.sub(r"\{[^}]*\}", "", (COMMITTED / "summary.md").read_text())
