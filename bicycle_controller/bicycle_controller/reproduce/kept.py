@@ -43,19 +43,20 @@ class Kept:
         self._folder, self._experiment = folder, experiment
         file = folder / "run.json"
         old = json.loads(file.read_text()) if file.exists() else {"training": []}
-        here, names = set(made), [arm.name for arm in experiment.arms]
+        here, arms = set(made), self._same_arms(old, rides)
         self.training: list[dict[str, Any]] = [
-            entry
-            for entry in old["training"]
-            if self._fits(old, rides) and entry["arm"] in names and _key(entry) not in here
+            entry for entry in old["training"] if entry["arm"] in arms and _key(entry) not in here
         ]
         self._runs = {_key(entry) for entry in self.training}
         self._arms = {(arm, seed) for arm, _, seed in self._runs}
 
-    def _fits(self, old: dict[str, Any], rides: int) -> bool:
+    def _same_arms(self, old: dict[str, Any], rides: int) -> set[str]:
+        """Names of the arms whose rows may stay: none where the experiment is another."""
         now = json.loads(json.dumps(asdict(self._experiment)))
-        same = all(old["experiment"].get(name) == now[name] for name in SAME)
-        return same and old["rides"] == rides
+        then = old.get("experiment", {})
+        if old.get("rides") != rides or any(then.get(name) != now[name] for name in SAME):
+            return set()
+        return {arm["name"] for arm in now["arms"] if arm in then["arms"]}
 
     def with_training(self, name: str, rows: list[Row]) -> list[Row]:
         """Rows of training runs, and those that are kept, in the order of the runs."""
