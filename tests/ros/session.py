@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import functools
 import json
 import math
 import re
@@ -23,6 +22,7 @@ import tempfile
 import time
 import urllib.request
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TextIO, TypeVar
 
@@ -34,7 +34,6 @@ from hypothesis.stateful import (
     RuleBasedStateMachine,
     initialize,
     invariant,
-    precondition,
     rule,
     run_state_machine_as_test,
 )
@@ -58,7 +57,7 @@ NEAR = 2.0
 """m between a bicycle and a goal that it is told to have reached: it rides on for some steps."""
 SMALL = "ddpg.actor_hidden=[16,16] ddpg.critic_hidden=[16,16] ddpg.batch=32 evaluation.episodes=4"
 SIGNALS = st.sampled_from([signal.SIGINT, signal.SIGTERM])
-CHOICE = st.integers(0, 100)
+CHOICE = st.integers(0, 10**6)
 POINTS = st.tuples(st.integers(-30, 30), st.integers(-30, 30))
 
 
@@ -192,23 +191,26 @@ def chosen(those: Sequence[One], which: int) -> One:
     return those[which % len(those)]
 
 
+@dataclass(frozen=True)
+class Command:
+    """When a command can be given, and with what."""
+
+    needs: Callable[[Any], object]
+    drawn: dict[str, st.SearchStrategy[Any]]
+
+
+COMMANDS: dict[str, Command] = {}
+"""By the name of the method that gives it."""
+
+
 def command(
     needs: Callable[[Any], object] = lambda _: True, **drawn: Any
 ) -> Callable[[Rule], Rule]:
-    """A rule for when its needs are met; without effect where nobody is there or time is up."""
+    """A method that gives a command, for when its needs are met."""
 
     def decorate(function: Rule) -> Rule:
-        @functools.wraps(function)
-        def act(self: Person, **chosen: Any) -> None:
-            if not self.there or time.monotonic() > self.until:
-                return
-            self.failed = True
-            function(self, **chosen)
-            self.failed = False
-
-        needed = precondition(lambda self: not self.there or bool(needs(self)))
-        made: Rule = needed(rule(**drawn)(act))  # type: ignore[no-untyped-call]
-        return made
+        COMMANDS[function.__name__] = Command(needs, drawn)
+        return function
 
     return decorate
 
@@ -232,6 +234,17 @@ class Person(RuleBasedStateMachine):
         if number:
             self.session, self.there = Session(self.log), True
             type(self).done = self.session.done
+
+    @rule(which=CHOICE, data=st.data())
+    def give(self, which: int, data: st.DataObject) -> None:
+        """Give any command; rules of their own would be drawn from a few of them, for long."""
+        if not self.there or time.monotonic() > self.until:
+            return
+        name = chosen([name for name, one in COMMANDS.items() if one.needs(self)], which)
+        values = {key: data.draw(values) for key, values in COMMANDS[name].drawn.items()}
+        self.failed = True
+        getattr(self, name)(**values)
+        self.failed = False
 
     def lacks(self, name: str) -> bool:
         """Whether nothing of this name runs."""

@@ -16,9 +16,11 @@ def person() -> Iterator[Person]:
     """Somebody who gives the commands that a test says, and ends all of it."""
     made = Person()
     made.come(number=1)
-    yield made
-    made.what_was_started_runs()
-    made.teardown()
+    try:
+        yield made
+        made.what_was_started_runs()
+    finally:
+        made.teardown()
 
 
 def test_a_live_session_with_everything_at_once(person: Person) -> None:
