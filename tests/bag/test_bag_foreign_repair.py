@@ -17,6 +17,7 @@ from mcap.writer import CompressionType, IndexType
 from ride_bag import make_bag, ride
 
 from bicycle_bag import container, repair
+from bicycle_bag.errors import BagError
 from bicycle_bag.reader import BagReader
 
 PRIVATE = struct.pack("<BQ", 0x9A, 11) + b"ours, alone"
@@ -201,6 +202,23 @@ def test_what_is_only_unusual_is_not_called_damaged(tmp_path: Path, name: str) -
     report = repair.repair(file.parent)
     assert (report.messages, report.rewritten, report.kept) == (len(found), [], [])
     assert file.read_bytes() == before
+
+
+@pytest.mark.parametrize("what", ["packing", "size"])
+def test_a_chunk_that_cannot_be_read_here_is_said_so_and_not_left_out(
+    tmp_path: Path, what: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = write(tmp_path / "x.mcap", chunk_size=20_000, enable_crcs=False)
+    if what == "packing":
+        file.write_bytes(file.read_bytes().replace(b"\4\0\0\0zstd", b"\4\0\0\0xyz1"))
+    else:
+        for module in ("walk", "container"):
+            monkeypatch.setattr(f"bicycle_bag.{module}.MAX_RECORD_BYTES", 9_000)
+    before = file.read_bytes()
+    for action in (lambda: list(BagReader(file).messages()), lambda: [repair.repair(file)]):
+        with pytest.raises(BagError, match=r"x\.mcap cannot be read: .* be read here$"):
+            action()
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [before]
 
 
 @pytest.mark.parametrize("name", OPTIONS)

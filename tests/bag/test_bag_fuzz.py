@@ -116,6 +116,7 @@ def survives(data: bytes, *, cut_off: bool = False) -> None:
         assert len(found) == report.messages
         lost = report.lost_messages + report.lost_chunks + report.lost_bytes
         assert lost or cut_off or len(found) == len(ride(STEPS)), report
+        assert was_whole or report.rewritten, "the remedy that is named is one"
         if was_whole:
             assert before == found
 

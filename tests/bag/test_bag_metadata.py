@@ -8,11 +8,14 @@ from typing import Any
 
 import pytest
 import yaml
+import zstandard
 from ride_bag import make_bag, ride
 
 from bicycle_bag import repair
 from bicycle_bag.errors import BagError
+from bicycle_bag.metadata import Topic
 from bicycle_bag.reader import BagReader
+from bicycle_bag.writer import BagWriter
 
 STEPS = 20
 ROOT = "rosbag2_bagfile_information"
@@ -135,6 +138,78 @@ def test_a_name_that_no_file_can_have_is_one_line(bag: Path, name: str) -> None:
     (bag / "circle").symlink_to("circle")
     name_files(bag, name)
     assert "lacks its file" in refusal(bag)
+
+
+@pytest.mark.parametrize("storage", ["", None, "missing"])
+def test_a_storage_that_is_not_named_is_mcap(bag: Path, storage: str | None) -> None:
+    content = stored(bag)
+    content["storage_identifier"] = storage
+    if storage == "missing":
+        del content["storage_identifier"]
+    store(bag, content)
+    assert BagReader(bag).message_count == 2 * STEPS + 1
+
+
+@pytest.mark.parametrize("storage", ["sqlite3", "x" * 5000, 7])
+def test_another_storage_is_named_with_a_remedy(bag: Path, storage: object) -> None:
+    store(bag, {**stored(bag), "storage_identifier": storage})
+    assert "only mcap can be read here: ros2 bag convert makes one" in refusal(bag)
+    assert "on a machine that has ROS 2" in refusal(bag)
+
+
+@pytest.mark.parametrize("mode", ["FILE", "file", "MESSAGE"])
+def test_a_bag_that_was_compressed_as_a_whole_is_unpacked_by_a_repair(
+    bag: Path, mode: str
+) -> None:
+    file, packed = bag / "bag_0.mcap", bag / "bag_0.mcap.zstd"
+    before = file.read_bytes()
+    packed.write_bytes(zstandard.compress(before))
+    file.unlink()
+    content = stored(bag)
+    (entry,) = content["files"]
+    named = {"files": [{**entry, "path": packed.name}], "relative_file_paths": [packed.name]}
+    store(bag, {**content, **named, "compression_mode": mode, "compression_format": "zstd"})
+    assert "compressed as a whole: record.sh --repair unpacks them" in refusal(bag)
+    (bag / "metadata.yaml").rename(bag / "gone")
+    assert "compressed as a whole: record.sh --repair unpacks it" in refusal(bag)
+    (bag / "gone").rename(bag / "metadata.yaml")
+    assert repair.repair(bag).messages == 2 * STEPS + 1
+    assert [(m.topic, m.data, m.log_time_ns) for m in BagReader(bag).messages()] == ride(STEPS)
+    assert file.read_bytes() == before
+    assert packed.is_file()
+
+
+def test_a_corrupt_compressed_file_is_one_line(bag: Path) -> None:
+    packed = bag / "bag_0.mcap.zstd"
+    packed.write_bytes(zstandard.compress((bag / "bag_0.mcap").read_bytes())[:-50] + b"x" * 50)
+    (bag / "bag_0.mcap").unlink()
+    with pytest.raises(BagError, match="cannot unpack") as told:
+        repair.repair(bag)
+    assert "\n" not in str(told.value)
+    assert sorted(path.name for path in bag.iterdir()) == ["bag_0.mcap.zstd", "metadata.yaml"]
+
+
+@pytest.mark.parametrize("start", [2**63 - 10**9, 2**63 - 1, 2**63 + 10**18, 2**64 - 10**10])
+def test_times_of_2262_and_beyond_are_read_and_written(tmp_path: Path, start: int) -> None:
+    bag = tmp_path / "bag"
+    with BagWriter(bag, split_seconds=0.3) as writer:
+        writer.add_topic(Topic("/numbers", "x/msg/Numbers"), "float64 x\n")
+        for number in range(STEPS):
+            now = start + number * 10**8
+            writer.write("/numbers", b"\0\1\0\0" + bytes(8), now, now)
+    written = (bag / "metadata.yaml").read_bytes()
+    for _ in ("as written", "as repaired"):
+        reader = BagReader(bag)
+        assert (reader.starting_time_ns, reader.duration_ns) == (start, (STEPS - 1) * 10**8)
+        assert [m.log_time_ns - start for m in reader.messages()] == [
+            number * 10**8 for number in range(STEPS)
+        ]
+        content = stored(bag)
+        assert content["starting_time"]["nanoseconds_since_epoch"] == min(start, 2**63 - 1)
+        assert content["duration"]["nanoseconds"] == (STEPS - 1) * 10**8
+        (bag / "metadata.yaml").unlink()
+        assert repair.repair(bag).rewritten == []
+        assert (bag / "metadata.yaml").read_bytes() == written
 
 
 def test_a_pipe_in_place_of_a_file_is_not_waited_for(bag: Path) -> None:

@@ -129,6 +129,19 @@ def test_a_start_that_no_calendar_has_is_left_out(bag: Path, tmp_path: Path) -> 
     assert entry("bag", tmp_path / "bag")["start"] is None
 
 
+@pytest.mark.parametrize("number", [2**63 + 10**18, 2**70, 2**90, -5])
+def test_a_start_beyond_all_calendars_leaves_the_bag_listed(
+    bag: Path, tmp_path: Path, number: int
+) -> None:
+    shutil.copytree(bag, tmp_path / "bag")
+    content = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())[ROOT]
+    content["files"][0]["starting_time"]["nanoseconds_since_epoch"] = number
+    change_metadata(tmp_path / "bag", files=content["files"], storage_identifier="")
+    found = entry("bag", tmp_path / "bag")
+    assert found["start"] == (number / 1e9 if number < 2**64 and number > 0 else None)
+    assert found["messages"] == 2 * STEPS + 6
+
+
 def test_a_signature_changes_with_the_bag(bag: Path, tmp_path: Path) -> None:
     shutil.copytree(bag, tmp_path / "bag")
     first = signature(tmp_path / "bag")

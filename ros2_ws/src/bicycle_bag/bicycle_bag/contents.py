@@ -9,8 +9,9 @@ from mcap.opcode import Opcode
 
 from bicycle_bag import container
 from bicycle_bag.container import DamageError, RawMessage, Record, Registry
+from bicycle_bag.errors import BagError
 from bicycle_bag.summary import Summary, read_summary
-from bicycle_bag.walk import Damage, Piece, Walk
+from bicycle_bag.walk import Damage, Piece, UnreadableError, Walk
 
 
 class Contents:
@@ -82,11 +83,12 @@ class Contents:
         if self._start:
             yield Damage(0, 0, self._start)
         with container.open_binary(self.path) as stream:
-            for piece in Walk(stream, self.size, self.summary, self.registry):
-                if isinstance(piece, Damage):
-                    yield piece
-                else:
-                    yield from self._take(piece)
+            walk = Walk(stream, self.size, self.summary, self.registry)
+            try:
+                for piece in walk:
+                    yield from self._take(piece) if isinstance(piece, Piece) else (piece,)
+            except UnreadableError as error:
+                raise BagError(f"{self.path} cannot be read: {error}") from None
 
     def _take(self, piece: Piece) -> Iterator[Piece | Damage]:
         known, channels, counts = [], self.registry.channels, self.counts

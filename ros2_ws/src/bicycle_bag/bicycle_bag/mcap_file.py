@@ -18,6 +18,7 @@ COMPRESSIONS = {
 }
 # Small, so that a killed recorder leaves little behind that was not handed over.
 CHUNK_BYTES = 32 * 1024
+_LATEST = 2**64
 
 
 class McapFile:
@@ -38,7 +39,7 @@ class McapFile:
         self.path = path
         self.topics: dict[str, Topic] = {}
         self.counts: dict[str, int] = {}
-        self._first_ns = NO_START
+        self._first_ns = _LATEST
         self._last_ns = 0
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
@@ -66,7 +67,7 @@ class McapFile:
     @property
     def first_ns(self) -> int:
         """Smallest log time, or ``NO_START``."""
-        return self._first_ns
+        return self._first_ns if self._first_ns < _LATEST else NO_START
 
     def add_topic(self, topic: Topic, definition: str) -> None:
         """Register a topic; an empty ``definition`` leaves its messages without a schema."""
@@ -145,7 +146,7 @@ class McapFile:
         count = sum(self.counts.values())
         return FileInformation(
             path=self.path.name,
-            starting_time_ns=self._first_ns,
-            duration_ns=self._last_ns - self._first_ns if count else 0,
+            starting_time_ns=self.first_ns,
+            duration_ns=self._last_ns - self.first_ns if count else 0,
             message_count=count,
         )

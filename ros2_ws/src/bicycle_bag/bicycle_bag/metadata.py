@@ -16,7 +16,7 @@ from bicycle_sim import yaml_text
 VERSION = 9
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"
-# rosbag2 writes this for a bag without messages.
+# rosbag2 writes this for a bag without messages, and knows no later time.
 NO_START = 2**63 - 1
 
 
@@ -59,7 +59,8 @@ class BagMetadata:
     @property
     def starting_time_ns(self) -> int:
         """Log time of the first message, or ``NO_START``."""
-        return min((file.starting_time_ns for file in self.files), default=NO_START)
+        starts = [file.starting_time_ns for file in self.files if file.message_count]
+        return min(starts, default=NO_START)
 
     @property
     def duration_ns(self) -> int:
@@ -72,8 +73,8 @@ class BagMetadata:
         return {
             "version": VERSION,
             "storage_identifier": "mcap",
-            "duration": {"nanoseconds": self.duration_ns},
-            "starting_time": {"nanoseconds_since_epoch": self.starting_time_ns},
+            "duration": {"nanoseconds": _signed(self.duration_ns)},
+            "starting_time": {"nanoseconds_since_epoch": _signed(self.starting_time_ns)},
             "message_count": self.message_count,
             "topics_with_message_count": [
                 {
@@ -108,10 +109,15 @@ def _topic_map(topic: Topic) -> dict[str, Any]:
 def _file_map(file: FileInformation) -> dict[str, Any]:
     return {
         "path": file.path,
-        "starting_time": {"nanoseconds_since_epoch": file.starting_time_ns},
-        "duration": {"nanoseconds": file.duration_ns},
+        "starting_time": {"nanoseconds_since_epoch": _signed(file.starting_time_ns)},
+        "duration": {"nanoseconds": _signed(file.duration_ns)},
         "message_count": file.message_count,
     }
+
+
+def _signed(nanoseconds: int) -> int:
+    """A time as rosbag2 can read it, which knows none beyond 2262."""
+    return min(nanoseconds, NO_START)
 
 
 def write(folder: Path, metadata: BagMetadata, sync: bool = True) -> None:
@@ -166,11 +172,16 @@ def from_yaml_map(content: Mapping[str, Any]) -> BagMetadata:
         BagError: The files are not MCAP or are compressed as a whole.
         KeyError, TypeError, ValueError: The map is not rosbag2's.
     """
-    storage = content["storage_identifier"]
-    if storage != "mcap":
-        raise BagError(f"the bag is stored as {storage}: convert it with ros2 bag convert to mcap")
-    if content.get("compression_mode"):
-        raise BagError("the bag's files are compressed as a whole: ros2 bag convert undoes it")
+    storage = content.get("storage_identifier")
+    if storage not in ("mcap", "", None):
+        raise BagError(
+            f"the bag is stored as {storage!s:.40}, and only mcap can be read here: "
+            "ros2 bag convert makes one of it on a machine that has ROS 2"
+        )
+    if str(content.get("compression_mode") or "none").lower() != "none":
+        raise BagError(
+            "the bag's files are compressed as a whole: record.sh --repair unpacks them"
+        )
     topics, counts = [], {}
     for entry in content["topics_with_message_count"] or []:
         topic = _read_topic(entry["topic_metadata"])

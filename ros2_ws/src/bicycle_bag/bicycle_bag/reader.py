@@ -14,6 +14,9 @@ from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import NO_START, BagMetadata, FileInformation, Topic
 from bicycle_bag.summary import Summary
 
+PACKED = ".mcap.zstd"
+"""How rosbag2 names files that it has compressed as a whole."""
+
 
 class BagMessage(NamedTuple):
     """One recorded message in its encoding, nearly always CDR; times are in nanoseconds.
@@ -209,6 +212,8 @@ def find_files(path: Path, listed: bool = True) -> list[Path]:
     if listed and (path / metadata.FILE_NAME).is_file():
         return _listed_files(path)
     files = sorted((file for file in path.glob("*.mcap") if _lies_in(path, file)), key=_natural)
+    if not files and any(path.glob(f"*{PACKED}")):
+        raise BagError(f"{path} is compressed as a whole: record.sh --repair unpacks it")
     if not files:
         raise BagError(f"{path} holds no .mcap file: name the directory that record.sh made")
     return files
@@ -274,7 +279,7 @@ def _inspect(file: Path) -> _Found:
 
 
 def _scan(contents: Contents) -> _Found:
-    first, last = NO_START, 0
+    first, last = 2**64, 0
     for message in contents.messages():
         first, last = min(first, message.log_time_ns), max(last, message.log_time_ns)
     return _Found(contents.registry, contents.counts, first, last)

@@ -26,6 +26,7 @@ from bicycle_bag.reader import BagReader, find_files
 from bicycle_bag.rewrite import Rewrite
 from bicycle_bag.salvage import Progress, Salvage
 from bicycle_bag.syncing import sync_folder
+from bicycle_bag.unpacking import unpack_files
 
 MOST_SPANS = 5
 """Of lost chunks whose times are told."""
@@ -100,6 +101,7 @@ def repair(path: Path | str, progress: Progress = lambda _: None) -> RepairRepor
     report = RepairReport()
     parts: list[BagMetadata] = []
     custom_data: dict[str, str] = {}
+    unpack_files(path)
     for source in present_files(path):
         salvage = _repair_file(source, report, progress)
         custom_data.update(salvage.custom_data)
@@ -238,6 +240,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("bag", type=Path, help="bag directory or .mcap file, repaired in place")
     bag = parser.parse_args(arguments).bag
     try:
+        unpack_files(bag)
         total = sum(container.size_of(file) for file in present_files(bag))
         with tqdm(total=total, unit="B", unit_scale=True, disable=None) as bar:
             report = repair(bag, bar.update)

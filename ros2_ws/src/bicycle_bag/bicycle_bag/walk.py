@@ -7,16 +7,14 @@ that does, and told.
 
 from __future__ import annotations
 
-import contextlib
 import re
 import struct
 import zlib
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Sequence
-from typing import Any, BinaryIO, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Header, Metadata, Schema
 
 from bicycle_bag import container
 from bicycle_bag.container import (
@@ -28,21 +26,27 @@ from bicycle_bag.container import (
     Record,
     Registry,
 )
+from bicycle_bag.proofs import MESSAGE_BYTES, PROOFS, unproved
 from bicycle_bag.summary import Summary
 
 PRIVATE = 0x80
 """From here on opcodes belong to applications."""
-_INDEX = struct.Struct("<HI")
 _CHUNK = struct.Struct("<QQQII")
-_MESSAGE_BYTES = 22
 _DEFINING = (Opcode.SCHEMA, Opcode.CHANNEL)
 _LIKELY = re.compile(rb"(?=[\x03-\x07\x09\x0c\x0f].{3}\0{5})", re.DOTALL)
 """Where a record of less than 16 MiB may begin."""
 _WINDOW = 2**20
 WRONG_CHECKSUM = "the checksum of its data is wrong"
+_SMALLER = f"chunks of more than {MAX_RECORD_BYTES >> 20} MiB cannot be read here"
+_PACK = "only zstd, lz4 and none can be read here"
 _HUGE = 2**40
+_PATIENCE = 300
 _CHAIN = 3
 """Records in a row that fit each other are no coincidence."""
+
+
+class UnreadableError(Exception):
+    """A chunk that is whole and yet cannot be read here; ``str()`` says why."""
 
 
 class Damage(NamedTuple):
@@ -92,6 +96,7 @@ class Walk:
         self._places = summary.places if summary else {}
         self._offsets = sorted(at for at in self._places if len(MAGIC) <= at < self._limit)
         self._is_chunked = summary.is_chunked if summary else None
+        self._patience = _PATIENCE
 
     def __iter__(self) -> Iterator[Piece | Damage]:
         offset, sound = len(MAGIC), True
@@ -100,12 +105,8 @@ class Walk:
             found = self._at(offset)
             if found is None:
                 end = self._resume(offset)
-                what = (
-                    "it is cut off or corrupt in the record"
-                    if end < self._size
-                    else "it is cut off"
-                )
-                found = Damage(offset, end, f"{what} at byte {offset}")
+                what = "it is cut off or corrupt in the record at byte"
+                found = Damage(offset, end, f"{what} {offset}")
             elif isinstance(found, Piece) and not self._head_is(found):
                 sound = False
                 yield Damage(offset, offset, f"the head of the record at byte {offset} is wrong")
@@ -150,8 +151,15 @@ class Walk:
     ) -> Damage:
         """A chunk that is lost; its times by the index, or else by itself."""
         for chunk in self._summary.chunks if self._summary else ():
-            if chunk.chunk_start_offset == offset:
-                span = chunk.message_start_time, chunk.message_end_time
+            if chunk.chunk_start_offset != offset:
+                continue
+            span = chunk.message_start_time, chunk.message_end_time
+            if max(chunk.uncompressed_size, chunk.chunk_length) > MAX_RECORD_BYTES:
+                raise UnreadableError(f"a chunk has {chunk.uncompressed_size} bytes: {_SMALLER}")
+            if chunk.compression not in ("", "lz4", "zstd"):
+                raise UnreadableError(
+                    f"its chunks are packed as {chunk.compression!r:.40}: {_PACK}"
+                )
         return Damage(offset, end, what, True, span)
 
     def _chunk_with_a_wrong_head(self, offset: int) -> Piece | None:
@@ -162,8 +170,19 @@ class Walk:
         if name > 4:
             return None
         (packed,) = struct.unpack_from("<Q", start, _CHUNK.size + name)
-        found = self._record(Opcode.CHUNK, offset, _CHUNK.size + name + 8 + packed)
-        return found if isinstance(found, Piece) and found.items else None
+        length = _CHUNK.size + name + 8 + packed
+        fits = self._fits(Opcode.CHUNK, offset, offset + HEAD.size + length)
+        return self._tried(offset, length) if fits else None
+
+    def _tried(self, offset: int, length: int) -> Piece | None:
+        """A chunk that may be there; whoever lays out thousands that are none is not followed."""
+        if length > MAX_RECORD_BYTES or self._patience == 0:
+            return None
+        found = self._chunk(offset, length)
+        if isinstance(found, Piece) and found.items:
+            return found
+        self._patience -= 1
+        return None
 
     def _record(self, opcode: int, offset: int, length: int) -> Piece | Damage | None:
         """A record of this kind and length, if there is one; damage where it is a broken chunk."""
@@ -176,7 +195,7 @@ class Walk:
         if opcode == Opcode.CHUNK:
             return self._chunk(offset, length)
         body = self._read(offset + HEAD.size, length)
-        proof = _PROOFS.get(opcode, _unproved)(body)
+        proof = PROOFS.get(opcode, unproved)(body)
         if proof is None or (not proof and not self._goes_on(offset, end)):
             return None
         if opcode == Opcode.MESSAGE:
@@ -191,7 +210,7 @@ class Walk:
             return end <= self._limit and offset == len(MAGIC)
         if opcode == Opcode.MESSAGE and self._is_chunked:
             return False
-        known = opcode in _PROOFS or opcode == Opcode.CHUNK or opcode >= PRIVATE
+        known = opcode in PROOFS or opcode == Opcode.CHUNK or opcode >= PRIVATE
         return known and end <= self._limit
 
     def _chunk(self, offset: int, length: int) -> Piece | Damage | None:
@@ -205,8 +224,8 @@ class Walk:
             content = container.unpack(chunk)
             items = [record for _, record in content.records()]
             for opcode, inner in items:
-                short = opcode == Opcode.MESSAGE and len(inner) < _MESSAGE_BYTES
-                if short or (opcode in _DEFINING and _PROOFS[opcode](inner) is None):
+                short = opcode == Opcode.MESSAGE and len(inner) < MESSAGE_BYTES
+                if short or (opcode in _DEFINING and PROOFS[opcode](inner) is None):
                     raise DamageError("a record in a chunk is corrupt")
         except DamageError as error:
             span = chunk.message_start_time, chunk.message_end_time
@@ -228,7 +247,7 @@ class Walk:
         # The next one's head may be what is broken, or it is cut off.
         after, resumed = end + HEAD.size + length, self._resume(offset)
         is_message = opcode == Opcode.MESSAGE and self._likely(opcode, end + HEAD.size, length)
-        cut_off = opcode in _PROOFS and after > self._limit == resumed
+        cut_off = opcode in PROOFS and after > self._limit == resumed
         return resumed > end and (after == resumed or is_message or cut_off)
 
     def _resume(self, offset: int) -> int:
@@ -241,8 +260,11 @@ class Walk:
         while start < bound:
             window = self._read(start, min(_WINDOW + HEAD.size - 1, bound - start))
             for match in _LIKELY.finditer(window):
-                if self._begins(start + match.start(), bound):
-                    return start + match.start()
+                at = match.start()
+                if self._is_chunked and window[at] in _DEFINING:
+                    continue  # as they lie in a broken chunk
+                if self._begins(start + at, bound):
+                    return start + at
             start += _WINDOW
         return bound
 
@@ -253,14 +275,12 @@ class Walk:
             if len(head) < HEAD.size:
                 return False
             opcode, length = HEAD.unpack(head)
-            if self._is_chunked and opcode in (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE):
-                return False
             if not self._fits(opcode, offset, offset + HEAD.size + length):
                 return False
             if opcode == Opcode.CHUNK:
                 if self._summary is not None and self._summary.chunks:
                     return offset in self._places
-                return isinstance(self._chunk(offset, length), Piece)
+                return self._tried(offset, length) is not None
             if not self._likely(opcode, offset + HEAD.size, length):
                 return False
             offset += HEAD.size + length
@@ -271,10 +291,10 @@ class Walk:
     def _likely(self, opcode: int, body: int, length: int) -> bool:
         if opcode == Opcode.MESSAGE:
             (channel,) = struct.unpack("<H", self._read(body, 2).ljust(2, b"\0"))
-            return length >= _MESSAGE_BYTES and channel in self._registry.channels
-        if opcode >= PRIVATE or length > MAX_RECORD_BYTES:
+            return length >= MESSAGE_BYTES and channel in self._registry.channels
+        if opcode >= PRIVATE or length > _WINDOW:
             return opcode >= PRIVATE
-        return _PROOFS[opcode](self._read(body, length)) is not None
+        return PROOFS[opcode](self._read(body, length)) is not None
 
     def _head_is(self, piece: Piece) -> bool:
         head = HEAD.pack(piece.opcode, piece.end - piece.offset - HEAD.size)
@@ -289,52 +309,3 @@ class Walk:
     def _read(self, offset: int, length: int) -> bytes:
         self._stream.seek(offset)
         return self._stream.read(length)
-
-
-_Proof = Callable[[bytes], "bool | None"]
-"""Whether a body proves to be of its kind by itself; None where it is none."""
-
-
-def _unproved(_: bytes) -> bool | None:
-    return False
-
-
-def _parsed(read: Callable[[Any], object]) -> _Proof:
-    def proof(body: bytes) -> bool | None:
-        for whole in (True, False):
-            with contextlib.suppress(DamageError):
-                container.parse(read, body, whole)
-                return whole
-        return None
-
-    return proof
-
-
-def _message(body: bytes) -> bool | None:
-    topic = int.from_bytes(body[4:8], "little")
-    is_channel = topic < len(body) and _PROOFS[Opcode.CHANNEL](body)
-    return None if is_channel or len(body) < _MESSAGE_BYTES else False
-
-
-def _message_index(body: bytes) -> bool | None:
-    length = _INDEX.unpack_from(body)[1] if len(body) >= _INDEX.size else 1
-    return True if length == len(body) - _INDEX.size and length % 16 == 0 else None
-
-
-def _attachment(body: bytes) -> bool | None:
-    stored = int.from_bytes(body[-4:], "little")
-    right = stored in (0, zlib.crc32(memoryview(body)[:-4]))
-    return True if right and _parsed(Attachment.read)(body) else None
-
-
-_PROOFS: dict[int, _Proof] = {
-    Opcode.HEADER: _parsed(Header.read),
-    Opcode.SCHEMA: _parsed(Schema.read),
-    Opcode.CHANNEL: _parsed(Channel.read),
-    Opcode.MESSAGE: _message,
-    Opcode.MESSAGE_INDEX: _message_index,
-    Opcode.ATTACHMENT: _attachment,
-    Opcode.METADATA: _parsed(Metadata.read),
-    Opcode.DATA_END: lambda body: True if len(body) == 4 else None,
-}
-"""The kinds of records that may lie in a file's data, besides chunks and private ones."""

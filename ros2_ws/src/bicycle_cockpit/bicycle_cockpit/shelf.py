@@ -71,7 +71,7 @@ def entry(name: str, path: Path) -> dict[str, Any]:
     messages = sum(about.counts.values())
     if not messages:
         return {"name": name, "problem": "it holds no message"}
-    known = 0 < about.starting_time_ns < NO_START
+    known = 0 < about.starting_time_ns < 2**64 and about.starting_time_ns != NO_START
     return {
         "name": name,
         "start": about.starting_time_ns / 1e9 if known else None,
