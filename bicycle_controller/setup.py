@@ -11,6 +11,16 @@ VERSION = next(
     if line.startswith("__version__")
 )
 
+
+def sibling(name: str) -> str:
+    """The requirement of a package of this repository: the folder, where it is beside this one."""
+    root = Path(__file__).resolve().parent.parent
+    for folder in (root / name, root / "ros2_ws" / "src" / name):
+        if (folder / "setup.py").is_file():
+            return f"{name} @ {folder.as_uri()}"
+    return name
+
+
 setup(
     name=NAME,
     version=VERSION,
@@ -26,10 +36,10 @@ setup(
         ]
     },
     ext_modules=[
-        # Not a module but a library, see one_bicycle.py, which does without it.
+        # Not a module but a library, see policy/inference.py, which does without it.
         Extension(
-            f"{NAME}._one_bicycle",
-            [f"{NAME}/one_bicycle.cpp"],
+            f"{NAME}.policy._inference",
+            [f"{NAME}/policy/inference.cpp"],
             extra_compile_args=["-O3", "-ffp-contract=off", "-std=c++17"],
             optional=True,
         )
@@ -38,8 +48,19 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
     ],
-    install_requires=["numpy", "pyyaml", "safetensors", "scipy"],
-    extras_require={"train": ["torch", "tensorboard", "tqdm"], "test": ["pytest"]},
+    install_requires=[
+        *(sibling(name) for name in ("bicycle_bag", "bicycle_common", "bicycle_sim")),
+        "numpy",
+        "pyyaml",
+        "safetensors",
+        "scipy",
+    ],
+    extras_require={
+        "train": ["torch", "tensorboard", "tqdm", "matplotlib"],
+        "sweep": ["ray"],
+        "onnx": ["onnx", "onnxruntime"],
+        "test": ["pytest"],
+    },
     python_requires=">=3.10",
     zip_safe=False,
     maintainer="Self-driving bicycle maintainers",

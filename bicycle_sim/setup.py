@@ -11,6 +11,16 @@ VERSION = next(
     if line.startswith("__version__")
 )
 
+
+def sibling(name: str) -> str:
+    """The requirement of a package of this repository: the folder, where it is beside this one."""
+    root = Path(__file__).resolve().parent.parent
+    for folder in (root / name, root / "ros2_ws" / "src" / name):
+        if (folder / "setup.py").is_file():
+            return f"{name} @ {folder.as_uri()}"
+    return name
+
+
 setup(
     name=NAME,
     version=VERSION,
@@ -22,8 +32,8 @@ setup(
         # Not modules but libraries, see native_task.py and plants/whipple/native.py, which do
         # without them.
         Extension(
-            f"{NAME}._native_task",
-            [f"{NAME}/native_task.cpp"],
+            f"{NAME}.task._native_task",
+            [f"{NAME}/task/native_task.cpp"],
             extra_compile_args=["-O3", "-ffp-contract=off", "-std=c++17"],
             optional=True,
         ),
@@ -46,7 +56,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
     ],
-    install_requires=["numpy", "pyyaml"],
+    install_requires=[sibling("bicycle_common"), "numpy"],
     extras_require={"gym": ["gymnasium"], "test": ["pytest"]},
     python_requires=">=3.10",
     zip_safe=False,

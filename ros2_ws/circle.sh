@@ -79,5 +79,5 @@ ride "$folder/after" --goals "$goals" --seed "$seed" "controller.policy:=$new"
 echo "== 5 of 5: before against after"
 bicycle evaluate "$new" --against "$policy" --episodes 1000 --seed "$seed" --json >"$folder/comparison.json"
 status=0
-"$python" -m bicycle_bringup.circle "$folder" | tee "$folder/summary.txt" || status=${PIPESTATUS[0]}
+"$python" -m bicycle_tools.circle "$folder" | tee "$folder/summary.txt" || status=${PIPESTATUS[0]}
 exit "$status"

@@ -15,7 +15,7 @@ ws=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 
-! help_wanted "$@" || { node_usage "${BASH_SOURCE[0]}" bicycle_bringup.nodes.foxglove_server 2>/dev/null && exit 0; }
+! help_wanted "$@" || { node_usage "${BASH_SOURCE[0]}" bicycle_tools.nodes.foxglove_server 2>/dev/null && exit 0; }
 enter_workspace
 "$python" -c 'import foxglove' 2>/dev/null || die 2 "foxglove-sdk is not installed: run setup.sh --with foxglove"
-run_node foxglove bicycle_bringup.nodes.foxglove_server "$@"
+run_node foxglove bicycle_tools.nodes.foxglove_server "$@"

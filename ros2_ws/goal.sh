@@ -20,4 +20,4 @@ ws=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 
 ! help_wanted "$@" || { usage "${BASH_SOURCE[0]}" && exit 0; }
 enter_workspace
-run goal bicycle_bringup.nodes.goal "$@"
+run goal bicycle_tools.nodes.goal "$@"

@@ -15,4 +15,4 @@ ws=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 
 ! help_wanted "$@" || { usage "${BASH_SOURCE[0]}" && exit 0; }
 enter_workspace
-run push bicycle_bringup.nodes.push "$@"
+run push bicycle_tools.nodes.push "$@"

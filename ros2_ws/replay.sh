@@ -27,6 +27,6 @@ ws=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 ! help_wanted "$@" || { node_usage "${BASH_SOURCE[0]}" bicycle_bag.nodes.player_node && exit 0; }
 enter_workspace
 if take_word --verify "$@"; then
-  run verify bicycle_bringup.nodes.verify "${rest[@]}"
+  run verify bicycle_tools.nodes.verify "${rest[@]}"
 fi
 run player bicycle_bag.nodes.player_node "$@"

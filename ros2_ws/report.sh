@@ -19,4 +19,4 @@ ws=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 
 ! help_wanted "$@" || { usage "${BASH_SOURCE[0]}" && exit 0; }
 enter_workspace
-run report bicycle_bringup.ride_page.command "$@"
+run report bicycle_tools.report_page.command "$@"

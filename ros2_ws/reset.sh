@@ -19,4 +19,4 @@ ws=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 
 ! help_wanted "$@" || { usage "${BASH_SOURCE[0]}" && exit 0; }
 enter_workspace
-run reset bicycle_bringup.nodes.reset "$@"
+run reset bicycle_tools.nodes.reset "$@"

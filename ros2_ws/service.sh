@@ -25,4 +25,4 @@ ws=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 
 ! help_wanted "$@" || { usage "${BASH_SOURCE[0]}" && exit 0; }
 enter_workspace
-run service bicycle_bringup.nodes.service "$@"
+run service bicycle_tools.nodes.service "$@"

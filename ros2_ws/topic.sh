@@ -28,4 +28,4 @@ ws=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 
 ! help_wanted "$@" || { usage "${BASH_SOURCE[0]}" && exit 0; }
 enter_workspace
-run topic bicycle_bringup.nodes.topic "$@"
+run topic bicycle_tools.nodes.topic "$@"

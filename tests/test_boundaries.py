@@ -14,6 +14,8 @@ ROOT = Path(__file__).parent.parent
 PACKAGES = {
     "bicycle_sim": ROOT / "bicycle_sim" / "bicycle_sim",
     "bicycle_controller": ROOT / "bicycle_controller" / "bicycle_controller",
+    "bicycle_common": ROOT / "ros2_ws" / "src" / "bicycle_common" / "bicycle_common",
+    "bicycle_tools": ROOT / "ros2_ws" / "src" / "bicycle_tools" / "bicycle_tools",
     "bicycle_bag": ROOT / "ros2_ws" / "src" / "bicycle_bag" / "bicycle_bag",
     "bicycle_bringup": ROOT / "ros2_ws" / "src" / "bicycle_bringup" / "bicycle_bringup",
     "bicycle_cockpit": ROOT / "ros2_ws" / "src" / "bicycle_cockpit" / "bicycle_cockpit",
@@ -74,11 +76,11 @@ def test_the_simulator_knows_no_controller() -> None:
 @pytest.mark.parametrize(
     "module",
     [
-        "bicycle_sim.simulator",
-        "bicycle_controller.policy",
-        "bicycle_controller.lqr",
-        "bicycle_controller.driver",
-        "bicycle_controller.evaluate",
+        "bicycle_sim.runtime.simulator",
+        "bicycle_controller.policy.policy",
+        "bicycle_controller.control.lqr",
+        "bicycle_controller.control.control_loop",
+        "bicycle_controller.evaluation.evaluate",
         "bicycle_bag.reader",
         "bicycle_cockpit.server",
     ],

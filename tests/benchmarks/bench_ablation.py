@@ -25,8 +25,9 @@ import torch
 from machine import machine
 from tqdm import tqdm
 
-from bicycle_controller import settings, train
-from bicycle_controller.run_folder import origin
+from bicycle_controller.config import loading
+from bicycle_controller.training import online
+from bicycle_controller.training.run_folder import origin
 
 RESULTS = Path(__file__).parent / "results" / "ablation.json"
 WANTED = 0.99
@@ -67,11 +68,11 @@ def run(title: str, seed: int, updates: int) -> dict[str, Any]:
     """One run; its scores."""
     torch.set_num_threads(1)
     changes = (f"seed={seed}", "tensorboard=false", "save_every=100000", "evaluation.every=500")
-    config = settings.preset("fast", [*changes, *VARIANTS[title]])
+    config = loading.preset("fast", [*changes, *VARIANTS[title]])
     steps = config.warm_up + updates * config.bicycles
-    config = settings.preset("fast", [*changes, *VARIANTS[title], f"steps={steps}"])
+    config = loading.preset("fast", [*changes, *VARIANTS[title], f"steps={steps}"])
     with tempfile.TemporaryDirectory() as folder:
-        made = train.run(config, Path(folder) / "run")
+        made = online.run(config, Path(folder) / "run")
         lines = (Path(folder) / "run" / "log.jsonl").read_text().splitlines()
     scores = [row for row in map(json.loads, lines) if row["kind"] == "evaluation"]
     worth = [

@@ -20,7 +20,7 @@ from typing import Any
 from loop_ear import options, ride, save
 from machine import machine
 
-from bicycle_controller.run_folder import origin
+from bicycle_controller.training.run_folder import origin
 
 RESULTS = Path(__file__).parent / "results" / "answer.json"
 KINDS = {"alone": False, "with a listener": True}

@@ -25,7 +25,7 @@ import aiohttp
 from loop_ear import Ear, options, percentiles, ride, save, start, stop
 from machine import machine
 
-from bicycle_controller.run_folder import origin
+from bicycle_controller.training.run_folder import origin
 
 RESULTS = Path(__file__).parent / "results" / "cockpit.json"
 PAGES = str(Path(__file__).parents[1] / "ros" / "pages.py")

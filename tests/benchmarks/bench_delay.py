@@ -31,12 +31,13 @@ from machine import machine  # noqa: E402
 from two_hosts import Cable, Host, command_ages, forbidden  # noqa: E402
 
 from bicycle_bag.reader import BagReader  # noqa: E402
-from bicycle_bringup.course import Point, random_goals  # noqa: E402
-from bicycle_bringup.outcomes import outcomes  # noqa: E402
-from bicycle_bringup.ride_log import read_ride  # noqa: E402
-from bicycle_bringup.summary import summarise  # noqa: E402
-from bicycle_controller.goals import Status  # noqa: E402
-from bicycle_controller.run_folder import origin  # noqa: E402
+from bicycle_common.types import Point2D  # noqa: E402
+from bicycle_controller.control.goals import Status  # noqa: E402
+from bicycle_controller.training.run_folder import origin  # noqa: E402
+from bicycle_tools.course import random_goals  # noqa: E402
+from bicycle_tools.outcomes import outcomes  # noqa: E402
+from bicycle_tools.ride_log import read_ride  # noqa: E402
+from bicycle_tools.summary import summarise  # noqa: E402
 
 RESULTS = Path(__file__).parent / "results" / "delay.json"
 PICTURE = ROOT / "docs" / "images" / "delay.png"
@@ -59,7 +60,7 @@ def points() -> list[dict[str, Any]]:
     return swept + [{"series": "loss", "delay": 0, "jitter": 0, "loss": loss} for loss in LOSSES]
 
 
-def ride(point: dict[str, Any], policy: str, goals: list[Point], folder: Path) -> dict[str, Any]:
+def ride(point: dict[str, Any], policy: str, goals: list[Point2D], folder: Path) -> dict[str, Any]:
     """Ride to the goals over one cable; what the bag tells."""
     env = {"BICYCLE_NETWORK": "lan", "ROS_DOMAIN_ID": DOMAIN, "ROS_LOG_DIR": str(folder / "log")}
     left, right = Host("simulates", "10.78.0.1/24"), Host("controls", "10.78.0.2/24")

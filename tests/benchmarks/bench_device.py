@@ -25,13 +25,13 @@ from bicycles import batched
 from machine import machine
 from tqdm import tqdm
 
-from bicycle_controller import settings
-from bicycle_controller.assembly import make_agent, make_collector, make_memory
-from bicycle_controller.run_folder import origin
-from bicycle_controller.tensor_dynamics import TensorDynamics
-from bicycle_sim import dynamics
-from bicycle_sim.dynamics import State
-from bicycle_sim.parameters import Physics
+from bicycle_controller.config import loading
+from bicycle_controller.training.factory import make_agent, make_collector, make_memory
+from bicycle_controller.training.run_folder import origin
+from bicycle_controller.training.tensor_dynamics import TensorDynamics
+from bicycle_sim.plants.choi import dynamics
+from bicycle_sim.plants.choi.dynamics import State
+from bicycle_sim.plants.choi.parameters import Physics
 
 RESULTS = Path(__file__).parent / "results" / "device.json"
 SIZES = (1024, 16384, 262144, 1048576)
@@ -67,7 +67,7 @@ def resident(count: int, device: str) -> Work:
 
 def updated(preset: str, batch: int, device: str) -> Work:
     """One update from a full memory."""
-    config = settings.preset(preset, [f"ddpg.batch={batch}", f"ddpg.capacity={ROWS}"])
+    config = loading.preset(preset, [f"ddpg.batch={batch}", f"ddpg.capacity={ROWS}"])
     memory, agent = make_memory(config, device), make_agent(config, device)
     rng = np.random.default_rng(0)
     width = memory.table.shape[1]  # type: ignore[attr-defined]
@@ -83,7 +83,7 @@ def updated(preset: str, batch: int, device: str) -> Work:
 
 def round_of(bicycles: int, batch: int, device: str) -> Work:
     """A step of all bicycles and one update, preset `fast`."""
-    config = settings.preset("fast", [f"bicycles={bicycles}", f"ddpg.batch={batch}", "warm_up=0"])
+    config = loading.preset("fast", [f"bicycles={bicycles}", f"ddpg.batch={batch}", "warm_up=0"])
     memory, agent = make_memory(config, device), make_agent(config, device)
     collector = make_collector(config, memory, device)
     for _ in range(20):

@@ -23,8 +23,8 @@ from bicycle_msgs.msg import BicycleState
 from loop_ear import Ear, options, save, stop
 from machine import machine
 
-from bicycle_controller.run_folder import origin
-from bicycle_sim.nodes.interfaces import STATE
+from bicycle_common.nodes.topics import STATE
+from bicycle_controller.training.run_folder import origin
 
 RESULTS = Path(__file__).parent / "results" / "executor.json"
 KINDS = ("the loop's", "single-threaded")

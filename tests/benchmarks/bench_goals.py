@@ -31,11 +31,12 @@ import torch
 from machine import machine
 from tqdm import tqdm
 
-from bicycle_controller import settings, train
-from bicycle_controller.evaluate import evaluate
-from bicycle_controller.learner_config import NATURAL_SCALE
-from bicycle_controller.run_folder import RunFolder, origin
-from bicycle_sim.scenario import named
+from bicycle_controller.config import loading
+from bicycle_controller.config.algorithms import NATURAL_SCALE
+from bicycle_controller.evaluation.evaluate import evaluate
+from bicycle_controller.training import online
+from bicycle_controller.training.run_folder import RunFolder, origin
+from bicycle_sim.task.scenario import named
 
 RESULTS = Path(__file__).parent / "results" / "goals.json"
 SCENARIO = "random-start-random-goal"
@@ -62,12 +63,12 @@ def ours(seed: int, limit: float) -> Curve:
     """One run of the preset `fast`, stopped at 99 % or after `limit` s."""
     changes = (f"seed={seed}", f"scenario={SCENARIO}", f"evaluation.every={EVERY}")
     small = ("evaluation.episodes=1", "evaluation.near_episodes=0", "tensorboard=false")
-    config = settings.preset("fast", [*changes, *small])
+    config = loading.preset("fast", [*changes, *small])
     curve: Curve = []
     with tempfile.TemporaryDirectory() as folder:
         files = RunFolder(Path(folder) / "run")
         files.create(config)
-        learner = train.Trainer(config, files)
+        learner = online.Trainer(config, files)
         spent, begun, seen = 0.0, time.process_time(), 0
 
         def stop() -> bool:
@@ -120,7 +121,9 @@ def peer(name: str, seed: int, limit: float) -> Curve:
 
     scenario = replace(named(SCENARIO), max_steps=400)
     env = gymnasium.make(
-        "bicycle_sim.gym_env:BicycleGoal-v0", scenario=scenario, observation_scale=NATURAL_SCALE
+        "bicycle_sim.task.gym_env:BicycleGoal-v0",
+        scenario=scenario,
+        observation_scale=NATURAL_SCALE,
     )
     options: dict[str, Any] = {"learning_starts": 1000, "seed": seed, "device": "cpu"}
     if name != "sac":

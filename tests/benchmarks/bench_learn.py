@@ -23,7 +23,7 @@ from typing import Any
 from machine import machine
 from tqdm import tqdm
 
-from bicycle_controller.run_folder import origin
+from bicycle_controller.training.run_folder import origin
 
 sys.path.append(str(Path(__file__).parents[1] / "controller"))
 
@@ -61,7 +61,7 @@ def bicycle(*words: object) -> dict[str, Any]:
     command = [
         sys.executable,
         "-m",
-        "bicycle_controller.cli",
+        "bicycle_controller.cli.main",
         *map(str, words),
         "--json",
         "--quiet",

@@ -17,12 +17,12 @@ from typing import Any
 from machine import machine
 from tqdm import tqdm
 
-from bicycle_controller.evaluate import evaluate
-from bicycle_controller.policy import load_controller
-from bicycle_controller.rides import Disturbance
-from bicycle_controller.run_folder import origin
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import named
+from bicycle_controller.evaluation.evaluate import evaluate
+from bicycle_controller.evaluation.rollouts import Disturbance
+from bicycle_controller.policy.policy import load_controller
+from bicycle_controller.training.run_folder import origin
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import named
 
 RESULTS = Path(__file__).parent / "results" / "limits.json"
 SEED = 7

@@ -19,7 +19,7 @@ from bench_cockpit import ADDRESS, PAGES, PORT, READERS
 from loop_ear import Ear, options, percentiles, ride, save, start, stop, trainer
 from machine import machine
 
-from bicycle_controller.run_folder import origin
+from bicycle_controller.training.run_folder import origin
 
 RESULTS = Path(__file__).parent / "results" / "loop.json"
 WARM_UP = 100

@@ -34,7 +34,7 @@ from machine import machine
 from pendulum import PendulumTask, pendulum_run, returns, train
 from tqdm import tqdm
 
-from bicycle_controller.run_folder import origin
+from bicycle_controller.training.run_folder import origin
 
 RESULTS = Path(__file__).parent / "results" / "pendulum.json"
 OFF_POLICY_STEPS = 10_000

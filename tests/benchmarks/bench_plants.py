@@ -25,9 +25,9 @@ import numpy as np
 from machine import machine
 from tqdm import tqdm
 
-from bicycle_controller.run_folder import origin
+from bicycle_controller.training.run_folder import origin
 from bicycle_sim.plants.base import Plant
-from bicycle_sim.plants.choi import ChoiPlant
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.plants.whipple import catalogue
 from bicycle_sim.plants.whipple.parameters import (
     Bicycle,

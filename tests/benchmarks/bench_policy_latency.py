@@ -24,12 +24,12 @@ import torch
 from machine import machine
 from tqdm import tqdm
 
-from bicycle_controller.export import to_onnx
-from bicycle_controller.policy import Policy, PolicyInfo, load_policy
-from bicycle_controller.run_folder import origin
-from bicycle_controller.torch_policy import TorchPolicy
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import SCENARIOS
+from bicycle_controller.policy.export import to_onnx
+from bicycle_controller.policy.policy import Policy, PolicyInfo, load_policy
+from bicycle_controller.policy.torch_policy import TorchPolicy
+from bicycle_controller.training.run_folder import origin
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import SCENARIOS
 
 SIZES = (6, 400, 300, 2)
 RESULTS = Path(__file__).parent / "results" / "policy_latency.json"

@@ -28,7 +28,7 @@ from rclpy.duration import Duration
 
 from bicycle_bag.nodes.session import message_class, publisher_profile
 from bicycle_bag.reader import BagReader
-from bicycle_controller.run_folder import origin
+from bicycle_controller.training.run_folder import origin
 
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = Path(__file__).parent / "results" / "record.json"

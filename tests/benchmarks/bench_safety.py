@@ -21,14 +21,14 @@ import numpy as np
 from machine import machine
 from tqdm import tqdm
 
-from bicycle_controller.evaluate import wilson
-from bicycle_controller.lqr import fitting
-from bicycle_controller.policy import load_controller
-from bicycle_controller.run_folder import origin
-from bicycle_controller.safety import ENVELOPE, ENVELOPE_SPEEDS, Safety
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import Region, Scenario, named
-from bicycle_sim.task import BicycleTask
+from bicycle_controller.control.lqr import fitting
+from bicycle_controller.control.safety import ENVELOPE, ENVELOPE_SPEEDS, Safety
+from bicycle_controller.evaluation.evaluate import wilson
+from bicycle_controller.policy.policy import load_controller
+from bicycle_controller.training.run_folder import origin
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import Region, Scenario, named
+from bicycle_sim.task.task import BicycleTask
 
 sys.path.append(str(Path(__file__).parents[1] / "controller"))
 from faulty import FAULTS, Outcome, ride

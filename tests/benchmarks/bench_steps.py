@@ -30,8 +30,8 @@ from machine import machine
 from stable_baselines3.common.vec_env import DummyVecEnv
 from tqdm import tqdm
 
-from bicycle_controller.run_folder import origin
-from bicycle_sim.gym_env import BicycleEnv, BicycleVectorEnv
+from bicycle_controller.training.run_folder import origin
+from bicycle_sim.task.gym_env import BicycleEnv, BicycleVectorEnv
 
 RESULTS = Path(__file__).parent / "results" / "steps.json"
 SIZES = (1, 16, 64, 256, 1024, 4096, 16384)

@@ -17,7 +17,7 @@ from typing import Any
 from loop_ear import Ear, options, percentiles, ride, save, stop, trainer
 from machine import machine
 
-from bicycle_controller.run_folder import origin
+from bicycle_controller.training.run_folder import origin
 
 RESULTS = Path(__file__).parent / "results" / "trainer_loop.json"
 START = 15.0

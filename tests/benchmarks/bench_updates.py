@@ -27,14 +27,14 @@ from torch import Tensor, nn
 from torch.nn import functional
 from tqdm import tqdm
 
-from bicycle_controller import settings
 from bicycle_controller.agents import native
 from bicycle_controller.agents.ddpg import Ddpg
 from bicycle_controller.agents.fused import FusedDdpg
-from bicycle_controller.config import DdpgConfig
-from bicycle_controller.networks import Actor, Critic
-from bicycle_controller.replay import Replay
-from bicycle_controller.run_folder import origin
+from bicycle_controller.agents.networks import Actor, Critic
+from bicycle_controller.config import loading
+from bicycle_controller.config.run import DdpgConfig
+from bicycle_controller.data.replay_buffer import ReplayBuffer
+from bicycle_controller.training.run_folder import origin
 
 ACTIONS = 3
 ROWS = 100_000
@@ -49,7 +49,7 @@ Update = Callable[[int], None]
 
 def paper() -> DdpgConfig:
     """Tables 2 and 3."""
-    config = settings.preset("paper").ddpg
+    config = loading.preset("paper").ddpg
     assert config is not None
     return config
 
@@ -69,7 +69,7 @@ def transitions() -> dict[str, np.ndarray]:
 def ours(backend: str, batch: int, data: dict[str, np.ndarray], burst: int = 1) -> Update:
     """This project's learner; `burst` updates from one draw."""
     config = replace(paper(), batch=batch, backend=backend)
-    replay = Replay(ROWS, ACTIONS)
+    replay = ReplayBuffer(ROWS, ACTIONS)
     columns = [data[name] for name in ("observation", "action", "next_observation")]
     ends = [data["reward"], config.gamma * (1.0 - data["final"]), data["final"]]
     zero = np.zeros((ROWS, 2), dtype=np.float32)

@@ -6,10 +6,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bicycle_sim import dynamics
-from bicycle_sim.dynamics import State
-from bicycle_sim.scenario import named
-from bicycle_sim.task import BicycleTask
+from bicycle_sim.plants.choi import dynamics
+from bicycle_sim.plants.choi.dynamics import State
+from bicycle_sim.task.scenario import named
+from bicycle_sim.task.task import BicycleTask
 
 
 def batched(

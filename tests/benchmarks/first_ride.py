@@ -25,7 +25,7 @@ from typing import Any
 from machine import machine
 from playwright.sync_api import Page, expect, sync_playwright
 
-from bicycle_controller.run_folder import origin
+from bicycle_controller.training.run_folder import origin
 
 RESULTS = Path(__file__).parent / "results" / "first_ride.json"
 ROOT = Path(__file__).resolve().parents[2]

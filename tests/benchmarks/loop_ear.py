@@ -21,7 +21,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from rclpy.executors import SingleThreadedExecutor
 
-from bicycle_sim.nodes.interfaces import DIAGNOSTICS, GOAL_POSE, TIMING, TRAINER
+from bicycle_common.nodes.topics import DIAGNOSTICS, GOAL_POSE, TIMING, TRAINER
 
 PERIOD = 0.025
 """s of a step in real time."""

@@ -12,12 +12,12 @@ import gymnasium
 import numpy as np
 import torch
 
-from bicycle_controller import settings
 from bicycle_controller.agents.base import Agent
-from bicycle_controller.assembly import make_agent, make_collector, make_memory
-from bicycle_controller.config import RunConfig
-from bicycle_controller.networks import Actor
-from bicycle_sim.task import Step
+from bicycle_controller.agents.networks import Actor
+from bicycle_controller.config import loading
+from bicycle_controller.config.run import RunConfig
+from bicycle_controller.training.factory import make_agent, make_collector, make_memory
+from bicycle_sim.task.task import Step
 
 OVERRIDES = (
     "scenario.torque_limit=2",
@@ -62,7 +62,7 @@ class PendulumTask:
 
 def pendulum_run(preset: str, *overrides: str) -> RunConfig:
     """A preset's run, for the pendulum."""
-    return settings.preset(preset, [*OVERRIDES, *overrides])
+    return loading.preset(preset, [*OVERRIDES, *overrides])
 
 
 def train(config: RunConfig) -> Agent:

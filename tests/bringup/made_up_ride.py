@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bicycle_bringup.ride_log import Columns, RideLog, distinct
+from bicycle_tools.ride_log import Columns, RideLog, distinct
 
 PERIOD = 0.025
 SPEED = 2.0

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bicycle_bringup.course import random_goals, read_waypoints
+from bicycle_tools.course import random_goals, read_waypoints
 
 
 def test_goals_lie_in_the_field_and_apart() -> None:

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bicycle_bringup.foxglove_pose import parse_pose
-from bicycle_bringup.foxglove_settings import FoxgloveSettings
+from bicycle_tools.foxglove_pose import parse_pose
+from bicycle_tools.foxglove_settings import FoxgloveSettings
 
 
 def pose(**changes: Any) -> dict[str, Any]:

@@ -6,9 +6,9 @@ import math
 
 from made_up_ride import statuses
 
-from bicycle_bringup.outcomes import outcomes
-from bicycle_bringup.plan import Plan
-from bicycle_controller.goals import Status
+from bicycle_controller.control.goals import Status
+from bicycle_tools.outcomes import outcomes
+from bicycle_tools.plan import Plan
 
 A, B, C = (10.0, 0.0), (20.0, 0.0), (30.0, 5.0)
 QUEUED, ACTIVE, REACHED, MISSED, GIVEN_UP, REPLACED, FALLEN, REJECTED, CANCELLED = range(9)

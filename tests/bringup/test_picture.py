@@ -8,8 +8,8 @@ import matplotlib.image
 import numpy as np
 from made_up_ride import commands, joined, ride, states, statuses
 
-from bicycle_bringup.drawing import ride_time
-from bicycle_bringup.picture import draw_ride
+from bicycle_tools.drawing import ride_time
+from bicycle_tools.picture import draw_ride
 
 GOALS = statuses(
     (1, 1, (10.0, 0.0), 10.0, 0.0), (1, 2, (10.0, 0.0), 1.0, 9.0), (2, 3, (4.0, 4.0), 5.0, 0.0)

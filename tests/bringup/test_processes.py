@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 from waiting import until
 
-from bicycle_bringup import processes
-from bicycle_bringup.processes import Child, Crew, Exit, Vigil
+from bicycle_common import processes
+from bicycle_common.processes import Exit, ManagedProcess, ProcessGroup, Vigil
 
 STUBBORN = (
     "import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); "
@@ -20,8 +20,8 @@ STUBBORN = (
 )
 
 
-def child(tmp_path: Path, program: str, registry: Path | None = None) -> Child:
-    return Child("node", [sys.executable, "-c", program], tmp_path / "node.log", registry)
+def child(tmp_path: Path, program: str, registry: Path | None = None) -> ManagedProcess:
+    return ManagedProcess("node", [sys.executable, "-c", program], tmp_path / "node.log", registry)
 
 
 def test_an_end_is_told_as_a_person_would() -> None:
@@ -84,7 +84,9 @@ def soon(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 
 def test_who_saves_is_waited_for_and_never_killed(tmp_path: Path, soon: Path) -> None:
-    made = Child("node", [sys.executable, "-c", SAVING], tmp_path / "node.log", saves="a bag")
+    made = ManagedProcess(
+        "node", [sys.executable, "-c", SAVING], tmp_path / "node.log", saves="a bag"
+    )
     made.start()
     assert until(lambda: made.last_lines() == ["up"])
     told: list[str] = []
@@ -101,7 +103,7 @@ def test_who_saves_is_waited_for_and_never_killed(tmp_path: Path, soon: Path) ->
 
 def test_a_ctrl_c_that_answers_the_line_leaves_it_to_end_alone(tmp_path: Path, soon: Path) -> None:
     log, registry = tmp_path / "node.log", tmp_path / "pids"
-    made = Child("node", [sys.executable, "-c", SAVING], log, registry, saves="a bag")
+    made = ManagedProcess("node", [sys.executable, "-c", SAVING], log, registry, saves="a bag")
     made.start()
     assert until(lambda: made.last_lines() == ["up"])
     interrupts = [signal.SIGINT]  # the one that ended the ride answers nothing
@@ -126,7 +128,7 @@ def test_a_crew_tells_of_each_that_does_not_end_with_status_0(tmp_path: Path) ->
         ]
         for name, last in programs.items()
     }
-    crew = Crew(commands, tmp_path)
+    crew = ProcessGroup(commands, tmp_path)
     crew.start()
     logs = [tmp_path / f"{name}.log" for name in programs]
     assert until(lambda: all("up" in log.read_text() for log in logs))
@@ -140,8 +142,8 @@ def test_a_crew_tells_of_each_that_does_not_end_with_status_0(tmp_path: Path) ->
 def test_it_dies_with_a_ride_that_is_killed(tmp_path: Path) -> None:
     ride = (
         "import sys, time\nfrom pathlib import Path\n"
-        "from bicycle_bringup.processes import Child\n"
-        f"made = Child('node', [sys.executable, '-c', 'import time; time.sleep(3600)'], "
+        "from bicycle_common.processes import ManagedProcess\n"
+        f"made = ManagedProcess('node', [sys.executable, '-c', 'import time; time.sleep(3600)'], "
         f"Path({str(tmp_path / 'node.log')!r}), Path({str(tmp_path / 'pids')!r}))\n"
         "made.start()\nprint('started', flush=True)\ntime.sleep(3600)\n"
     )

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bicycle_bringup.recorded_here import driving, goals_of_recording, sent_before
+from bicycle_tools.recorded_here import driving, goals_of_recording, sent_before
 
 QUEUED, ACTIVE, REACHED = 0, 1, 2
 BEGUN = 1000.0

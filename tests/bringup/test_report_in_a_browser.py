@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from report_bag import write
 
-from bicycle_bringup.ride_page.command import main
+from bicycle_tools.report_page.command import main
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 

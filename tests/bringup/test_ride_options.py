@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from bicycle_bringup.rates import Rate
-from bicycle_bringup.ride_options import config_folder, parse
+from bicycle_bringup.ride_options import parse
+from bicycle_common.node_commands import config_folder
+from bicycle_common.parameters import parameters_of
 from bicycle_sim.nodes.sim_settings import SimSettings
-from bicycle_sim.settings import parameters_of
+from bicycle_tools.rates import Rate
 
 
 def test_each_node_gets_its_own_parameters(tmp_path: Path) -> None:

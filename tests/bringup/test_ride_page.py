@@ -21,12 +21,12 @@ from bicycle_bag.columns import load as load_columns
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import Topic
 from bicycle_bag.writer import BagWriter
-from bicycle_bringup.drawing import STYLE, envelope
-from bicycle_bringup.ride_page.command import main, names_of, output_of
-from bicycle_bringup.ride_page.happenings import happenings, runs
-from bicycle_bringup.ride_page.loading import load
-from bicycle_bringup.ride_page.page import html
-from bicycle_bringup.ride_page.timing import LEAST_RANGE, draw_timing
+from bicycle_tools.drawing import STYLE, envelope
+from bicycle_tools.report_page.command import main, names_of, output_of
+from bicycle_tools.report_page.events import ride_events, runs
+from bicycle_tools.report_page.loading import load
+from bicycle_tools.report_page.page import html
+from bicycle_tools.report_page.timing import LEAST_RANGE, draw_timing
 
 VOID = {"meta", "use", "path", "circle", "rect", "image", "stop", "br", "line", "wbr"}
 
@@ -110,13 +110,13 @@ def test_what_a_bag_says_is_never_part_of_the_page(page: str) -> None:
 
 
 def test_events_come_at_their_time(bag: Path) -> None:
-    found = {one.kind: one for one in happenings(load(bag, "ride"))}
+    found = {one.kind: one for one in ride_events(load(bag, "ride"))}
     assert found["fall"].time == pytest.approx(0.025 * FELL_AT)
     # The step that a reset makes is no ride: the axis goes on without it.
     assert found["reset"].time == pytest.approx(0.025 * (STEPS - 1))
     assert found["watchdog"].time == pytest.approx(0.025 * (STEPS - 1 + 50))
     assert found["watchdog"].until == pytest.approx(0.025 * (STEPS - 1 + 59))
-    kinds = [one.kind for one in happenings(load(bag, "ride"))]
+    kinds = [one.kind for one in ride_events(load(bag, "ride"))]
     assert kinds.count("fall") == kinds.count("reset") == kinds.count("rejected") == 1
 
 
@@ -199,7 +199,7 @@ def test_only_goals_of_this_recording_are_counted(tmp_path: Path) -> None:
     assert (page.summary.goals, page.summary.reached, page.summary.begun_before) == (2, 2, 1)
     assert page.summary.path_ratio == pytest.approx(9.9 / 9.0), "goal 3 alone"
     assert page.summary.loop.late_steps == 0, "7 were late before the recording"
-    assert [one.kind for one in happenings(page)].count("rejected") == 0
+    assert [one.kind for one in ride_events(page)].count("rejected") == 0
     assert any("goal at (10.0, 2.0) was under way" in note for note in page.notes)
     assert any("3 messages about goals from before" in note for note in page.notes)
     text = html([page])
@@ -293,7 +293,7 @@ def test_the_recordings_clock_does_not_matter(
     """Set back, set ahead, standing still: the page tells the same ride."""
     other = load(with_clock(bag, tmp_path / "bag", CLOCKS[name], publishers), "ride")
     sound = load(bag, "ride")
-    assert happenings(other) == happenings(sound)
+    assert ride_events(other) == ride_events(sound)
     assert list(other.ends_of(other.outcomes)) == list(sound.ends_of(sound.outcomes))
     untimed = [[replace(goal, known_at=0.0) for goal in p.outcomes] for p in (other, sound)]
     assert untimed[0] == untimed[1]

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from made_up_ride import SPEED, commands, joined, ride, states, statuses, timing
 
-from bicycle_bringup.outcomes import outcomes
-from bicycle_bringup.ride_log import distinct
-from bicycle_bringup.screen import render
-from bicycle_bringup.summary import path_ratio, summarise
+from bicycle_tools.outcomes import outcomes
+from bicycle_tools.ride_log import distinct
+from bicycle_tools.summary import path_ratio, summarise
+from bicycle_tools.text_summary import render
 
 GOALS = statuses(
     (1, 1, (10.0, 0.0), 10.0, 0.0),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bicycle_cockpit.door import Door
+from bicycle_cockpit.access import AccessPolicy
 from bicycle_cockpit.requests import Request
 from bicycle_cockpit.server import Server
 
@@ -18,7 +18,7 @@ class Desk:
         greets: whether a page is greeted at once.
     """
 
-    def __init__(self, door: Door, folder: Path) -> None:
+    def __init__(self, door: AccessPolicy, folder: Path) -> None:
         self.greets = True
         self.requests: list[tuple[int, Request]] = []
         self.joined: list[int] = []

@@ -7,13 +7,14 @@ import math
 import numpy as np
 import pytest
 
-from bicycle_cockpit.approach import LEAD, RUN_UP, approach
-from bicycle_controller.driver import Driver
-from bicycle_controller.goals import GoalTracker, Status
-from bicycle_controller.policy import load_controller
-from bicycle_sim.geometry import heading_to_yaw, wrap_angle, yaw_to_heading
-from bicycle_sim.scenario import named
-from bicycle_sim.simulator import Simulator, Start
+from bicycle_common.geometry import heading_to_yaw, wrap_angle, yaw_to_heading
+from bicycle_common.types import InitialPose
+from bicycle_controller.control.arrival import LEAD, RUN_UP, approach
+from bicycle_controller.control.control_loop import ControlLoop
+from bicycle_controller.control.goals import GoalTracker, Status
+from bicycle_controller.policy.policy import load_controller
+from bicycle_sim.runtime.simulator import Simulator
+from bicycle_sim.task.scenario import named
 
 SCENARIO = named("random-start-random-goal")
 
@@ -34,9 +35,11 @@ def arrival(policy: str, rng: np.random.Generator) -> float:
     simulator = Simulator(SCENARIO)
     heading, yaw = (float(value) for value in rng.uniform(-math.pi, math.pi, 2))
     goal = float(rng.uniform(-40, 40)), float(rng.uniform(-40, 40))
-    snapshot = simulator.reset(Start(0.0, 0.0, float(yaw_to_heading(yaw)), SCENARIO.start_speed))
+    snapshot = simulator.reset(
+        InitialPose(0.0, 0.0, float(yaw_to_heading(yaw)), SCENARIO.start_speed)
+    )
     tracker = GoalTracker(SCENARIO.goal_radius)
-    driver = Driver("me", load_controller(policy), tracker, SCENARIO.action_limits)
+    driver = ControlLoop("me", load_controller(policy), tracker, SCENARIO.action_limits)
     tracker.replace(approach(goal, heading, (snapshot.rear_x, snapshot.rear_y)))
     for step in range(6000):
         answer = driver.answer(snapshot, step * 0.025)

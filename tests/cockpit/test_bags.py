@@ -11,8 +11,8 @@ from made_bag import PERIOD, STEPS, write_bag
 
 from bicycle_cockpit import bags
 from bicycle_cockpit.bags import session
-from bicycle_cockpit.choices import Choices
-from bicycle_controller.policy import load_policy, save_policy
+from bicycle_cockpit.policy_catalogue import PolicyCatalogue
+from bicycle_controller.policy.policy import load_policy, save_policy
 
 sys.path.append(str(Path(__file__).parents[1] / "bag"))
 from clocks import CLOCKS, with_clock
@@ -74,7 +74,7 @@ def test_a_page_can_name_only_the_controllers_it_was_offered(tmp_path: Path) -> 
     policy = load_policy()
     for path in ("loose.safetensors", "mine/best.safetensors", "tuned/2/best.safetensors"):
         save_policy(policy, tmp_path / path)
-    choices = Choices(tmp_path)
+    choices = PolicyCatalogue(tmp_path)
     offered = {one["name"]: one["group"] for one in choices.offered()}
     assert {offered[name] for name in ("fixed-speed", "naf", "ppo")} == {"shipped"}
     assert offered["lqr"] == "classical"

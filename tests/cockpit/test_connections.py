@@ -20,7 +20,7 @@ from server_desk import Desk
 from waiting import PATIENCE, until
 
 from bicycle_cockpit import connections
-from bicycle_cockpit.door import Door
+from bicycle_cockpit.access import AccessPolicy
 from bicycle_cockpit.server import HEADERS
 
 HALF = b"GET / HTTP/1.1\r\nHost: localhost\r\n"
@@ -35,7 +35,7 @@ def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def desk(tmp_path: Path) -> Iterator[Desk]:
-    made = Desk(Door(), tmp_path)
+    made = Desk(AccessPolicy(), tmp_path)
     yield made
     made.server.stop()
 
@@ -244,10 +244,10 @@ def test_no_answer_tells_versions(desk: Desk) -> None:
 STARVED = """
     import json, resource, socket, sys, time, urllib.request
     from pathlib import Path
-    from bicycle_cockpit.door import Door
+    from bicycle_cockpit.access import AccessPolicy
     from bicycle_cockpit.server import Server
     lines = []
-    server = Server(Door(), 0, Path(sys.argv[1]), print, print, lines.append)
+    server = Server(AccessPolicy(), 0, Path(sys.argv[1]), print, print, lines.append)
     server.start()
     print(json.dumps({"port": server.port}), flush=True)
     sys.stdin.readline()

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import pytest
 
-from bicycle_cockpit.door import Door, RefusedError
+from bicycle_cockpit.access import AccessPolicy, RefusedError
 
 TOKEN = "0123456789abcdef"
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1", "localhost", "::1", "127.0.0.2"])
 def test_this_machine_needs_no_token(address: str) -> None:
-    Door(address).check_token("")
+    AccessPolicy(address).check_token("")
 
 
 @pytest.mark.parametrize("address", ["0.0.0.0", "::", "192.168.1.5", "bicycle.local"])
 def test_others_need_one(address: str) -> None:
     with pytest.raises(ValueError, match="--token auto"):
-        Door(address)
-    door = Door(address, TOKEN)
+        AccessPolicy(address)
+    door = AccessPolicy(address, TOKEN)
     door.check_token(TOKEN)
     for wrong in ("", TOKEN[:-1], TOKEN.upper()):
         with pytest.raises(RefusedError, match="missing or wrong") as caught:
@@ -30,12 +30,12 @@ def test_others_need_one(address: str) -> None:
 @pytest.mark.parametrize("token", ["short", "with a space in it", "0123456789abcde/"])
 def test_a_weak_token_is_refused(token: str) -> None:
     with pytest.raises(ValueError, match="letters and digits"):
-        Door("0.0.0.0", token)
+        AccessPolicy("0.0.0.0", token)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8765", "localhost:8765", "[::1]:8765", "localhost"])
 def test_a_local_server_by_its_names(host: str) -> None:
-    Door().check_host(host)
+    AccessPolicy().check_host(host)
 
 
 @pytest.mark.parametrize(
@@ -43,11 +43,11 @@ def test_a_local_server_by_its_names(host: str) -> None:
 )
 def test_a_local_server_by_any_other_name(host: str) -> None:
     with pytest.raises(RefusedError, match="is not this server"):
-        Door().check_host(host)
+        AccessPolicy().check_host(host)
 
 
 def test_an_open_server_by_number_or_by_the_names_it_was_given() -> None:
-    door = Door("0.0.0.0", TOKEN, frozenset(("bicycle.lan",)))
+    door = AccessPolicy("0.0.0.0", TOKEN, frozenset(("bicycle.lan",)))
     for host in ("192.168.1.5:8765", "[fe80::1]:80", "Bicycle.lan:8765", "localhost:8765"):
         door.check_host(host)
     with pytest.raises(RefusedError):
@@ -56,7 +56,7 @@ def test_an_open_server_by_number_or_by_the_names_it_was_given() -> None:
 
 @pytest.mark.parametrize("site", ["cross-site", "same-site", "strange"])
 def test_another_site_may_lead_here_and_ask_for_nothing(site: str) -> None:
-    door = Door()
+    door = AccessPolicy()
     door.check_site(site, "navigate", "/")
     for mode, path in (("no-cors", "/"), ("navigate", "/bags/x"), (None, "/"), ("cors", "/bags")):
         with pytest.raises(RefusedError, match="another site"):
@@ -65,11 +65,11 @@ def test_another_site_may_lead_here_and_ask_for_nothing(site: str) -> None:
 
 @pytest.mark.parametrize("site", [None, "same-origin", "none"])
 def test_its_own_pages_and_other_programs_may_ask(site: str | None) -> None:
-    Door().check_site(site, "cors", "/bags")
+    AccessPolicy().check_site(site, "cors", "/bags")
 
 
 def test_only_its_own_pages_open_a_websocket() -> None:
-    door, host = Door(), "127.0.0.1:8765"
+    door, host = AccessPolicy(), "127.0.0.1:8765"
     door.check_origin("http://127.0.0.1:8765", host)
     for origin in (
         None,

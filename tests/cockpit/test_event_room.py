@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from bicycle_cockpit.broadcaster import MOST_LETTERS
 from bicycle_cockpit.event_room import BURST, RATE, EventRoom
-from bicycle_cockpit.hub import MOST_LETTERS
-from bicycle_controller.goals import Status
+from bicycle_controller.control.goals import Status
 
 SECONDS = 180
 

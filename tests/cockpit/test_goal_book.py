@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 
-from bicycle_cockpit.goal_book import GoalBook
-from bicycle_controller.goals import Status
+from bicycle_cockpit.goal_list import GoalList
+from bicycle_controller.control.goals import Status
 
 A, B, C = (1.0, 0.0), (2.0, 0.0), (3.0, 0.0)
 
 
 def test_a_path_is_ridden_down() -> None:
-    book = GoalBook()
+    book = GoalList()
     book.sent([A, B, C])
     book.changed(Status.ACTIVE, A, 2)
     assert (book.active, book.ahead) == (A, [B, C])
@@ -26,14 +26,14 @@ def test_a_path_is_ridden_down() -> None:
 
 
 def test_what_was_lost_does_not_matter() -> None:
-    book = GoalBook()
+    book = GoalList()
     book.sent([A, B, C])
     book.changed(Status.ACTIVE, C, 0)
     assert (book.active, book.ahead) == (C, [])
 
 
 def test_a_newer_goal_takes_the_place() -> None:
-    book = GoalBook()
+    book = GoalList()
     book.sent([A, B])
     book.changed(Status.ACTIVE, A, 1)
     book.sent([C])
@@ -45,7 +45,7 @@ def test_a_newer_goal_takes_the_place() -> None:
 
 def test_a_fall_and_an_empty_path_leave_none() -> None:
     for end in (Status.FALLEN, Status.CANCELLED):
-        book = GoalBook()
+        book = GoalList()
         book.sent([A, B])
         book.changed(Status.ACTIVE, A, 1)
         book.changed(end, A, 0)
@@ -55,14 +55,14 @@ def test_a_fall_and_an_empty_path_leave_none() -> None:
 
 
 def test_waypoints_come_after_all_that_lies_ahead() -> None:
-    book = GoalBook()
+    book = GoalList()
     book.sent([A, B])
     book.changed(Status.ACTIVE, A, 1)
     assert book.with_more([C]) == [A, B, C]
 
 
 def test_a_waypoint_follows_what_was_sent_and_not_taken_yet() -> None:
-    book = GoalBook()
+    book = GoalList()
     book.sent([A])
     assert book.with_more([C]) == [A, C], "the controller is busy"
     book.changed(Status.ACTIVE, A, 0)
@@ -83,7 +83,7 @@ def test_a_waypoint_follows_what_was_sent_and_not_taken_yet() -> None:
 
 
 def test_a_path_that_was_refused_leaves_the_one_before() -> None:
-    book = GoalBook()
+    book = GoalList()
     book.sent([A, B])
     book.changed(Status.ACTIVE, A, 1)
     nowhere = (math.nan, 0.0)
@@ -95,6 +95,6 @@ def test_a_path_that_was_refused_leaves_the_one_before() -> None:
 
 
 def test_who_comes_late_knows_the_goal_but_not_the_path() -> None:
-    book = GoalBook()
+    book = GoalList()
     book.changed(Status.ACTIVE, B, 3)
     assert (book.active, book.ahead) == (B, [])

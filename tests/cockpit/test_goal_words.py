@@ -7,7 +7,7 @@ import math
 import pytest
 
 from bicycle_cockpit.goal_words import Told, kind, level, text
-from bicycle_controller.goals import Status
+from bicycle_controller.control.goals import Status
 
 HERE, THERE = (1.0, 2.0), (30.0, -4.25)
 

@@ -8,7 +8,14 @@ from typing import Any
 
 import pytest
 
-from bicycle_cockpit.hub import MOST_CLIENTS, MOST_FRAMES, MOST_LETTERS, Hub, Outbox, TooSlowError
+from bicycle_cockpit.broadcaster import (
+    MOST_CLIENTS,
+    MOST_FRAMES,
+    MOST_LETTERS,
+    Broadcaster,
+    Outbox,
+    TooSlowError,
+)
 from bicycle_cockpit.rows import Rows
 
 
@@ -122,7 +129,7 @@ def test_a_page_that_takes_nothing_is_given_up() -> None:
 
 def test_one_slow_page_takes_nothing_from_another() -> None:
     async def story() -> None:
-        hub = Hub()
+        hub = Broadcaster()
         (one, slow), (two, fast) = hub.join() or (0, Outbox()), hub.join() or (0, Outbox())
         for number in (one, two):
             hub.greet(number, "hello", [])
@@ -140,7 +147,7 @@ def test_one_slow_page_takes_nothing_from_another() -> None:
 
 def test_who_comes_late_gets_what_is_newest_but_no_old_frames() -> None:
     async def story() -> None:
-        hub = Hub()
+        hub = Broadcaster()
         hub.frame(row(1))
         hub.newest("status", "old status")
         hub.newest("status", "status")
@@ -156,7 +163,7 @@ def test_who_comes_late_gets_what_is_newest_but_no_old_frames() -> None:
 
 
 def test_there_is_room_for_so_many_and_again_when_one_leaves() -> None:
-    hub = Hub()
+    hub = Broadcaster()
     numbers_given = [joined[0] for joined in (hub.join() for _ in range(MOST_CLIENTS)) if joined]
     assert hub.join() is None
     hub.leave(numbers_given[0])

@@ -10,12 +10,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bicycle_cockpit.bucket import Bucket
-from bicycle_cockpit.live import BURST, HISTORY, PIECE, RATE, SILENCE, Live
 from bicycle_cockpit.loop_stats import WINDOW, LoopStats, loop_figures
+from bicycle_cockpit.rate_limiter import RateLimiter
+from bicycle_cockpit.ride_state import BURST, HISTORY, PIECE, RATE, SILENCE, RideState
 from bicycle_cockpit.rows import Rows, joined
 from bicycle_cockpit.samples import COLUMNS, Sample, plain_column, plain_row, reward_columns
-from bicycle_sim.reward import RewardWeights
+from bicycle_sim.task.reward import RewardWeights
 
 
 class Clock:
@@ -38,7 +38,7 @@ def steps(rows: Iterable[Rows | None]) -> list[float]:
 
 
 def test_a_frame_holds_the_rows_since_the_last_one() -> None:
-    live = Live(Clock())
+    live = RideState(Clock())
     assert live.frame() is None
     for step in range(3):
         assert live.add(sample(step))
@@ -48,7 +48,7 @@ def test_a_frame_holds_the_rows_since_the_last_one() -> None:
 
 
 def test_who_comes_late_gets_the_last_two_minutes() -> None:
-    live = Live(Clock())
+    live = RideState(Clock())
     for step in range(HISTORY + 10):
         live.add(sample(step))
     live.frame()
@@ -59,7 +59,7 @@ def test_who_comes_late_gets_the_last_two_minutes() -> None:
 
 @pytest.mark.parametrize("waiting", [0, 1, 2, 30])
 def test_history_and_the_next_frame_neither_overlap_nor_leave_a_row_out(waiting: int) -> None:
-    live = Live(Clock())
+    live = RideState(Clock())
     sent = []
     for step in range(50):
         live.add(sample(step))
@@ -73,7 +73,7 @@ def test_history_and_the_next_frame_neither_overlap_nor_leave_a_row_out(waiting:
 
 
 def test_a_simulator_that_was_started_anew_begins_a_new_history() -> None:
-    live = Live(Clock())
+    live = RideState(Clock())
     live.add(sample(5))
     live.frame()
     before = live.hello()["ride"]
@@ -86,7 +86,7 @@ def test_a_simulator_that_was_started_anew_begins_a_new_history() -> None:
 
 
 def test_what_happens_is_told_with_its_place_and_counted() -> None:
-    live = Live(Clock())
+    live = RideState(Clock())
     assert "x" not in live.event("info", "before the first state", kind="reset")
     live.add(sample(1, x=3.0, y=4.0))
     fell = live.event("bad", "the bicycle fell", kind="fell")
@@ -96,7 +96,7 @@ def test_what_happens_is_told_with_its_place_and_counted() -> None:
 
 
 def test_rows_name_the_policy_that_rode() -> None:
-    live = Live(Clock())
+    live = RideState(Clock())
     numbers = [live.policy_number(name) for name in ("naf@1", "lqr-2", "naf@1")]
     assert numbers == [0, 1, 0]
     assert math.isnan(live.policy_number(""))
@@ -108,7 +108,7 @@ def test_rows_name_the_policy_that_rode() -> None:
 
 def test_lock_step_is_thinned_and_silence_is_noticed() -> None:
     clock = Clock()
-    live = Live(clock)
+    live = RideState(clock)
     assert not live.hears_simulator
     taken = 0
     for _ in range(10_000):  # 1,000 steps a second
@@ -123,13 +123,13 @@ def test_lock_step_is_thinned_and_silence_is_noticed() -> None:
 
 def test_steps_that_waited_while_the_cockpit_was_busy_are_all_kept() -> None:
     clock = Clock()
-    live = Live(clock)
+    live = RideState(clock)
     clock.now += 5.0
     assert all(live.due() for _ in range(200)), "5 s of the ride at once"
 
 
 def test_all_of_it_is_json_without_nan() -> None:
-    live = Live(Clock())
+    live = RideState(Clock())
     live.add(sample(1, goal_distance=math.nan, heading_error=math.inf))
     live.event("good", "reached", kind="reached", x=1.0, y=2.0)
     live.trained({"updates": 5})
@@ -177,7 +177,7 @@ def test_they_are_about_the_last_seconds() -> None:
 
 def test_a_bucket_lets_a_burst_through_and_then_the_rate() -> None:
     clock = Clock()
-    bucket = Bucket(rate=2.0, burst=3.0, clock=clock)
+    bucket = RateLimiter(rate=2.0, burst=3.0, clock=clock)
     assert [bucket.take() for _ in range(4)] == [True, True, True, False]
     clock.now += 0.5
     assert [bucket.take() for _ in range(2)] == [True, False]

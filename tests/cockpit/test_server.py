@@ -15,7 +15,7 @@ from server_desk import TOKEN, Desk
 from waiting import until
 
 from bicycle_cockpit import page_socket
-from bicycle_cockpit.door import Door
+from bicycle_cockpit.access import AccessPolicy
 from bicycle_cockpit.page_socket import MOST_REFUSALS
 from bicycle_cockpit.requests import MOST_BYTES
 from bicycle_cockpit.rows import Rows
@@ -24,7 +24,7 @@ from bicycle_cockpit.server import HEADERS, Server
 
 @pytest.fixture
 def desk(tmp_path: Path) -> Iterator[Desk]:
-    made = Desk(Door(), tmp_path)
+    made = Desk(AccessPolicy(), tmp_path)
     yield made
     made.server.stop()
 
@@ -89,7 +89,7 @@ def test_a_foreign_host_or_origin_is_refused_and_logged(desk: Desk) -> None:
 
 
 def test_an_open_server_wants_its_token(tmp_path: Path) -> None:
-    desk = Desk(Door("0.0.0.0", TOKEN), tmp_path)
+    desk = Desk(AccessPolicy("0.0.0.0", TOKEN), tmp_path)
 
     async def story() -> None:
         async with Session() as session:
@@ -229,7 +229,7 @@ def test_rows_that_waited_for_a_slow_line_come_without_a_hole(desk: Desk) -> Non
 
 
 def test_a_port_that_is_taken_is_said(desk: Desk, tmp_path: Path) -> None:
-    second = Server(Door(), desk.server.port, tmp_path, print, print, print)
+    second = Server(AccessPolicy(), desk.server.port, tmp_path, print, print, print)
     with pytest.raises(OSError, match="in use"):
         second.start()
 
@@ -331,7 +331,7 @@ def test_another_site_s_page_cannot_have_bags_read_by_an_image(desk: Desk, site:
 
 
 def test_a_token_that_is_no_text_is_wrong_and_nothing_more(tmp_path: Path) -> None:
-    desk = Desk(Door("0.0.0.0", TOKEN), tmp_path)
+    desk = Desk(AccessPolicy("0.0.0.0", TOKEN), tmp_path)
     try:
         with socket.create_connection(("127.0.0.1", desk.server.port)) as line:
             request = (

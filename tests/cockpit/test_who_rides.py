@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bicycle_cockpit.hand_over_words import explained
 from bicycle_cockpit.who_rides import SETTLED, HandOver, WhoRides
-from bicycle_controller.safety import Reason
+from bicycle_controller.control.safety import Reason
 
 NAF, LQR = "naf@cee775ab58", "lqr-cfc5cd8e"
 TAKEN = HandOver(LQR, "lean rate 0.6 rad/s is beyond 0.5 rad/s", 4.2, stop=False)

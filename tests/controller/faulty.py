@@ -8,11 +8,11 @@ from functools import partial
 
 import numpy as np
 
-from bicycle_controller.controllers import Controller
-from bicycle_controller.safety import Safety
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import Scenario
-from bicycle_sim.task import BicycleTask
+from bicycle_controller.control.controller import Controller
+from bicycle_controller.control.safety import Safety
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import Scenario
+from bicycle_sim.task.task import BicycleTask
 
 FINE = 400
 """Steps, 10 s, that a policy that fails late rides well."""

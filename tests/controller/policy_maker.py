@@ -6,9 +6,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from bicycle_controller.policy import Policy, PolicyInfo
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import SCENARIOS
+from bicycle_controller.policy.policy import Policy, PolicyInfo
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import SCENARIOS
 
 SCALE = (0.8, 3.0, 0.3, 1.0, 5.0, 2.0)
 

@@ -13,17 +13,16 @@ from rclpy.serialization import serialize_message
 from bicycle_bag.metadata import Topic
 from bicycle_bag.schemas import Schemas
 from bicycle_bag.writer import BagWriter
-from bicycle_controller.config import NoiseConfig
-from bicycle_controller.driver import Driver
-from bicycle_controller.goals import GoalTracker
-from bicycle_controller.noise import Noise
-from bicycle_controller.policy import load_controller
-from bicycle_sim.loop import Loop, LoopOptions, Made
-from bicycle_sim.nodes import convert
-from bicycle_sim.nodes.interfaces import COMMAND, EPISODE, STATE, TRANSITION
-from bicycle_sim.scenario import SCENARIOS, Scenario
-from bicycle_sim.simulator import Simulator
-from bicycle_sim.transitions import Transition
+from bicycle_common.nodes import convert
+from bicycle_common.nodes.topics import COMMAND, EPISODE, STATE, TRANSITION
+from bicycle_common.types import Transition
+from bicycle_controller.control.control_loop import ControlLoop
+from bicycle_controller.control.exploration_noise import Noise, NoiseConfig
+from bicycle_controller.control.goals import GoalTracker
+from bicycle_controller.policy.policy import load_controller
+from bicycle_sim.runtime.loop import Loop, LoopOptions, StepResult
+from bicycle_sim.runtime.simulator import Simulator
+from bicycle_sim.task.scenario import SCENARIOS, Scenario
 
 PERIOD_NS = 25_000_000
 SCENARIO = SCENARIOS["random-start-random-goal"]
@@ -48,7 +47,7 @@ class Rider:
         options = LoopOptions(pace="lockstep", watchdog_timeout=0.0)
         self.loop = Loop(Simulator(scenario, seed=seed), options)
         noise = Noise(NoiseConfig("ou", sigma, 0.15), 1, 3, np.random.default_rng(seed))
-        self.driver = Driver(
+        self.driver = ControlLoop(
             "maker",
             load_controller(policy),
             GoalTracker(scenario.goal_radius, 300.0, 2.0),
@@ -98,7 +97,7 @@ class Rider:
         )
         yield self._state()
 
-    def _made(self, made: Made) -> Iterator[Message]:
+    def _made(self, made: StepResult) -> Iterator[Message]:
         yield self._state()
         yield from self._transitions(made.transitions)
 

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from bicycle_controller import checkpoint
-from bicycle_controller.policy import load_policy
+from bicycle_controller.policy.policy import load_policy
+from bicycle_controller.training import checkpoint
 
 CLOCKS = {"wall_s", "cpu_s"}
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from bicycle_controller.rollout import advantages
+from bicycle_controller.data.rollout_buffer import advantages
 
 
 def test_advantages_by_hand() -> None:

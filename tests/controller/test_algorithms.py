@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from bicycle_controller import settings
+from bicycle_controller.config import loading
 
 
 @pytest.mark.parametrize(
@@ -25,19 +25,19 @@ def test_a_mistake_is_one_line_that_names_the_field(
     preset: str, override: str, words: str
 ) -> None:
     with pytest.raises(ValueError, match=re.escape(words)) as caught:
-        settings.preset(preset, [override])
+        loading.preset(preset, [override])
     assert "\n" not in str(caught.value)
 
 
 def test_a_run_has_one_algorithm(tmp_path: Path) -> None:
     path = tmp_path / "two.yaml"
-    path.write_text(settings.dump(settings.preset("naf")).replace("ddpg: null\n", ""))
-    assert settings.load(path).algorithm == "naf"
+    path.write_text(loading.dump(loading.preset("naf")).replace("ddpg: null\n", ""))
+    assert loading.load(path).algorithm == "naf"
     path.write_text("extends: naf\nppo:\n" + _ppo_part())
     with pytest.raises(ValueError, match="exactly one of ddpg, naf, ppo, not naf and ppo"):
-        settings.load(path)
+        loading.load(path)
 
 
 def _ppo_part() -> str:
-    text = settings.dump(settings.preset("ppo"))
+    text = loading.dump(loading.preset("ppo"))
     return text.split("ppo:\n")[1].split("bicycles:")[0]

@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from bicycle_controller.agents.answer import Answer
-from bicycle_controller.networks import Actor
+from bicycle_controller.agents.networks import Actor
 
 KINDS = {"plain": {}, "norm": {"layer_norm": True}, "symmetric": {"symmetric": True}}
 

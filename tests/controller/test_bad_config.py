@@ -13,16 +13,16 @@ from typing import Any
 
 import pytest
 
-from bicycle_controller import settings
-from bicycle_controller.config import RunConfig
-from bicycle_controller.policy import load_controller
-from bicycle_controller.rides import Disturbance
-from bicycle_controller.safety import SafetyConfig
-from bicycle_sim.config import reject_unknown
-from bicycle_sim.parameters import Constants, Physics
-from bicycle_sim.scenario import Scenario, named
+from bicycle_common.validation import reject_unknown
+from bicycle_controller.config import loading
+from bicycle_controller.config.run import RunConfig
+from bicycle_controller.control.safety import SafetyConfig
+from bicycle_controller.evaluation.rollouts import Disturbance
+from bicycle_controller.policy.policy import load_controller
+from bicycle_sim.plants.choi.parameters import Constants, Physics
+from bicycle_sim.task.scenario import Scenario, named
 
-PRESETS = [settings.preset(name) for name in settings.preset_names()]
+PRESETS = [loading.preset(name) for name in loading.preset_names()]
 
 
 def leaves(value: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -57,10 +57,10 @@ def base(path: tuple[str, ...]) -> RunConfig:
 
 
 def refused(path: tuple[str, ...], value: Any) -> str:
-    tree = settings._merge(dataclasses.asdict(base(path)), nested(path, value))
+    tree = loading._merge(dataclasses.asdict(base(path)), nested(path, value))
     line = ""
     try:
-        settings.build(tree)
+        loading.build(tree)
     except ValueError as error:
         line = str(error)
     assert line, f"{'.'.join(path)} = {value!r} was let in"

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from bicycle_controller import cli, settings
-from bicycle_controller.beside_lqr import lqr_score, warning
-from bicycle_controller.score import Score
+from bicycle_controller.cli import main
+from bicycle_controller.config import loading
+from bicycle_controller.evaluation.beside_lqr import lqr_score, warning
+from bicycle_controller.evaluation.score import Score
 
 LQR = Score(reach_rate=1.0, fall_rate=0.0, orbit_rate=0.0, median_time_s=27.0)
 
@@ -41,7 +42,7 @@ def test_without_an_lqr_nothing_is_compared() -> None:
 
 
 def test_the_lqr_rides_the_starts_of_the_run() -> None:
-    config = settings.preset("fast", ["scenario=learned-speed", "evaluation.episodes=20"])
+    config = loading.preset("fast", ["scenario=learned-speed", "evaluation.episodes=20"])
     found = lqr_score(config)
     assert found is not None
     assert (found.reach_rate, found.fall_rate) == (1.0, 0.0)
@@ -53,7 +54,7 @@ def test_a_run_of_a_moment_is_warned_of(
 ) -> None:
     changes = ["evaluation.every=4", "evaluation.episodes=8"]
     words = ["--steps", "8000", *(word for change in changes for word in ("--set", change))]
-    assert cli.main(["train", "--out", str(tmp_path / "run"), *words, "--quiet"]) == 0
+    assert main.main(["train", "--out", str(tmp_path / "run"), *words, "--quiet"]) == 0
     printed = capsys.readouterr()
     assert "best policy" in printed.out
     (line,) = [line for line in printed.err.splitlines() if "warning" in line]

@@ -9,14 +9,14 @@ import pytest
 from policy_maker import make_policy
 from waiting import finish, until
 
-from bicycle_controller import cli
-from bicycle_controller.evaluate import evaluate
-from bicycle_controller.lqr import LqrController
-from bicycle_controller.policy import load_policy, save_policy
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import SCENARIOS
+from bicycle_controller.cli import main
+from bicycle_controller.control.lqr import LqrController
+from bicycle_controller.evaluation.evaluate import evaluate
+from bicycle_controller.policy.policy import load_policy, save_policy
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import SCENARIOS
 
-BICYCLE = [sys.executable, "-m", "bicycle_controller.cli"]
+BICYCLE = [sys.executable, "-m", "bicycle_controller.cli.main"]
 QUICK = ["--scenario", "fixed-start-fixed-goal", "--episodes", "20", "--seed", "3"]
 
 
@@ -30,7 +30,7 @@ def policy(tmp_path: Path) -> Path:
 
 def output(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     """Standard output of a command that succeeds and says nothing else."""
-    assert cli.main(list(arguments)) == 0
+    assert main.main(list(arguments)) == 0
     out, err = capsys.readouterr()
     assert err == ""
     return out
@@ -38,7 +38,7 @@ def output(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 def mistake(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
     """The one line with which a command refuses its arguments."""
-    status = cli.main(list(arguments))
+    status = main.main(list(arguments))
     out, err = capsys.readouterr()
     assert (status, out) == (2, "")
     assert err.startswith("bicycle")
@@ -110,13 +110,13 @@ def test_evaluate_uses_what_the_policy_was_trained_on(
 def test_a_policy_that_rides_another_bicycle_than_it_was_trained_on_is_warned_of(
     capsys: pytest.CaptureFixture[str], policy: Path, words: list[str], told: list[str]
 ) -> None:
-    assert cli.main(["evaluate", str(policy), "--episodes", "2", "--json", *words]) == 0
+    assert main.main(["evaluate", str(policy), "--episodes", "2", "--json", *words]) == 0
     printed = capsys.readouterr()
     assert json.loads(printed.out)["unlike_training"] == told
     assert printed.err.count("\n") == bool(told)
     for text in told:
         assert text in printed.err
-    assert cli.main(["evaluate", "lqr", *QUICK, *words, "--against", str(policy)]) == 0
+    assert main.main(["evaluate", "lqr", *QUICK, *words, "--against", str(policy)]) == 0
     said = capsys.readouterr().err
     assert ("lqr" in said, policy_id(policy) in said) == (False, bool(told))
 
@@ -144,7 +144,7 @@ def test_evaluate_compares(capsys: pytest.CaptureFixture[str], policy: Path) -> 
 
 
 def test_evaluate_without_a_gpu_says_so(capsys: pytest.CaptureFixture[str], policy: Path) -> None:
-    assert cli.main(["evaluate", str(policy), *QUICK, "--device", "cuda:63"]) == 0
+    assert main.main(["evaluate", str(policy), *QUICK, "--device", "cuda:63"]) == 0
     assert "runs on the CPU" in capsys.readouterr().err
 
 
@@ -182,7 +182,7 @@ WITHOUT_CHANCE = ("info",)
 
 
 def test_every_command_has_help_seed_device_and_json(capsys: pytest.CaptureFixture[str]) -> None:
-    for name in cli.COMMANDS:
+    for name in main.COMMANDS:
         text = output(capsys, name, "--help")
         drawn = () if name in WITHOUT_CHANCE else ("--seed", "--device")
         for option in ("--help", "--json", *drawn):
@@ -247,10 +247,11 @@ def test_ctrl_c_ends_without_a_traceback(tmp_path: Path) -> None:
 
 
 def test_help_loads_nothing_heavy() -> None:
-    code = "import sys; from bicycle_controller import cli; cli.main([]); print(*sys.modules)"
+    code = "import sys; from bicycle_controller.cli.main import main; main([])"
+    code += "; print(*sys.modules)"
     text = subprocess.check_output([sys.executable, "-c", code], text=True)
     loaded = text.splitlines()[-1].split()
-    assert "bicycle_controller.cli" in loaded
+    assert "bicycle_controller.cli.main" in loaded
     assert not {"numpy", "torch", "ray", "scipy"} & set(loaded)
 
 

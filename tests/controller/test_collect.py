@@ -6,13 +6,13 @@ import pytest
 import torch
 from training_maker import ddpg_of, small_run
 
-from bicycle_controller.collect import Collector
-from bicycle_controller.config import ShapingConfig, StartsConfig
-from bicycle_controller.policy import load_controller
-from bicycle_controller.replay import Batch, Replay
-from bicycle_controller.starts import restart, ride_on, training_scenario
-from bicycle_sim.scenario import SCENARIOS
-from bicycle_sim.task import BicycleTask
+from bicycle_controller.config.run import ShapingConfig, StartsConfig
+from bicycle_controller.data.replay_buffer import Batch, ReplayBuffer
+from bicycle_controller.policy.policy import load_controller
+from bicycle_controller.training.collector import Collector
+from bicycle_controller.training.starts import restart, ride_on, training_scenario
+from bicycle_sim.task.scenario import SCENARIOS
+from bicycle_sim.task.task import BicycleTask
 
 EVERYONE = np.ones(2000, dtype=bool)
 
@@ -37,7 +37,7 @@ class Broken:
 def collected(steps: int, *overrides: str) -> tuple[Collector, Batch]:
     """All transitions of a few steps of two bicycles, in order."""
     config = small_run("bicycles=2", "warm_up=0", "noise.kind=none", *overrides)
-    replay = Replay(10_000, 2)
+    replay = ReplayBuffer(10_000, 2)
     collector = Collector(config, replay)
     for _ in range(steps):
         collector.step(Still())
@@ -143,7 +143,7 @@ def test_absorbing_falls_start_again_at_once_and_are_worth_lying_for_ever() -> N
 
 def test_the_warm_up_draws_the_whole_range_and_ends_in_time() -> None:
     config = small_run("bicycles=50", "warm_up=1000")
-    replay = Replay(3000, 2)
+    replay = ReplayBuffer(3000, 2)
     collector = Collector(config, replay)
     for _ in range(40):
         collector.step(Still())
@@ -156,12 +156,12 @@ def test_the_warm_up_draws_the_whole_range_and_ends_in_time() -> None:
 
 def test_the_policy_chooses_only_driven_actions() -> None:
     pedal = small_run("scenario=learned-speed", "scenario.max_steps=60")
-    assert Collector(pedal, Replay(10, 3)).driven.tolist() == [0, 1, 2]
-    assert Collector(small_run(), Replay(10, 2)).driven.tolist() == [0, 1]
+    assert Collector(pedal, ReplayBuffer(10, 3)).driven.tolist() == [0, 1, 2]
+    assert Collector(small_run(), ReplayBuffer(10, 2)).driven.tolist() == [0, 1]
 
 
 def test_a_diverged_policy_is_one_line() -> None:
-    collector = Collector(small_run("warm_up=0"), Replay(100, 2))
+    collector = Collector(small_run("warm_up=0"), ReplayBuffer(100, 2))
     with pytest.raises(RuntimeError, match=r"diverged after 0 steps.*learning rates"):
         collector.step(Broken())
 
@@ -169,7 +169,7 @@ def test_a_diverged_policy_is_one_line() -> None:
 def test_a_saved_collection_goes_on_to_the_bit() -> None:
     config = small_run("starts.near_share=0.5", "starts.ride_on=0.5", "ddpg.n_step=3")
     config = replace(config, ddpg=replace(ddpg_of(config), fall="absorbing"))
-    memories = Replay(9000, 2), Replay(9000, 2)
+    memories = ReplayBuffer(9000, 2), ReplayBuffer(9000, 2)
     first, second = (Collector(config, memory) for memory in memories)
     for _ in range(60):
         first.step(Still())
@@ -194,10 +194,12 @@ def test_progress_costs_what_brings_the_bicycle_no_nearer() -> None:
 def test_progress_counts_the_speed_where_there_are_gears_to_go() -> None:
     options = ("scenario=learned-speed", "shaping.progress=5", "ddpg.critic_sees=[speed]")
     config = small_run("bicycles=2", "warm_up=0", "noise.kind=none", *options)
-    collector = Collector(config, Replay(10, 3, observations=7))
+    collector = Collector(config, ReplayBuffer(10, 3, observations=7))
     collector.step(Coasting())
     row = collector.replay.table[:2].numpy()  # type: ignore[attr-defined]
-    plain = Collector(replace(config, shaping=ShapingConfig()), Replay(10, 3, observations=7))
+    plain = Collector(
+        replace(config, shaping=ShapingConfig()), ReplayBuffer(10, 3, observations=7)
+    )
     plain.step(Coasting())
     before = plain.replay.table[:2].numpy()  # type: ignore[attr-defined]
     error = row[:, 7 + 3 + 5]
@@ -219,7 +221,7 @@ def test_training_may_do_without_the_heading_term() -> None:
 
 def test_the_critic_is_shown_speed_and_a_bounded_distance() -> None:
     config = small_run("ddpg.critic_sees=[goal_distance, speed]", "bicycles=8", "warm_up=0")
-    replay = Replay(100, 2, observations=8)
+    replay = ReplayBuffer(100, 2, observations=8)
     collector = Collector(config, replay)
     distance = collector.task.goal_distance()
     collector.step(Still())
@@ -230,7 +232,7 @@ def test_the_critic_is_shown_speed_and_a_bounded_distance() -> None:
 def test_a_teacher_rides_its_share() -> None:
     options = ("bicycles=8", "warm_up=0", "noise.kind=none", "starts.steer=0.3")
     teacher = ("teacher.controller=lqr-20cm", "teacher.share=0.375")
-    replay = Replay(100, 2)
+    replay = ReplayBuffer(100, 2)
     collector = Collector(small_run(*options, *teacher), replay)
     seen, speed = collector.observation, collector.task.state.speed
     expected = load_controller("lqr-20cm").act(seen, speed)[:, :2] / (2.0, 0.2)
@@ -244,7 +246,7 @@ def test_a_teacher_rides_its_share() -> None:
 def test_the_memory_holds_what_the_teacher_would_have_done() -> None:
     options = ("bicycles=8", "warm_up=0", "noise.kind=none", "starts.steer=0.3")
     teacher = ("teacher.controller=lqr-20cm", "teacher.share=0.125", "ddpg.bc_to=teacher")
-    replay = Replay(100, 2, shown=True)
+    replay = ReplayBuffer(100, 2, shown=True)
     collector = Collector(small_run(*options, *teacher), replay)
     seen, speed = collector.observation, collector.task.state.speed
     expected = load_controller("lqr-20cm").act(seen, speed)[:, :2] / (2.0, 0.2)

@@ -8,13 +8,13 @@ import pytest
 import yaml
 from training_maker import ddpg_of, small_run
 
-from bicycle_controller import settings
-from bicycle_controller.config import DdpgConfig, EvaluationConfig, StartsConfig
-from bicycle_sim.scenario import SCENARIOS
+from bicycle_controller.config import loading
+from bicycle_controller.config.run import DdpgConfig, EvaluationConfig, StartsConfig
+from bicycle_sim.task.scenario import SCENARIOS
 
 
 def test_the_paper_preset_is_tables_2_and_3() -> None:
-    config = settings.preset("paper")
+    config = loading.preset("paper")
     ddpg, noise = ddpg_of(config), config.noise
     assert (ddpg.actor_hidden, ddpg.critic_hidden) == ((400, 300), (200, 200))
     assert (ddpg.actor_learning_rate, ddpg.critic_learning_rate) == (1e-3, 1e-3)
@@ -25,7 +25,7 @@ def test_the_paper_preset_is_tables_2_and_3() -> None:
 
 
 def test_the_paper_preset_uses_nothing_that_the_paper_has_not() -> None:
-    found = ddpg_of(settings.preset("paper"))
+    found = ddpg_of(loading.preset("paper"))
     plain = {
         "n_step": 1,
         "critics": 1,
@@ -42,7 +42,7 @@ def test_the_paper_preset_uses_nothing_that_the_paper_has_not() -> None:
 
 
 def test_rows_28_to_31_35_and_36_the_authors_preset() -> None:
-    config = settings.preset("authors")
+    config = loading.preset("authors")
     ddpg = ddpg_of(config)
     assert ddpg.critic_hidden == (400, 300)
     assert (ddpg.actor_learning_rate, ddpg.critic_learning_rate) == (1e-4, 1e-3)
@@ -53,28 +53,28 @@ def test_rows_28_to_31_35_and_36_the_authors_preset() -> None:
     assert (config.warm_up, config.starts.max_steps) == (1000, 400)
 
 
-@pytest.mark.parametrize("name", settings.preset_names())
+@pytest.mark.parametrize("name", loading.preset_names())
 def test_every_preset_survives_yaml(name: str, tmp_path: Path) -> None:
-    config = settings.preset(name, ["scenario.max_steps=77", "physics=corrected", "seed=5"])
+    config = loading.preset(name, ["scenario.max_steps=77", "physics=corrected", "seed=5"])
     path = tmp_path / "config.yaml"
-    path.write_text(settings.dump(config))
-    assert settings.load(path) == config
+    path.write_text(loading.dump(config))
+    assert loading.load(path) == config
     assert config.preset == name
 
 
 def test_a_file_may_extend_a_preset(tmp_path: Path) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text("extends: authors\nddpg:\n  tau: 5e-3\nscenario: learned-speed\n")
-    config = settings.load(path, ["ddpg.n_step=3", "noise.sigma=0.3"])
-    base = settings.preset("authors")
+    config = loading.load(path, ["ddpg.n_step=3", "noise.sigma=0.3"])
+    base = loading.preset("authors")
     assert config.ddpg == replace(ddpg_of(base), tau=0.005, n_step=3)
     assert config.noise == replace(base.noise, sigma=0.3)
     assert config.scenario == SCENARIOS["learned-speed"]
 
 
 def test_an_override_changes_what_it_names_and_nothing_else() -> None:
-    base = settings.preset("fast")
-    config = settings.preset("fast", ["scenario.reward.heading_error=3", "steps=2e5"])
+    base = loading.preset("fast")
+    config = loading.preset("fast", ["scenario.reward.heading_error=3", "steps=2e5"])
     assert config.scenario.reward == replace(base.scenario.reward, heading_error=3.0)
     assert isinstance(config.steps, int)
     assert replace(config, steps=base.steps, scenario=base.scenario) == base
@@ -86,8 +86,8 @@ def test_a_scenario_of_ones_own_in_yaml() -> None:
         "start": {"low": [0, 0], "high": [9, 9]},
         "goal": {"low": [3, 3], "high": [3, 3]},
     }
-    tree = yaml.safe_load(settings.dump(settings.preset("paper"))) | {"scenario": own}
-    scenario = settings.build(tree).scenario
+    tree = yaml.safe_load(loading.dump(loading.preset("paper"))) | {"scenario": own}
+    scenario = loading.build(tree).scenario
     assert (scenario.name, scenario.start.high, scenario.max_steps) == ("yard", (9.0, 9.0), 400)
 
 
@@ -116,7 +116,7 @@ def test_a_scenario_of_ones_own_in_yaml() -> None:
 )
 def test_a_typo_is_one_line_that_names_the_nearest(override: str, words: list[str]) -> None:
     with pytest.raises(ValueError, match=re.escape(words[0])) as caught:
-        settings.preset("fast", [override])
+        loading.preset("fast", [override])
     message = str(caught.value)
     assert "\n" not in message
     for word in words:
@@ -125,7 +125,7 @@ def test_a_typo_is_one_line_that_names_the_nearest(override: str, words: list[st
 
 def test_an_unknown_preset_names_the_nearest() -> None:
     with pytest.raises(ValueError, match="did you mean 'paper'"):
-        settings.preset("papr")
+        loading.preset("papr")
 
 
 @pytest.mark.parametrize(
@@ -142,14 +142,14 @@ def test_a_bad_file_is_one_line_with_its_name(text: str, word: str, tmp_path: Pa
     path = tmp_path / "mine.yaml"
     path.write_text(text)
     with pytest.raises(ValueError, match=word) as caught:
-        settings.load(path)
+        loading.load(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_a_missing_file_is_one_line() -> None:
     with pytest.raises(ValueError, match="cannot read the configuration /nowhere"):
-        settings.load(Path("/nowhere.yaml"))
+        loading.load(Path("/nowhere.yaml"))
 
 
 @pytest.mark.parametrize(
@@ -174,7 +174,7 @@ def test_a_missing_file_is_one_line() -> None:
     ],
 )
 def test_impossible_ddpg_is_refused(changes: dict[str, Any]) -> None:
-    config = ddpg_of(settings.preset("paper"))
+    config = ddpg_of(loading.preset("paper"))
     with pytest.raises(ValueError, match=next(iter(changes))):
         replace(config, **changes)
 
@@ -197,12 +197,12 @@ def test_the_least_value_counts_penalty_and_scale() -> None:
         "reward_scale": 0.1,
         "gamma": 0.9,
     }
-    config: DdpgConfig = replace(ddpg_of(settings.preset("paper")), **changes)
+    config: DdpgConfig = replace(ddpg_of(loading.preset("paper")), **changes)
     assert config.value_min == pytest.approx(-25.0)
 
 
 def test_a_mirror_without_displacement_refuses_the_pedal() -> None:
     fixed = ("scenario=learned-speed", "scenario.displacement_limit=0")
     with pytest.raises(ValueError, match=r"need a scenario\.displacement_limit above zero"):
-        settings.preset("fast", fixed)
-    assert settings.preset("fast", ["scenario.displacement_limit=0"]).learner.gamma == 0.99
+        loading.preset("fast", fixed)
+    assert loading.preset("fast", ["scenario.displacement_limit=0"]).learner.gamma == 0.99

@@ -10,12 +10,13 @@ import torch
 from run_compare import after, assert_same_run
 from training_maker import small_run
 
-from bicycle_controller import settings, train
-from bicycle_controller.config import RunConfig
-from bicycle_controller.devices import actor_on
-from bicycle_controller.evaluate import evaluate
-from bicycle_controller.policy import load_policy
-from bicycle_sim.scenario import named
+from bicycle_controller.config import loading
+from bicycle_controller.config.run import RunConfig
+from bicycle_controller.evaluation.evaluate import evaluate
+from bicycle_controller.policy.devices import actor_on
+from bicycle_controller.policy.policy import load_policy
+from bicycle_controller.training import online
+from bicycle_sim.task.scenario import named
 
 pytestmark = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device here")
 
@@ -24,17 +25,17 @@ RUNS: dict[str, RunConfig] = {
     "paper": small_run("device=cuda"),
     "autograd": small_run("device=cuda", "ddpg.backend=autograd"),
     "fast": small_run("device=cuda", preset="fast"),
-    "naf": settings.preset("naf", [*FEW, "bicycles=8", "warm_up=200"]),
-    "ppo": settings.preset("ppo", [*FEW, "ppo.rollout=32"]),
+    "naf": loading.preset("naf", [*FEW, "bicycles=8", "warm_up=200"]),
+    "ppo": loading.preset("ppo", [*FEW, "ppo.rollout=32"]),
 }
 
 
 @pytest.mark.parametrize("name", RUNS)
 def test_a_run_is_repeated_and_resumed_to_the_bit(name: str, tmp_path: Path) -> None:
     config = RUNS[name]
-    assert train.run(config, tmp_path / "one").status == "finished"
-    train.run(config, tmp_path / "two", stop=after(17))
-    assert train.resume(tmp_path / "two").status == "finished"
+    assert online.run(config, tmp_path / "one").status == "finished"
+    online.run(config, tmp_path / "two", stop=after(17))
+    assert online.resume(tmp_path / "two").status == "finished"
     assert_same_run(tmp_path / "one", tmp_path / "two")
 
 

@@ -13,16 +13,17 @@ import numpy as np
 import pytest
 from ride_bag_maker import SCENARIO, Message, Rider, write_bag
 
-from bicycle_controller import dataset, settings
-from bicycle_controller.bag_transitions import Transitions
-from bicycle_controller.dataset import Dataset
-from bicycle_controller.dataset_report import as_text, report
-from bicycle_controller.learner_config import DdpgConfig
-from bicycle_controller.live import Stream, packed, unpacked
-from bicycle_controller.replay import Returns, Valuation
-from bicycle_sim.nodes import convert
-from bicycle_sim.scenario import SCENARIOS
-from bicycle_sim.simulator import Source
+from bicycle_common.nodes import convert
+from bicycle_common.types import CommandSource
+from bicycle_controller.config import loading
+from bicycle_controller.config.algorithms import DdpgConfig
+from bicycle_controller.data import dataset
+from bicycle_controller.data.bag_transitions import Transitions
+from bicycle_controller.data.dataset import Dataset
+from bicycle_controller.data.dataset_report import as_text, report
+from bicycle_controller.data.replay_buffer import NStepAccumulator, RewardShaping
+from bicycle_controller.data.transition_stream import TransitionStream, packed, unpacked
+from bicycle_sim.task.scenario import SCENARIOS
 
 sys.path.append(str(Path(__file__).parents[1] / "bag"))
 from clocks import CLOCKS, with_clock
@@ -44,7 +45,7 @@ def recorded(ride: list[Message], tmp_path_factory: pytest.TempPathFactory) -> D
 
 
 def offline_ddpg(*overrides: str) -> DdpgConfig:
-    ddpg = settings.preset("offline", overrides).ddpg
+    ddpg = loading.preset("offline", overrides).ddpg
     assert ddpg is not None
     return ddpg
 
@@ -165,7 +166,7 @@ def test_a_held_command_is_the_action_of_the_steps_that_it_ruled(tmp_path: Path)
         """As if the answer to step 20 had come too late: step 20 goes on under that to 19."""
         for topic, message, time in messages:
             if topic == STATE and message.step == 21:
-                message.command_source, message.command_step = int(Source.HELD), 19
+                message.command_source, message.command_step = int(CommandSource.HELD), 19
             if topic == COMMAND and message.step == 19:
                 message.torque = 1.25
             yield topic, message, time
@@ -211,7 +212,7 @@ def test_the_memory_gets_what_stepping_through_the_ride_gives(
     ddpg = offline_ddpg(f"ddpg.n_step={n_step}")
     rows = dataset.memory_rows(recorded, ddpg)
     found, limits = recorded.transitions, recorded.scenario.action_limits
-    returns = Returns(1, 2, Valuation.of(ddpg))
+    returns = NStepAccumulator(1, 2, RewardShaping.of(ddpg))
     made = [
         returns.push(
             found.observation[i : i + 1],
@@ -253,7 +254,7 @@ def test_the_stream_of_messages_gives_the_same_and_counts_gaps(
     ride: list[Message], recorded: Dataset
 ) -> None:
     messages = [message for topic, message, _ in ride if topic == TRANSITION]
-    whole, torn = Stream(), Stream()
+    whole, torn = TransitionStream(), TransitionStream()
     made = [t for message in messages for t in whole.take(convert.to_transition(message))]
     assert whole.lost == 0
     assert len(made) in (len(messages), len(messages) - 1)

@@ -8,12 +8,12 @@ import pytest
 import torch
 from training_maker import batch_of, random_replay, small_ddpg
 
-from bicycle_controller import checkpoint
 from bicycle_controller.agents.ddpg import Ddpg
 from bicycle_controller.agents.fused import FusedDdpg
 from bicycle_controller.agents.native import load
-from bicycle_controller.config import DdpgConfig
-from bicycle_controller.replay import Replay, Returns, Valuation
+from bicycle_controller.config.run import DdpgConfig
+from bicycle_controller.data.replay_buffer import NStepAccumulator, ReplayBuffer, RewardShaping
+from bicycle_controller.training import checkpoint
 
 Kind = Callable[[DdpgConfig, int, int], Ddpg]
 
@@ -52,8 +52,8 @@ def target_of(
 ) -> float:
     """The critic's target for one step that ends so, the whole way through the memory."""
     config = agent.config
-    returns = Returns(1, 1, Valuation.of(config))
-    replay = Replay(4, 1)
+    returns = NStepAccumulator(1, 1, RewardShaping.of(config))
+    replay = ReplayBuffer(4, 1)
     step = (ZERO, np.zeros((1, 1)), np.array([reward]), ZERO, terminated, truncated, fallen)
     replay.add(returns.push(*step))
     batch = replay.sample(config.batch, torch.Generator().manual_seed(0))
@@ -271,7 +271,7 @@ def test_imitation_pulls_towards_what_the_teacher_shows() -> None:
     assert distance(agent, replay) < 0.5 * before
 
 
-def distance(agent: Ddpg, replay: Replay) -> float:
+def distance(agent: Ddpg, replay: ReplayBuffer) -> float:
     """Mean squared distance of the actor's answers to what the teacher showed."""
     rows = replay.table.numpy()
     return float(np.square(agent.act(rows[:, :6]) - rows[:, -2:]).mean())
@@ -346,7 +346,7 @@ def test_it_finds_the_best_action_of_a_one_step_problem(switches: dict[str, Any]
     reward = -((action - 0.4) ** 2)
     rest = np.zeros((2000, 4))
     observation = rng.normal(size=(2000, 6))
-    replay = Replay(2000, 1)
+    replay = ReplayBuffer(2000, 1)
     replay.add(np.concatenate([observation, action, observation, reward, rest], axis=1))
     sizes = {"critic_hidden": (32, 32), "batch": 64, "critic_learning_rate": 5e-3}
     agent = FusedDdpg(small_ddpg(**sizes, **switches), 1, 0)

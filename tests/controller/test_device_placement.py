@@ -11,14 +11,14 @@ from dataclasses import fields
 import pytest
 import torch
 
-from bicycle_controller import settings
 from bicycle_controller.agents.ddpg import Ddpg
 from bicycle_controller.agents.naf import Naf
-from bicycle_controller.assembly import make_agent, make_memory
-from bicycle_controller.replay import Replay
-from bicycle_sim import dynamics
-from bicycle_sim.dynamics import State
-from bicycle_sim.parameters import Physics
+from bicycle_controller.config import loading
+from bicycle_controller.data.replay_buffer import ReplayBuffer
+from bicycle_controller.training.factory import make_agent, make_memory
+from bicycle_sim.plants.choi import dynamics
+from bicycle_sim.plants.choi.dynamics import State
+from bicycle_sim.plants.choi.parameters import Physics
 
 DEVICE = "meta"
 LEARNERS = ("paper", "authors", "fast", "taught", "taught-speed", "offline", "naf")
@@ -41,11 +41,11 @@ def _allow_meta(monkeypatch: pytest.MonkeyPatch) -> None:
     )
 
 
-def learner(preset: str, *changes: str) -> tuple[Ddpg | Naf, Replay]:
-    config = settings.preset(preset, [*changes])
+def learner(preset: str, *changes: str) -> tuple[Ddpg | Naf, ReplayBuffer]:
+    config = loading.preset(preset, [*changes])
     agent, memory = make_agent(config, DEVICE), make_memory(config, DEVICE)
     assert isinstance(agent, (Ddpg, Naf))
-    assert isinstance(memory, Replay)
+    assert isinstance(memory, ReplayBuffer)
     memory.size = memory.capacity
     return agent, memory
 

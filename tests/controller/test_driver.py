@@ -9,16 +9,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bicycle_controller import driver as driving
-from bicycle_controller.config import NoiseConfig
-from bicycle_controller.driver import Driver
-from bicycle_controller.goals import GoalTracker, Status
-from bicycle_controller.lqr import LqrController
-from bicycle_controller.noise import Noise
-from bicycle_controller.policy import load_policy
-from bicycle_controller.safety import Safety
-from bicycle_sim.scenario import named
-from bicycle_sim.simulator import Command, Simulator, Snapshot, Source, Start
+from bicycle_common.types import BicycleState, Command, CommandSource, InitialPose
+from bicycle_controller.control import control_loop as driving
+from bicycle_controller.control.control_loop import ControlLoop
+from bicycle_controller.control.exploration_noise import Noise, NoiseConfig
+from bicycle_controller.control.goals import GoalTracker, Status
+from bicycle_controller.control.lqr import LqrController
+from bicycle_controller.control.safety import Safety
+from bicycle_controller.policy.policy import load_policy
+from bicycle_sim.runtime.simulator import Simulator
+from bicycle_sim.task.scenario import named
 
 SCENARIO = named("random-start-random-goal")
 LIMITS = SCENARIO.action_limits
@@ -47,15 +47,15 @@ def constant(*action: float) -> Fixed:
 @pytest.fixture
 def simulator() -> Simulator:
     made = Simulator(SCENARIO)
-    made.reset(Start(0.0, 0.0, 0.4, 2.5))
+    made.reset(InitialPose(0.0, 0.0, 0.4, 2.5))
     return made
 
 
-def driver(policy: object, **options: object) -> Driver:
-    return Driver("me", policy, GoalTracker(), LIMITS, **options)  # type: ignore[arg-type]
+def driver(policy: object, **options: object) -> ControlLoop:
+    return ControlLoop("me", policy, GoalTracker(), LIMITS, **options)  # type: ignore[arg-type]
 
 
-def ride(rider: Driver, simulator: Simulator, steps: int) -> list[Command | None]:
+def ride(rider: ControlLoop, simulator: Simulator, steps: int) -> list[Command | None]:
     commands = []
     for _ in range(steps):
         state = simulator.snapshot
@@ -116,7 +116,7 @@ def test_a_warm_up_asks_the_same_again_and_changes_nothing(
         rider.tracker.replace([GOAL])
         rider.warm_up()
         simulator = Simulator(SCENARIO)
-        simulator.reset(Start(0.0, 0.0, 0.4, 2.5))
+        simulator.reset(InitialPose(0.0, 0.0, 0.4, 2.5))
         made = []
         for _ in range(50):
             made += ride(rider, simulator, 1)
@@ -262,7 +262,7 @@ def test_skipped_steps_are_counted(simulator: Simulator) -> None:
     assert rider.missed == 3
 
 
-def others(state: Snapshot, source: Source = Source.FRESH) -> Snapshot:
+def others(state: BicycleState, source: CommandSource = CommandSource.FRESH) -> BicycleState:
     """The state as another controller's command led to it."""
     return replace(state, controller="other", command_source=source)
 
@@ -290,9 +290,9 @@ def test_the_goal_that_another_one_rode_to_is_told_when_it_is_taken_over(
     rider.tracker.replace([GOAL])
     state = others(simulator.snapshot)
     assert rider.answer(state, 0.0).command is None
-    late = replace(others(state, Source.HELD), step=1)
+    late = replace(others(state, CommandSource.HELD), step=1)
     assert rider.answer(late, 0.025).command is not None, "the other one is late: be ready"
-    mine = replace(late, step=2, controller="me", command_source=Source.FRESH)
+    mine = replace(late, step=2, controller="me", command_source=CommandSource.FRESH)
     answer = rider.answer(mine, 0.05)
     assert answer.command is not None
     assert [event.status for event in answer.events] == [Status.ACTIVE]

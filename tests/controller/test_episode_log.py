@@ -7,10 +7,10 @@ import pytest
 from run_compare import after
 from training_maker import small_run
 
-from bicycle_controller import train
-from bicycle_controller.collect import Collector
-from bicycle_controller.episode_log import COLUMNS, TERMS, TRACK_COLUMNS, read_columns
-from bicycle_controller.replay import Replay
+from bicycle_controller.data.replay_buffer import ReplayBuffer
+from bicycle_controller.training import online
+from bicycle_controller.training.collector import Collector
+from bicycle_controller.training.episode_log import COLUMNS, TERMS, TRACK_COLUMNS, read_columns
 
 ON = ("record.episodes=true", "record.tracks_every=3", "record.track_step=4")
 LIMIT = 60
@@ -31,7 +31,7 @@ class Lean:
 def logged(folder: Path, steps: int, agent: object, *overrides: str) -> dict[str, np.ndarray]:
     """The episodes of some steps of two bicycles."""
     config = small_run("bicycles=2", "warm_up=0", "noise.kind=none", *ON, *overrides)
-    collector = Collector(config, Replay(10_000, 2))
+    collector = Collector(config, ReplayBuffer(10_000, 2))
     for _ in range(steps):
         collector.step(agent)  # type: ignore[arg-type]
     folder.mkdir()
@@ -55,7 +55,7 @@ def test_an_episode_counts_the_same_whether_a_fall_freezes_or_ends_it(tmp_path: 
 
 def test_the_terms_add_up_to_the_return_that_the_collector_counts(tmp_path: Path) -> None:
     config = small_run("bicycles=3", "warm_up=0", "noise.kind=none", *ON)
-    collector = Collector(config, Replay(10_000, 2))
+    collector = Collector(config, ReplayBuffer(10_000, 2))
     for _ in range(120):
         collector.step(Still())
     collector.flush(tmp_path)
@@ -99,24 +99,24 @@ def test_tracks_are_those_of_every_third_episode(tmp_path: Path) -> None:
 def test_a_resumed_run_writes_the_same_bytes(fall: str, tmp_path: Path) -> None:
     config = small_run(*ON, f"ddpg.fall={fall}", "starts.ride_on=0.5")
     whole, parts = tmp_path / "whole", tmp_path / "parts"
-    train.run(config, whole)
-    train.run(config, parts, stop=after(70))
+    online.run(config, whole)
+    online.run(config, parts, stop=after(70))
     for name in ("episodes.csv", "tracks.csv"):
         with (parts / name).open("a") as file:  # what a killed run wrote after its checkpoint
             file.write("7,7,7\n")
-    train.resume(parts, stop=after(61))
-    train.resume(parts)
+    online.resume(parts, stop=after(61))
+    online.resume(parts)
     for name in ("episodes.csv", "tracks.csv"):
         assert (parts / name).read_bytes() == (whole / name).read_bytes()
         assert (whole / name).read_text().count("\n") > 10
 
 
 def test_recording_changes_no_number_and_is_off_by_default(tmp_path: Path) -> None:
-    train.run(small_run(), tmp_path / "plain")
-    train.run(small_run(*ON), tmp_path / "recorded")
+    online.run(small_run(), tmp_path / "plain")
+    online.run(small_run(*ON), tmp_path / "recorded")
     assert not (tmp_path / "plain" / "episodes.csv").exists()
     policies = [(tmp_path / name / "last.safetensors") for name in ("plain", "recorded")]
-    from bicycle_controller.policy import load_policy
+    from bicycle_controller.policy.policy import load_policy
 
     one, other = (load_policy(path).tensors for path in policies)
     assert all(np.array_equal(one[key], other[key]) for key in one)

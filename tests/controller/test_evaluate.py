@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bicycle_controller.evaluate import Evaluation, compare, wilson
-from bicycle_controller.rides import Disturbance, Rides
-from bicycle_controller.table import as_markdown, as_text, comparison_as_text
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import SCENARIOS, Region
+from bicycle_controller.evaluation.evaluate import Evaluation, compare, wilson
+from bicycle_controller.evaluation.rollouts import Disturbance, Rollouts
+from bicycle_controller.evaluation.table import as_markdown, as_text, comparison_as_text
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import SCENARIOS, Region
 
 AHEAD = replace(
     SCENARIOS["fixed-start-fixed-goal"],
@@ -43,7 +43,7 @@ def test_wilson_of_nothing_knows_nothing() -> None:
 def ridden(name: str, steps: list[int], reached: list[bool], fallen: list[bool]) -> Evaluation:
     """Five rides written down by hand."""
     count = len(steps)
-    rides = Rides(
+    rides = Rollouts(
         reached=np.array(reached),
         fallen=np.array(fallen),
         steps=np.array(steps),

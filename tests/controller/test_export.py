@@ -7,14 +7,14 @@ import onnxruntime
 import pytest
 from policy_maker import make_policy
 
-from bicycle_controller.card import card
-from bicycle_controller.evaluate import evaluate
-from bicycle_controller.export import ExportError, parity, save_onnx, to_onnx
-from bicycle_controller.policy_file import metadata
-from bicycle_controller.rides import Disturbance
-from bicycle_controller.torch_policy import TorchPolicy
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import SCENARIOS
+from bicycle_controller.evaluation.evaluate import evaluate
+from bicycle_controller.evaluation.model_card import card
+from bicycle_controller.evaluation.rollouts import Disturbance
+from bicycle_controller.policy.export import ExportError, parity, save_onnx, to_onnx
+from bicycle_controller.policy.policy_file import metadata
+from bicycle_controller.policy.torch_policy import TorchPolicy
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import SCENARIOS
 
 
 @pytest.mark.parametrize("norm", [False, True])

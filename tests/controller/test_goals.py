@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from bicycle_controller.goals import Event, GoalTracker, Pose, Status
+from bicycle_controller.control.goals import Event, GoalTracker, Pose, Status
 
 DT = 0.025
 HERE = Pose(episode=1, time=0.0, x=0.0, y=0.0, heading=0.0)

@@ -8,21 +8,21 @@ from pathlib import Path
 
 import pytest
 
-from bicycle_controller import cli
+from bicycle_controller.cli import main
 from bicycle_sim.plants.whipple import catalogue
 
 DATA = Path(__file__).parent.parent / "data" / "whipple"
 
 
 def output(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    assert cli.main(["info", *arguments]) == 0
+    assert main.main(["info", *arguments]) == 0
     out, err = capsys.readouterr()
     assert err == ""
     return out
 
 
 def mistake(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    status = cli.main(["info", *arguments])
+    status = main.main(["info", *arguments])
     out, err = capsys.readouterr()
     assert (status, out) == (2, "")
     assert err.count("\n") == 1

@@ -15,18 +15,22 @@ import torch
 from ride_bag_maker import Rider, write_bag
 from run_compare import assert_same_run
 
-from bicycle_controller import cli, dataset, learn, settings
+from bicycle_common.command_line import USAGE_ERROR
 from bicycle_controller.agents.ddpg import Ddpg
-from bicycle_controller.config import RunConfig
-from bicycle_controller.dataset import Dataset
-from bicycle_controller.learner import Learner, ddpg_of
-from bicycle_controller.metrics import Log
-from bicycle_controller.networks import Critic
-from bicycle_controller.policy import load_controller, load_policy
-from bicycle_controller.replay import Replay
-from bicycle_controller.run_folder import RunFolder
-from bicycle_sim.scenario import TEN_KM_H
-from bicycle_sim.task import BicycleTask
+from bicycle_controller.agents.networks import Critic
+from bicycle_controller.cli import main
+from bicycle_controller.config import loading
+from bicycle_controller.config.run import RunConfig
+from bicycle_controller.data import dataset
+from bicycle_controller.data.dataset import Dataset
+from bicycle_controller.data.replay_buffer import ReplayBuffer
+from bicycle_controller.policy.policy import load_controller, load_policy
+from bicycle_controller.training import offline
+from bicycle_controller.training.learner import Learner, ddpg_of
+from bicycle_controller.training.logger import Logger
+from bicycle_controller.training.run_folder import RunFolder
+from bicycle_sim.task.scenario import TEN_KM_H
+from bicycle_sim.task.task import BicycleTask
 
 SMALL = (
     "ddpg.actor_hidden=[16, 12]",
@@ -43,7 +47,7 @@ SMALL = (
 
 
 def small(*overrides: str, preset: str = "offline") -> RunConfig:
-    return settings.preset(preset, [*SMALL, *overrides])
+    return loading.preset(preset, [*SMALL, *overrides])
 
 
 @pytest.fixture(scope="module")
@@ -70,17 +74,17 @@ def test_a_resumed_run_gives_the_same_numbers_to_the_bit(
 ) -> None:
     config = small(preset=preset)
     whole, parts = tmp_path / "whole", tmp_path / "parts"
-    result = learn.run(config, data, whole)
+    result = offline.run(config, data, whole)
     assert (result.status, result.updates) == ("finished", 200)
     assert result.transitions == len(data.transitions)
-    assert learn.run(config, data, parts, stop=after(7)).status == "interrupted"
-    assert learn.resume(parts, stop=after(4)).status == "interrupted"
-    assert learn.resume(parts).status == "finished"
+    assert offline.run(config, data, parts, stop=after(7)).status == "interrupted"
+    assert offline.resume(parts, stop=after(4)).status == "interrupted"
+    assert offline.resume(parts).status == "finished"
     assert_same_run(whole, parts)
 
 
 def test_the_policy_is_of_the_scenario_that_was_ridden(data: Dataset, tmp_path: Path) -> None:
-    learn.run(small("scenario=learned-speed"), data, tmp_path / "run")
+    offline.run(small("scenario=learned-speed"), data, tmp_path / "run")
     policy = load_policy(tmp_path / "run")
     assert policy.info.scenario == data.scenario
     assert policy.info.trained["algorithm"] == "td3+bc"
@@ -96,7 +100,7 @@ def test_imitation_comes_near_the_recorded_actions_and_q_alone_does_not(
     distance = {}
     for weight in (0.0, 1000.0):
         config = small(f"ddpg.bc_weight={weight}", "offline_updates=1500", "ddpg.critics=1")
-        learn.run(config, data, tmp_path / f"{weight}")
+        offline.run(config, data, tmp_path / f"{weight}")
         action = load_policy(tmp_path / f"{weight}" / "last.safetensors").act(seen)
         error = (action - np.clip(shown, -2.0, 2.0))[:, :2] / data.scenario.action_limits[:2]
         distance[weight] = float(np.sqrt(np.mean(error**2)))
@@ -108,10 +112,10 @@ def test_a_candidate_whose_critic_dreams_is_refused(data: Dataset, tmp_path: Pat
     files = RunFolder(tmp_path / "run")
     config = replace(small("ddpg.bound_values=false"), scenario=data.scenario)
     files.create(config)
-    memory = Replay(len(data.transitions), 2)
+    memory = ReplayBuffer(len(data.transitions), 2)
     memory.add(dataset.memory_rows(data, ddpg_of(config)))
     learner = Learner(config, files, memory)
-    with Log(files.path, 0, 0, False) as log:
+    with Logger(files.path, 0, 0, False) as log:
         learner.advance(log, 60)
         assert learner.evaluate(log).kept
         best = files.best.read_bytes()
@@ -138,11 +142,11 @@ def test_diverged_networks_are_told_of_and_not_kept(data: Dataset, tmp_path: Pat
     files = RunFolder(tmp_path / "run")
     config = replace(small(), scenario=data.scenario)
     files.create(config)
-    learner = Learner(config, files, Replay(10, 2))
+    learner = Learner(config, files, ReplayBuffer(10, 2))
     with torch.no_grad():
         next(learner.agent.actor.parameters()).fill_(float("nan"))
     with (
-        Log(files.path, 0, 0, False) as log,
+        Logger(files.path, 0, 0, False) as log,
         pytest.raises(RuntimeError, match="diverged after 0 updates"),
     ):
         learner.evaluate(log)
@@ -152,19 +156,19 @@ def test_diverged_networks_are_told_of_and_not_kept(data: Dataset, tmp_path: Pat
 def test_changed_bags_and_foreign_folders_are_not_resumed(
     bag: Path, data: Dataset, tmp_path: Path
 ) -> None:
-    learn.run(small(), data, tmp_path / "run", stop=after(3))
-    about = json.loads((tmp_path / "run" / learn.DATA).read_text())
+    offline.run(small(), data, tmp_path / "run", stop=after(3))
+    about = json.loads((tmp_path / "run" / offline.DATA).read_text())
     assert [entry["path"] for entry in about["bags"]] == [str(bag)]
     about["digest"] = "0" * 64
-    (tmp_path / "run" / learn.DATA).write_text(json.dumps(about))
+    (tmp_path / "run" / offline.DATA).write_text(json.dumps(about))
     with pytest.raises(ValueError, match="the bags have changed"):
-        learn.resume(tmp_path / "run")
+        offline.resume(tmp_path / "run")
     with pytest.raises(ValueError, match="no run of 'bicycle learn'"):
-        learn.resume(tmp_path)
+        offline.resume(tmp_path)
     with pytest.raises(ValueError, match="holds a run already"):
-        learn.run(small(), data, tmp_path / "run")
+        offline.run(small(), data, tmp_path / "run")
     with pytest.raises(ValueError, match="ppo cannot learn from recorded rides"):
-        learn.run(settings.preset("ppo"), data, tmp_path / "ppo")
+        offline.run(loading.preset("ppo"), data, tmp_path / "ppo")
 
 
 @pytest.mark.parametrize(
@@ -184,7 +188,7 @@ def test_what_no_bag_holds_is_refused(override: str, name: str) -> None:
 
 
 def command(*words: object) -> int:
-    return cli.main(["learn", *map(str, words)])
+    return main.main(["learn", *map(str, words)])
 
 
 def small_words(out: Path) -> list[object]:
@@ -201,7 +205,7 @@ def test_the_command_describes_learns_and_prints_json(
     assert (result["status"], result["updates"]) == ("finished", 120)
     assert result["data"]["transitions"] == result["transitions"]
     assert result["best"]["reach_rate"] >= 0
-    assert settings.load(tmp_path / "r" / "config.yaml").seed == 5
+    assert loading.load(tmp_path / "r" / "config.yaml").seed == 5
     assert command(bag, "--report", "--least", 1000) == 0
     assert "falls" in capsys.readouterr().out
 
@@ -222,7 +226,7 @@ def test_the_command_describes_learns_and_prints_json(
 def test_a_mistake_is_one_line_and_status_2(
     bag: Path, words: list[str], line: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert command(*(bag if word == "BAG" else word for word in words)) == cli.USAGE_ERROR
+    assert command(*(bag if word == "BAG" else word for word in words)) == USAGE_ERROR
     said = capsys.readouterr().err.strip().splitlines()
     assert line in said[-1]
     assert said[-1].startswith("bicycle learn: ")
@@ -250,7 +254,7 @@ def test_ctrl_c_saves_and_the_run_goes_on(
 def test_an_actor_learns_to_stay_upright_from_recorded_rides_alone(tmp_path: Path) -> None:
     """Upright for 5 s after two and a half minutes of rides, where a fixed action falls."""
     bag = write_bag(tmp_path / "bag", Rider(sigma=0.15, seed=3).ride(6000))
-    config = settings.preset(
+    config = loading.preset(
         "offline",
         [
             "offline_updates=2000",
@@ -263,7 +267,7 @@ def test_an_actor_learns_to_stay_upright_from_recorded_rides_alone(tmp_path: Pat
             "tensorboard=false",
         ],
     )
-    result = learn.run(config, dataset.load([bag]), tmp_path / "run")
+    result = offline.run(config, dataset.load([bag]), tmp_path / "run")
     assert result.best is not None
     assert result.best.fall_rate < 0.1
     task = BicycleTask(config.scenario, count=64, rng=np.random.default_rng(0))

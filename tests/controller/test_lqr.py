@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bicycle_controller.evaluate import evaluate
-from bicycle_controller.lqr import SPEEDS, TUNED, LqrConfig, LqrController
-from bicycle_controller.policy import LQR
-from bicycle_sim.linear import discrete
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import Region, Scenario, named
-from bicycle_sim.task import BicycleTask
+from bicycle_controller.control.lqr import SPEEDS, TUNED, LqrConfig, LqrController
+from bicycle_controller.evaluation.evaluate import evaluate
+from bicycle_controller.policy.policy import LQR
+from bicycle_sim.plants.choi.linear import discrete
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import Region, Scenario, named
+from bicycle_sim.task.task import BicycleTask
 
 CORRECTED = Physics.named("corrected")
 NEAR = Scenario(

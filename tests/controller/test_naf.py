@@ -10,11 +10,12 @@ from run_compare import after, assert_same_run, same, state_of
 from torch import nn
 from training_maker import batch_of, random_replay
 
-from bicycle_controller import checkpoint, settings, train
 from bicycle_controller.agents.naf import Naf, advantage
-from bicycle_controller.learner_config import NafConfig
-from bicycle_controller.policy import load_policy
-from bicycle_controller.replay import Replay
+from bicycle_controller.config import loading
+from bicycle_controller.config.algorithms import NafConfig
+from bicycle_controller.data.replay_buffer import ReplayBuffer
+from bicycle_controller.policy.policy import load_policy
+from bicycle_controller.training import checkpoint, online
 
 SMALL = (
     "naf.hidden=[16, 12]",
@@ -33,7 +34,7 @@ SMALL = (
 
 
 def small_naf(**changes: Any) -> NafConfig:
-    config = settings.preset("naf", SMALL).naf
+    config = loading.preset("naf", SMALL).naf
     assert config is not None
     return replace(config, **{"initialisation": "fan_in"} | changes)
 
@@ -138,7 +139,7 @@ def test_it_finds_the_best_actions_of_a_one_step_problem() -> None:
     action = rng.uniform(-1, 1, (2000, 2))
     reward = -((action[:, :1] - 0.4) ** 2) - (action[:, 1:] + 0.2) ** 2
     observation = rng.normal(size=(2000, 6))
-    replay = Replay(2000, 2)
+    replay = ReplayBuffer(2000, 2)
     columns = [observation, action, observation, reward, np.zeros((2000, 4))]
     replay.add(np.concatenate(columns, axis=1))
     agent = Naf(small_naf(hidden=(32, 32), batch=64, reward_scale=1.0), 2, 0)
@@ -188,25 +189,25 @@ def test_a_saved_agent_goes_on_to_the_bit(tmp_path: Path) -> None:
 
 
 def test_a_resumed_run_gives_the_same_numbers_to_the_bit(tmp_path: Path) -> None:
-    config = settings.preset("naf", [*SMALL, "naf.n_step=3", "naf.grad_clip=1"])
+    config = loading.preset("naf", [*SMALL, "naf.n_step=3", "naf.grad_clip=1"])
     whole, parts = tmp_path / "whole", tmp_path / "parts"
-    assert train.run(config, whole).updates == 176
-    assert train.run(config, parts, stop=after(70)).status == "interrupted"
-    assert train.resume(parts).status == "finished"
+    assert online.run(config, whole).updates == 176
+    assert online.run(config, parts, stop=after(70)).status == "interrupted"
+    assert online.resume(parts).status == "finished"
     assert_same_run(whole, parts)
 
 
 def test_a_seed_repeats_a_run_and_another_does_not(tmp_path: Path) -> None:
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        config = settings.preset("naf", [*SMALL, f"seed={seed}", "steps=600"])
-        train.run(config, tmp_path / name)
+        config = loading.preset("naf", [*SMALL, f"seed={seed}", "steps=600"])
+        online.run(config, tmp_path / name)
     assert_same_run(tmp_path / "a", tmp_path / "b")
     assert not same(state_of(tmp_path / "a")["agent"], state_of(tmp_path / "c")["agent"])
 
 
 def test_the_deployed_policy_is_mu(tmp_path: Path) -> None:
-    config = settings.preset("naf", SMALL)
-    train.run(config, tmp_path / "run")
+    config = loading.preset("naf", SMALL)
+    online.run(config, tmp_path / "run")
     policy = load_policy(tmp_path / "run" / "last.safetensors")
     agent = Naf(small_naf(initialisation="output"), 2, 99)
     agent.load_state_dict(state_of(tmp_path / "run")["agent"])

@@ -9,7 +9,7 @@ from bicycle_controller.agents import native
 from bicycle_controller.agents.fused import FusedDdpg
 from bicycle_controller.agents.fused_net import Flat, FusedNet
 from bicycle_controller.agents.native import NativeNet
-from bicycle_controller.networks import Actor, Critic
+from bicycle_controller.agents.networks import Actor, Critic
 
 compiled = pytest.mark.skipif(native.load() is None, reason="no C++ compiler here")
 

@@ -5,15 +5,21 @@ import pytest
 import torch
 from training_maker import ddpg_of
 
-from bicycle_controller import settings
-from bicycle_controller.networks import Actor, Critic, initialise, linear_layers, policy_tensors
-from bicycle_controller.policy import Policy, PolicyInfo
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import SCENARIOS
+from bicycle_controller.agents.networks import (
+    Actor,
+    Critic,
+    initialise,
+    linear_layers,
+    policy_tensors,
+)
+from bicycle_controller.config import loading
+from bicycle_controller.policy.policy import Policy, PolicyInfo
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import SCENARIOS
 
 
 def built(preset: str, actions: int = 3) -> tuple[Actor, Critic]:
-    config = ddpg_of(settings.preset(preset))
+    config = ddpg_of(loading.preset(preset))
     generator = torch.Generator().manual_seed(0)
     actor = Actor(6, config.actor_hidden, actions, config.actor_layer_norm)
     critic = Critic(6, config.critic_hidden, actions, config.action_layer)

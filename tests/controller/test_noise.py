@@ -3,8 +3,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bicycle_controller.config import NoiseConfig
-from bicycle_controller.noise import Noise
+from bicycle_controller.control.exploration_noise import Noise, NoiseConfig
 
 
 def make(

@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from policy_maker import make_policy
 
-from bicycle_controller import one_bicycle
-from bicycle_controller.one_bicycle import NativeForward, NumpyForward
-from bicycle_controller.policy import Policy
+from bicycle_controller.policy import inference
+from bicycle_controller.policy.inference import NativeForward, NumpyForward
+from bicycle_controller.policy.policy import Policy
 
-KINDS = {NativeForward: one_bicycle.load, NumpyForward: lambda: None}
+KINDS = {NativeForward: inference.load, NumpyForward: lambda: None}
 
 
 @pytest.fixture(params=KINDS, ids=lambda kind: kind.__name__)
 def kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> type:
-    monkeypatch.setattr(one_bicycle, "load", KINDS[request.param])
+    monkeypatch.setattr(inference, "load", KINDS[request.param])
     return request.param
 
 
@@ -34,7 +34,7 @@ def made(kind: type, seed: int, norm: bool, halves: str = "no") -> Policy:
 
 
 def test_set_up_has_built_it() -> None:
-    assert one_bicycle.load() is not None
+    assert inference.load() is not None
 
 
 @pytest.mark.parametrize("norm", [False, True])
@@ -118,13 +118,13 @@ def test_single_precision_strides_and_order_do_not_matter(kind: type) -> None:
 
 
 def test_without_the_library_it_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(one_bicycle, "load", lambda: None)
+    monkeypatch.setattr(inference, "load", lambda: None)
     with pytest.raises(RuntimeError, match=r"setup\.sh"):
         NativeForward([], np.ones(3), 1e-5)
 
 
 @pytest.mark.parametrize("name", ["not-there", "models/fixed-speed"])
 def test_no_library_where_none_loads(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
-    monkeypatch.setattr(one_bicycle, "LIBRARY", name)
-    monkeypatch.setattr(one_bicycle, "EXTENSION_SUFFIXES", [".safetensors"])
-    assert one_bicycle.load.__wrapped__() is None
+    monkeypatch.setattr(inference, "LIBRARY", name)
+    monkeypatch.setattr(inference, "EXTENSION_SUFFIXES", [".safetensors"])
+    assert inference.load.__wrapped__() is None

@@ -6,14 +6,10 @@ import numpy as np
 import pytest
 from policy_maker import make_policy
 
-from bicycle_controller.policy import (
-    CHUNK,
-    Policy,
-    PolicyInfo,
-)
-from bicycle_controller.torch_policy import TorchPolicy
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import SCENARIOS
+from bicycle_controller.policy.policy import CHUNK, Policy, PolicyInfo
+from bicycle_controller.policy.torch_policy import TorchPolicy
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import SCENARIOS
 
 SCENARIO = SCENARIOS["fixed-start-fixed-goal"]
 
@@ -99,7 +95,7 @@ def test_speed_is_ignored() -> None:
 
 def test_needs_no_torch_scipy_or_ros() -> None:
     code = (
-        "import sys, bicycle_controller.policy;"
+        "import sys, bicycle_controller.policy.policy;"
         "print([m for m in ('torch', 'scipy', 'rclpy', 'onnx', 'gymnasium') if m in sys.modules])"
     )
     found = subprocess.run(

@@ -10,8 +10,13 @@ import torch
 from policy_maker import make_policy
 from safetensors.numpy import save_file
 
-from bicycle_controller import policy_file
-from bicycle_controller.policy import PolicyError, load_policy, save_policy, shipped_policies
+from bicycle_controller.policy import policy_file
+from bicycle_controller.policy.policy import (
+    PolicyError,
+    load_policy,
+    save_policy,
+    shipped_policies,
+)
 
 
 def test_file_round_trip(tmp_path: Path) -> None:

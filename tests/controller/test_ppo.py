@@ -8,13 +8,14 @@ import pytest
 import torch
 from run_compare import after, assert_same_run, rows, same, state_of
 
-from bicycle_controller import checkpoint, settings, train
 from bicycle_controller.agents.ppo import Ppo, Samples, clipped_objective
-from bicycle_controller.assembly import make_agent, make_collector
-from bicycle_controller.config import RunConfig
-from bicycle_controller.learner_config import PpoConfig
-from bicycle_controller.policy import load_policy
-from bicycle_controller.rollout import Rollout
+from bicycle_controller.config import loading
+from bicycle_controller.config.algorithms import PpoConfig
+from bicycle_controller.config.run import RunConfig
+from bicycle_controller.data.rollout_buffer import RolloutBuffer
+from bicycle_controller.policy.policy import load_policy
+from bicycle_controller.training import checkpoint, online
+from bicycle_controller.training.factory import make_agent, make_collector
 
 SMALL = (
     "ppo.hidden=[16, 12]",
@@ -33,7 +34,7 @@ SMALL = (
 
 
 def small_run(*overrides: str) -> RunConfig:
-    return settings.preset("ppo", [*SMALL, *overrides])
+    return loading.preset("ppo", [*SMALL, *overrides])
 
 
 def small_ppo(**changes: Any) -> PpoConfig:
@@ -42,10 +43,10 @@ def small_ppo(**changes: Any) -> PpoConfig:
     return replace(config, **changes)
 
 
-def rollout_of(rounds: int, count: int, actions: int = 1) -> Rollout:
+def rollout_of(rounds: int, count: int, actions: int = 1) -> RolloutBuffer:
     """A full rollout of random transitions in which nothing ends."""
     rng = np.random.default_rng(0)
-    rollout = Rollout(rounds, count, actions)
+    rollout = RolloutBuffer(rounds, count, actions)
     for _ in range(rounds):
         parts = [rng.normal(size=(count, width)) for width in (6, actions, 6, 1)]
         flags = np.tile([0.99, 0.0, 0.0, 0.0], (count, 1))
@@ -143,7 +144,7 @@ def test_the_mean_is_squashed_and_samples_spread_about_it() -> None:
 
 def test_what_is_stored_is_what_was_drawn_so_that_ratios_start_at_one() -> None:
     config = small_run("ppo.log_std=1")
-    rollout = Rollout(20, 8, 2)
+    rollout = RolloutBuffer(20, 8, 2)
     agent, collector = make_agent(config, "cpu"), make_collector(config, rollout)
     assert isinstance(agent, Ppo)
     for _ in range(20):
@@ -157,10 +158,10 @@ def test_what_is_stored_is_what_was_drawn_so_that_ratios_start_at_one() -> None:
     assert torch.equal(found, samples.log_probability)
 
 
-def falling(fall: str) -> tuple[Rollout, np.ndarray]:
+def falling(fall: str) -> tuple[RolloutBuffer, np.ndarray]:
     """What is stored while bicycles fall, and their rewards."""
     config = small_run("ppo.log_std=1", f"ppo.fall={fall}", "starts.max_steps=60")
-    rollout = Rollout(60, 8, 2)
+    rollout = RolloutBuffer(60, 8, 2)
     agent, collector = make_agent(config, "cpu"), make_collector(config, rollout)
     for _ in range(60):
         collector.step(agent)
@@ -193,7 +194,7 @@ def test_every_transition_is_used_once_an_epoch() -> None:
 def test_the_number_of_updates_is_all_epochs_minibatches() -> None:
     config = small_run("ppo.batch=50")
     assert (config.updates_due, config.rounds_between) == (3 * 4, 20)  # 160 rows: 3 x 50 + 10
-    off_policy = settings.preset("fast", ["updates=2", "update_every=3"])
+    off_policy = loading.preset("fast", ["updates=2", "update_every=3"])
     assert (off_policy.updates_due, off_policy.rounds_between) == (2, 3)
 
 
@@ -216,7 +217,7 @@ def test_it_finds_the_best_action_of_a_one_step_problem(shared: bool) -> None:
     agent = Ppo(replace(config, shared=shared), 1, 0)
     rng = np.random.default_rng(0)
     for _ in range(80):
-        rollout = Rollout(8, 32, 1)
+        rollout = RolloutBuffer(8, 32, 1)
         for _ in range(8):
             observation = rng.normal(size=(32, 6))
             action = agent.sample(observation)
@@ -245,10 +246,10 @@ def test_a_rollout_refuses_what_does_not_fit() -> None:
     with pytest.raises(ValueError, match="takes 3 times"):
         rollout.add(rollout.rows[0])
     with pytest.raises(ValueError, match="takes 3 times"):
-        Rollout(3, 2, 1).add(np.zeros((1, 18), dtype=np.float32))
+        RolloutBuffer(3, 2, 1).add(np.zeros((1, 18), dtype=np.float32))
     agent = Ppo(small_ppo(), 1, 0)
     with pytest.raises(ValueError, match="not full: 0 of 3"):
-        agent.update(Rollout(3, 2, 1), 1)
+        agent.update(RolloutBuffer(3, 2, 1), 1)
 
 
 @pytest.mark.parametrize("shared", ["false", "true"])
@@ -256,25 +257,25 @@ def test_a_resumed_run_gives_the_same_numbers_to_the_bit(shared: str, tmp_path: 
     # Interrupted in the middle of a rollout.
     config = small_run(f"ppo.shared={shared}", "ppo.entropy_weight=0.01")
     whole, parts = tmp_path / "whole", tmp_path / "parts"
-    assert train.run(config, whole).updates == 150
-    assert train.run(config, parts, stop=after(70)).status == "interrupted"
+    assert online.run(config, whole).updates == 150
+    assert online.run(config, parts, stop=after(70)).status == "interrupted"
     assert len(checkpoint.load(parts / "checkpoint" / "state.pt")["replay"]["rows"]) == 11
-    assert train.resume(parts, stop=after(31)).status == "interrupted"
-    assert train.resume(parts).status == "finished"
+    assert online.resume(parts, stop=after(31)).status == "interrupted"
+    assert online.resume(parts).status == "finished"
     assert_same_run(whole, parts)
     assert {row["kind"] for row in rows(whole)} == {"train", "evaluation"}
 
 
 def test_a_seed_repeats_a_run_and_another_does_not(tmp_path: Path) -> None:
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        train.run(small_run(f"seed={seed}", "steps=640"), tmp_path / name)
+        online.run(small_run(f"seed={seed}", "steps=640"), tmp_path / name)
     assert_same_run(tmp_path / "a", tmp_path / "b")
     assert not same(state_of(tmp_path / "a")["agent"], state_of(tmp_path / "c")["agent"])
 
 
 def test_the_deployed_policy_is_the_mean(tmp_path: Path) -> None:
     config = small_run()
-    train.run(config, tmp_path / "run")
+    online.run(config, tmp_path / "run")
     policy = load_policy(tmp_path / "run" / "last.safetensors")
     agent = Ppo(small_ppo(), 2, 99)
     agent.load_state_dict(state_of(tmp_path / "run")["agent"])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import torch
 
-from bicycle_controller.replay import Replay, Returns, Valuation
+from bicycle_controller.data.replay_buffer import NStepAccumulator, ReplayBuffer, RewardShaping
 
 GAMMA = 0.9
 
@@ -16,7 +16,7 @@ def rows_of(numbers: Iterable[int], actions: int = 2) -> np.ndarray:
 
 
 def test_the_ring_overwrites_the_oldest() -> None:
-    replay = Replay(5, 2)
+    replay = ReplayBuffer(5, 2)
     replay.add(rows_of([0, 1, 2]))
     assert (replay.size, replay.position) == (3, 3)
     replay.add(rows_of([3, 4, 5, 6]))
@@ -25,7 +25,7 @@ def test_the_ring_overwrites_the_oldest() -> None:
 
 
 def test_samples_are_even_over_what_is_stored_and_repeatable() -> None:
-    replay = Replay(100, 2)
+    replay = ReplayBuffer(100, 2)
     replay.add(rows_of(range(10)))
     drawn = [replay.sample(5000, torch.Generator().manual_seed(s)).reward for s in (1, 1, 2)]
     assert torch.equal(drawn[0], drawn[1])
@@ -37,7 +37,7 @@ def test_samples_are_even_over_what_is_stored_and_repeatable() -> None:
 
 
 def test_a_batch_names_the_columns_in_their_order() -> None:
-    replay = Replay(1, 2)
+    replay = ReplayBuffer(1, 2)
     replay.add(np.arange(19, dtype=np.float32)[None])
     batch = replay.sample(1, torch.Generator())
     assert batch.observation.tolist() == [[0, 1, 2, 3, 4, 5]]
@@ -56,7 +56,7 @@ def test_a_batch_names_the_columns_in_their_order() -> None:
     ],
 )
 def test_rows_that_cannot_be_are_refused(rows: np.ndarray, word: str) -> None:
-    replay = Replay(5, 2)
+    replay = ReplayBuffer(5, 2)
     with pytest.raises(ValueError, match=word):
         replay.add(rows)
     assert replay.size == 0
@@ -64,12 +64,12 @@ def test_rows_that_cannot_be_are_refused(rows: np.ndarray, word: str) -> None:
 
 def test_an_empty_memory_cannot_be_sampled() -> None:
     with pytest.raises(ValueError, match="empty"):
-        Replay(5, 2).sample(1, torch.Generator())
+        ReplayBuffer(5, 2).sample(1, torch.Generator())
 
 
 @pytest.mark.parametrize("count", [3, 7])
 def test_a_saved_memory_goes_on_to_the_bit(count: int) -> None:
-    replay, other = Replay(5, 2), Replay(5, 2)
+    replay, other = ReplayBuffer(5, 2), ReplayBuffer(5, 2)
     for number in range(count):
         replay.add(rows_of([number]))
     state = replay.state_dict()
@@ -81,12 +81,12 @@ def test_a_saved_memory_goes_on_to_the_bit(count: int) -> None:
 
 
 def test_a_saved_memory_of_another_shape_is_refused() -> None:
-    replay = Replay(5, 2)
+    replay = ReplayBuffer(5, 2)
     replay.add(rows_of(range(5)))
     with pytest.raises(ValueError, match="cannot take"):
-        Replay(4, 2).load_state_dict(replay.state_dict())
+        ReplayBuffer(4, 2).load_state_dict(replay.state_dict())
     with pytest.raises(ValueError, match="cannot take"):
-        Replay(5, 3).load_state_dict(replay.state_dict())
+        ReplayBuffer(5, 3).load_state_dict(replay.state_dict())
 
 
 class Rider:
@@ -95,7 +95,7 @@ class Rider:
     def __init__(self, absorbing: bool, n_step: int, penalty: float = 0.0) -> None:
         self.rng = np.random.default_rng(n_step)
         self.absorbing, self.n_step, self.penalty = absorbing, n_step, penalty
-        self.returns = Returns(3, 2, Valuation(n_step, GAMMA, penalty, absorbing))
+        self.returns = NStepAccumulator(3, 2, RewardShaping(n_step, GAMMA, penalty, absorbing))
         self.tracks: list[list[list[dict[str, Any]]]] = [[[]] for _ in range(3)]
         self.rows = np.zeros((0, 19), dtype=np.float32)
         self.time = 0
@@ -158,7 +158,7 @@ def test_n_step_returns_follow_their_definition(n_step: int, absorbing: bool) ->
 
 
 def test_the_cap_bounds_a_steps_cost_before_the_fall_penalty() -> None:
-    returns = Returns(2, 1, Valuation(1, GAMMA, 6.0, absorbing=True, cost_cap=4.0))
+    returns = NStepAccumulator(2, 1, RewardShaping(1, GAMMA, 6.0, absorbing=True, cost_cap=4.0))
     no, one = np.zeros(2, dtype=bool), np.zeros((2, 6))
     fallen = np.array([False, True])
     rows = returns.push(one, one[:, :1], np.array([-9.0, -1.0]), one, no, no, fallen)
@@ -170,7 +170,7 @@ def test_the_cap_bounds_a_steps_cost_before_the_fall_penalty() -> None:
 def test_pending_returns_go_on_to_the_bit() -> None:
     rider = Rider(True, 4)
     rider.ride(20)
-    other = Returns(3, 2, Valuation(4, GAMMA, 0.0, True))
+    other = NStepAccumulator(3, 2, RewardShaping(4, GAMMA, 0.0, True))
     other.load_state_dict(rider.returns.state_dict())
     arguments = (np.ones((3, 6)), np.ones((3, 2)), np.ones(3), np.ones((3, 6)))
     flags = (np.array([True, False, False]), np.zeros(3, dtype=bool), np.zeros(3, dtype=bool))
@@ -182,8 +182,8 @@ def test_pending_returns_go_on_to_the_bit() -> None:
 @pytest.mark.parametrize("absorbing", [False, True])
 def test_one_step_returns_are_those_of_the_general_way(absorbing: bool) -> None:
     """To the bit, and with the same pending state."""
-    worth = Valuation(1, 0.99, 0.3, absorbing, cost_cap=2.0, step_cost=0.1)
-    quick, general = (Returns(5, 2, worth, shown=True) for _ in range(2))
+    worth = RewardShaping(1, 0.99, 0.3, absorbing, cost_cap=2.0, step_cost=0.1)
+    quick, general = (NStepAccumulator(5, 2, worth, shown=True) for _ in range(2))
     rng = np.random.default_rng(1)
     for _ in range(300):
         observation, action, following = (rng.normal(size=(5, width)) for width in (6, 2, 6))

@@ -15,16 +15,16 @@ import pytest
 from matplotlib.image import imread
 from waiting import until
 
-from bicycle_controller import cli
-from bicycle_controller.episode_log import read_columns
-from bicycle_controller.evaluate import evaluate
-from bicycle_controller.policy import load_controller, load_policy
+from bicycle_controller.cli import main
+from bicycle_controller.evaluation.evaluate import evaluate
+from bicycle_controller.policy.policy import load_controller, load_policy
+from bicycle_controller.reproduce import evaluate_experiments, formatting, logs, summary, training
 from bicycle_controller.reproduce import experiment as experiments
-from bicycle_controller.reproduce import logs, riding, summary, training, words
 from bicycle_controller.reproduce.experiment import Length, build
 from bicycle_controller.reproduce.results import PAGES
 from bicycle_controller.reproduce.tables import read_table, write_table
-from bicycle_sim.parameters import Physics
+from bicycle_controller.training.episode_log import read_columns
+from bicycle_sim.plants.choi.parameters import Physics
 
 TINY = ["--short", "--seeds", "1", "--physics", "faithful", "--quiet"]
 
@@ -89,7 +89,7 @@ def test_every_short_form_makes_its_data_and_its_picture(
     name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    assert cli.main(["reproduce", name, "--out", str(out), *TINY, "--json"]) == 0
+    assert main.main(["reproduce", name, "--out", str(out), *TINY, "--json"]) == 0
     (item,) = experiments.find(name)
     folder = out / item.name / "faithful"
     assert json.loads(capsys.readouterr().out)[str(folder)] == summary.summarise(folder)
@@ -111,7 +111,7 @@ def test_every_short_form_makes_its_data_and_its_picture(
     assert (page.parent / re.findall(r"!\[.*\]\((.*)\)", text)[0]).samefile(folder / "figure.png")
     assert item.paper in text
     (folder / "figure.png").unlink()
-    assert cli.main(["reproduce", name, "--out", str(out), "--draw-only"]) == 0
+    assert main.main(["reproduce", name, "--out", str(out), "--draw-only"]) == 0
     assert np.array_equal(imread(folder / "figure.png"), picture)
     assert (out / "RESULTS.md").read_text() == table
     assert page.read_text() == text
@@ -124,7 +124,7 @@ MANY = 100_000
 @pytest.mark.slow
 def test_a_stopped_reproduction_goes_on_and_a_longer_one_too(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    command = [sys.executable, "-m", "bicycle_controller.cli", "reproduce", "11"]
+    command = [sys.executable, "-m", "bicycle_controller.cli.main", "reproduce", "11"]
     command += ["--out", str(out), "--arms", "authors", *TINY, "--episodes"]
     run = out / "runs" / "faithful" / "fixed-start-fixed-goal" / "authors" / "seed-1"
     going = subprocess.Popen([*command, str(MANY)], start_new_session=True)
@@ -154,7 +154,7 @@ def test_a_stopped_reproduction_goes_on_and_a_longer_one_too(tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_killed_while_ray_runs_two_it_goes_on_to_the_same_numbers(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "bicycle_controller.cli", "reproduce", "11", "--short"]
+    command = [sys.executable, "-m", "bicycle_controller.cli.main", "reproduce", "11", "--short"]
     command += ["--seeds", "2", "--episodes", "3", "--arms", "authors"]
     command += ["--physics", "faithful", "--quiet", "--out"]
     killed, whole = tmp_path / "killed", tmp_path / "whole"
@@ -178,10 +178,10 @@ def test_a_run_of_another_kind_is_refused(tmp_path: Path) -> None:
     length = Length(1, 3, 5)
     (run,) = training.plan(item, tmp_path, "faithful", length, ["authors"])
     run.job.folder.mkdir(parents=True)
-    from bicycle_controller import settings
+    from bicycle_controller.config import loading
 
-    other = settings.changed(run.job.config, ["ddpg.tau=0.5"])
-    (run.job.folder / "config.yaml").write_text(settings.dump(other))
+    other = loading.changed(run.job.config, ["ddpg.tau=0.5"])
+    (run.job.folder / "config.yaml").write_text(loading.dump(other))
     with pytest.raises(ValueError, match="other settings"):
         training.plan(item, tmp_path, "faithful", length)
 
@@ -201,7 +201,7 @@ def test_a_run_of_another_kind_is_refused(tmp_path: Path) -> None:
 def test_mistakes(
     words: list[str], expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert cli.main(["reproduce", *words, "--out", str(tmp_path)]) == 2
+    assert main.main(["reproduce", *words, "--out", str(tmp_path)]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert err.count("\n") == 1
@@ -236,8 +236,8 @@ def test_training_summary_worked_by_hand() -> None:
             rows.append(about | {"at": float(at), "episodes": 4} | values)
     (found,) = summary.training(rows)
     assert (found["runs"], found["length"], found["longest"]) == (2, 10.0, 10.0)
-    assert words.lengths(found) == "10"
-    assert words.lengths({"length": 150.0, "longest": 5000.0}) == "150 to 5,000"
+    assert formatting.lengths(found) == "10"
+    assert formatting.lengths({"length": 150.0, "longest": 5000.0}) == "150 to 5,000"
     assert found["first"]["return"][0] == pytest.approx(0.0)
     assert found["last"]["return"][0] == pytest.approx(-9.0)
 
@@ -246,8 +246,8 @@ def test_a_trace_is_the_ride_that_is_scored() -> None:
     item = experiments.load("figure-14")
     controller, physics = load_controller("fixed-speed"), Physics()
     scenario = item.ridden(item.variants[0])
-    made = riding.trace(controller, scenario, physics, 20)
-    scored = evaluate(controller, scenario, physics, 20, riding.SEED).rides
+    made = evaluate_experiments.trace(controller, scenario, physics, 20)
+    scored = evaluate(controller, scenario, physics, 20, evaluate_experiments.SEED).rides
     assert made.length.tolist() == scored.steps.tolist()
     assert made.reached.tolist() == scored.reached.tolist()
     moved = np.hypot(np.diff(made.x, axis=0), np.diff(made.y, axis=0))
@@ -273,12 +273,12 @@ def test_runs_made_elsewhere_stay_in_the_data(tmp_path: Path) -> None:
     """One machine trains `authors`, another `ppo`: the CSVs alone travel between them."""
     out = tmp_path / "out"
     command = ["reproduce", "10", "--out", str(out), *TINY, "--arms"]
-    assert cli.main([*command, "authors"]) == 0
+    assert main.main([*command, "authors"]) == 0
     folder = out / "figure-10" / "faithful"
     before = {name: read_table(folder / name) for name in ("curves.csv", "rides.csv")}
     entries = json.loads((folder / "run.json").read_text())["training"]
     shutil.rmtree(out / "runs")
-    assert cli.main([*command, "ppo"]) == 0
+    assert main.main([*command, "ppo"]) == 0
     assert {row["arm"] for row in read_table(folder / "curves.csv")} == {"authors", "ppo"}
     rows = read_table(folder / "rides.csv")
     assert [row["rider"] for row in rows if row["seed"]] == ["authors", "ppo"]
@@ -290,12 +290,12 @@ def test_runs_made_elsewhere_stay_in_the_data(tmp_path: Path) -> None:
     assert [entry["arm"] for entry in run["training"]] == ["authors", "ppo"]
     assert run["training"][0] == entries[0]
     # The same run made again takes the place of what was kept; another kind stays no longer.
-    assert cli.main([*command, "authors", "--episodes", "4"]) == 0
+    assert main.main([*command, "authors", "--episodes", "4"]) == 0
     assert len({row["seed"] for row in read_table(folder / "rides.csv")}) == 2
     run = json.loads((folder / "run.json").read_text())
     assert (run["training"][0]["arm"], run["training"][0]["steps"]) == ("authors", 1600)
     shutil.rmtree(out / "runs")
     run["experiment"]["arms"] = [a | {"set": ["x"]} for a in run["experiment"]["arms"]]
     (folder / "run.json").write_text(json.dumps(run))
-    assert cli.main([*command, "ppo"]) == 0
+    assert main.main([*command, "ppo"]) == 0
     assert {row["arm"] for row in read_table(folder / "curves.csv")} == {"ppo"}

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bicycle_controller.evaluate import wilson
+from bicycle_controller.evaluation.evaluate import wilson
 from bicycle_controller.reproduce import experiment as experiments
 from bicycle_controller.reproduce import summary
 from bicycle_controller.reproduce.experiment import MODES

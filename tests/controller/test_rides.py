@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bicycle_controller import rides as rides_module
-from bicycle_controller.evaluate import evaluate, wilson
-from bicycle_controller.lqr import LqrController
-from bicycle_controller.rides import Disturbance
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import SCENARIOS, Region
-from bicycle_sim.task import BicycleTask
+from bicycle_controller.control.lqr import LqrController
+from bicycle_controller.evaluation import rollouts as rides_module
+from bicycle_controller.evaluation.evaluate import evaluate, wilson
+from bicycle_controller.evaluation.rollouts import Disturbance
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import SCENARIOS, Region
+from bicycle_sim.task.task import BicycleTask
 
 AHEAD = replace(
     SCENARIOS["fixed-start-fixed-goal"],

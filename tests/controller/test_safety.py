@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 from faulty import FAULTS, ride
 
-from bicycle_controller import safety
-from bicycle_controller.answers import HandOver
-from bicycle_controller.driver import Driver
-from bicycle_controller.goals import GoalTracker, Status
-from bicycle_controller.lqr import LqrController, fitting
-from bicycle_controller.nodes.controller_settings import ControllerSettings
-from bicycle_controller.policy import load_controller
-from bicycle_controller.safety import (
+from bicycle_common.types import Command, CommandSource, InitialPose
+from bicycle_controller.control import safety
+from bicycle_controller.control.control_loop import ControlLoop
+from bicycle_controller.control.control_output import ControllerSwitch
+from bicycle_controller.control.goals import GoalTracker, Status
+from bicycle_controller.control.lqr import LqrController, fitting
+from bicycle_controller.control.safety import (
     ENVELOPE,
     ENVELOPE_SPEEDS,
     STOP_SPEED,
@@ -25,11 +24,13 @@ from bicycle_controller.safety import (
     SafetyConfig,
     unstable_mode,
 )
-from bicycle_sim.dynamics import State, step
-from bicycle_sim.linear import eigenvalues
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import Region, named
-from bicycle_sim.simulator import Command, Simulator, Source, Start
+from bicycle_controller.nodes.controller_settings import ControllerSettings
+from bicycle_controller.policy.policy import load_controller
+from bicycle_sim.plants.choi.dynamics import State, step
+from bicycle_sim.plants.choi.linear import eigenvalues
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.runtime.simulator import Simulator
+from bicycle_sim.task.scenario import Region, named
 
 SHIPPED = {
     "fixed-speed": "random-start-random-goal",
@@ -192,7 +193,7 @@ def commands(actor: str, layer: Safety | None, seed: int, steps: int = 700) -> l
     scenario = named(SHIPPED[actor])
     simulator = Simulator(scenario, seed=seed)
     simulator.reset()
-    rider = Driver(
+    rider = ControlLoop(
         "me",
         load_controller(actor),
         GoalTracker(),
@@ -249,13 +250,13 @@ def test_with_the_layer_a_faulty_policy_stays_upright(actor: str, fault: str) ->
 # What the driver makes of it.
 
 
-def driver(policy: object, **changes: object) -> tuple[Driver, Simulator]:
+def driver(policy: object, **changes: object) -> tuple[ControlLoop, Simulator]:
     scenario = replace(named("learned-speed"), start_speed=2.5)
     simulator = Simulator(scenario)
-    simulator.reset(Start(0.0, 0.0, 0.0, 2.5))
+    simulator.reset(InitialPose(0.0, 0.0, 0.0, 2.5))
     config = SafetyConfig(**changes)  # type: ignore[arg-type]
     limits = scenario.action_limits
-    made = Driver(
+    made = ControlLoop(
         "me",
         policy,  # type: ignore[arg-type]
         GoalTracker(),
@@ -267,7 +268,9 @@ def driver(policy: object, **changes: object) -> tuple[Driver, Simulator]:
     return made, simulator
 
 
-def drive(made: Driver, simulator: Simulator, steps: int) -> tuple[list[HandOver], list[Status]]:
+def drive(
+    made: ControlLoop, simulator: Simulator, steps: int
+) -> tuple[list[ControllerSwitch], list[Status]]:
     told, events = [], []
     for _ in range(steps):
         now = simulator.snapshot
@@ -328,7 +331,7 @@ def test_a_new_policy_and_a_new_episode_are_trusted_at_once() -> None:
     assert not made.driving
     made.policy = Faulty(2.0, 0.0, 0.0)
     drive(made, simulator, 40)
-    simulator.reset(Start(0.0, 0.0, 0.0, 2.5))
+    simulator.reset(InitialPose(0.0, 0.0, 0.0, 2.5))
     made.tracker.replace([(0.0, 60.0)])
     drive(made, simulator, 1)
     assert not made.driving
@@ -338,7 +341,7 @@ def test_a_step_without_command_is_stale() -> None:
     made, simulator = driver(Faulty())
     drive(made, simulator, 5)
     simulator.step(None)
-    assert simulator.snapshot.command_source is Source.ZERO
+    assert simulator.snapshot.command_source is CommandSource.ZERO
     (taken,), _ = drive(made, simulator, 1)
     assert taken.reason is Reason.STALE
     assert taken.message.startswith("no command led to the state: lqr-")

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bicycle_controller.config import EvaluationConfig
-from bicycle_controller.policy import load_controller
-from bicycle_controller.score import Score, score, shaken
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import SCENARIOS
+from bicycle_controller.config.run import EvaluationConfig
+from bicycle_controller.evaluation.score import Score, score, shaken
+from bicycle_controller.policy.policy import load_controller
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import SCENARIOS
 
 SCENARIO = SCENARIOS["random-start-random-goal"]
 GOOD = Score(reach_rate=1.0, fall_rate=0.0, orbit_rate=0.0, median_time_s=40.0)

@@ -9,9 +9,11 @@ from typing import Any
 import pytest
 from waiting import PATIENCE, until
 
-from bicycle_controller import cli, settings, sweep, train
-from bicycle_controller.evaluate import evaluate
-from bicycle_controller.policy import load_policy
+from bicycle_controller.cli import main
+from bicycle_controller.config import loading
+from bicycle_controller.evaluation.evaluate import evaluate
+from bicycle_controller.policy.policy import load_policy
+from bicycle_controller.training import online, sweep
 
 SHORT = ["steps=6000", "warm_up=1000", "ddpg.actor_hidden=[16, 16]", "ddpg.critic_hidden=[16, 16]"]
 SHORT += ["evaluation.every=20", "evaluation.max_steps=100", "tensorboard=false"]
@@ -28,7 +30,7 @@ def test_plan_is_every_preset_on_every_scenario_with_every_seed(tmp_path: Path) 
     assert [job.seed for job in found] == [1] * 4 + [2] * 4
     job = found[6]
     assert job.folder == tmp_path / "paper" / SCENARIO / "seed-2"
-    assert job.config == settings.preset("paper", [f"scenario={SCENARIO}", "seed=2"])
+    assert job.config == loading.preset("paper", [f"scenario={SCENARIO}", "seed=2"])
 
 
 def test_a_run_is_trained_and_scored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -36,7 +38,7 @@ def test_a_run_is_trained_and_scored(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (job,) = jobs(tmp_path / "sweep")
     result, policy = sweep.run_job(job, 20, ["bicycle", "sweep", "--out", "x"])
     (same,) = jobs(tmp_path / "plain")
-    made = train.run(same.config, same.folder)
+    made = online.run(same.config, same.folder)
     assert (result["status"], result["updates"]) == ("finished", made.updates)
     best = load_policy(same.folder / "best.safetensors")
     config = job.config
@@ -51,7 +53,7 @@ def test_a_run_that_was_begun_goes_on(tmp_path: Path, monkeypatch: pytest.Monkey
     monkeypatch.setattr(sys, "argv", sys.argv)
     (job,), (whole,) = jobs(tmp_path / "halves"), jobs(tmp_path / "whole")
     calls = iter(range(10_000))
-    train.run(job.config, job.folder, stop=lambda: next(calls) >= 20)
+    online.run(job.config, job.folder, stop=lambda: next(calls) >= 20)
     result, policy = sweep.run_job(job, 5, ["bicycle"])
     again, expected = sweep.run_job(whole, 5, ["bicycle"])
     assert result["steps"] == again["steps"]
@@ -61,7 +63,7 @@ def test_a_run_that_was_begun_goes_on(tmp_path: Path, monkeypatch: pytest.Monkey
 
 def test_a_run_with_other_settings_is_not_mixed_in(tmp_path: Path) -> None:
     (job,) = jobs(tmp_path)
-    train.run(job.config, job.folder, stop=lambda: True)
+    online.run(job.config, job.folder, stop=lambda: True)
     assert jobs(tmp_path) == [job]
     with pytest.raises(ValueError, match="other settings"):
         jobs(tmp_path, (1,), "ddpg.tau=0.5")
@@ -121,7 +123,7 @@ def test_groups_worked_by_hand() -> None:
 def test_mistakes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], expected: str
 ) -> None:
-    assert cli.main(["sweep", "--out", str(tmp_path), *words]) == 2
+    assert main.main(["sweep", "--out", str(tmp_path), *words]) == 2
     out, err = capsys.readouterr()
     assert out == ""
     assert err.count("\n") == 1
@@ -161,7 +163,7 @@ def test_ray_that_cannot_start_is_told_in_one_line() -> None:
 @pytest.mark.slow
 def test_a_killed_sweep_keeps_what_is_done_and_goes_on(tmp_path: Path) -> None:
     out = tmp_path / "sweep"
-    command = [sys.executable, "-m", "bicycle_controller.cli", "sweep", "--out", str(out)]
+    command = [sys.executable, "-m", "bicycle_controller.cli.main", "sweep", "--out", str(out)]
     command += ["--scenarios", SCENARIO, "--seeds", "2", "--episodes", "20", "--parallel", "1"]
     for change in [*SHORT, "steps=40000"]:
         command += ["--set", change]

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 import torch
 
-from bicycle_controller import collect, settings
-from bicycle_controller.assembly import make_agent, make_collector, make_memory
-from bicycle_controller.tensor_dynamics import TensorDynamics
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import named
-from bicycle_sim.task import BicycleTask
+from bicycle_controller.config import loading
+from bicycle_controller.training import collector
+from bicycle_controller.training.factory import make_agent, make_collector, make_memory
+from bicycle_controller.training.tensor_dynamics import TensorDynamics
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import named
+from bicycle_sim.task.task import BicycleTask
 
 CUDA = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device here")
 
@@ -45,12 +46,12 @@ def test_training_steps_its_bicycles_on_the_device(monkeypatch: pytest.MonkeyPat
             made.append(device)
             super().__init__("cpu")
 
-    monkeypatch.setattr(collect, "TensorDynamics", Spy)
-    config = settings.preset("fast", ["bicycles=8", "warm_up=0", "steps=400"])
+    monkeypatch.setattr(collector, "TensorDynamics", Spy)
+    config = loading.preset("fast", ["bicycles=8", "warm_up=0", "steps=400"])
     memory = make_memory(config, "cpu")
     agent = make_agent(config, "cpu")
-    collector = make_collector(config, memory, "cuda")
+    made_one = make_collector(config, memory, "cuda")
     for _ in range(10):
-        collector.step(agent)
+        made_one.step(agent)
     assert made == ["cuda"]
-    assert collector.steps == 80
+    assert made_one.steps == 80

@@ -14,21 +14,22 @@ from run_compare import after, assert_same_run, rows, same, state_of
 from training_maker import SMALL, small_run
 from waiting import PATIENCE, finish, until
 
-from bicycle_controller import checkpoint, settings, train
 from bicycle_controller.agents.answer import Answer
-from bicycle_controller.config import RunConfig
-from bicycle_controller.policy import load_policy
-from bicycle_controller.run_folder import BusyError, RunFolder
-from bicycle_controller.score import score
-from bicycle_controller.train_command import add_arguments, run_command
-from bicycle_sim import native_task
+from bicycle_controller.cli.train import add_arguments, run_command
+from bicycle_controller.config import loading
+from bicycle_controller.config.run import RunConfig
+from bicycle_controller.evaluation.score import score
+from bicycle_controller.policy.policy import load_policy
+from bicycle_controller.training import checkpoint, online
+from bicycle_controller.training.run_folder import BusyError, RunFolder
+from bicycle_sim.task import native_task
 
 PROGRAM = """
 import argparse, os, signal, sys, threading, time
 from pathlib import Path
-from bicycle_controller.run_folder import RunFolder
-from bicycle_controller.score import score
-from bicycle_controller.train_command import add_arguments, run_command
+from bicycle_controller.training.run_folder import RunFolder
+from bicycle_controller.evaluation.score import score
+from bicycle_controller.cli.train import add_arguments, run_command
 parser = argparse.ArgumentParser()
 add_arguments(parser)
 if lines := int(os.environ.get("KILLED_AFTER_LINES", 0)):
@@ -76,11 +77,11 @@ RUNS = {
 def test_a_resumed_run_gives_the_same_numbers_to_the_bit(name: str, tmp_path: Path) -> None:
     config = small_run(*RUNS[name])
     whole, parts = tmp_path / "whole", tmp_path / "parts"
-    assert train.run(config, whole).status == "finished"
-    result = train.run(config, parts, stop=after(70))
+    assert online.run(config, whole).status == "finished"
+    result = online.run(config, parts, stop=after(70))
     assert (result.status, result.steps) == ("interrupted", 71 * 8)
-    assert train.resume(parts, stop=after(61)).status == "interrupted"
-    result = train.resume(parts)
+    assert online.resume(parts, stop=after(61)).status == "interrupted"
+    result = online.resume(parts)
     assert (result.status, result.steps) == ("finished", 1600)
     assert_same_run(whole, parts)
     kinds = [row["kind"] for row in rows(whole)]
@@ -103,10 +104,10 @@ def test_the_quick_loop_makes_the_run_of_the_readable_one(
     changes += ["scenario=learned-speed", "tensorboard=false", "seed=3"]
     changes += ["ppo.rollout=32"] if preset == "ppo" else ["warm_up=300"]
     changes += [f"evaluation.every={100 if preset == 'ppo' else 600}"]
-    config = settings.preset(preset, changes)
-    train.run(config, tmp_path / "quick")
+    config = loading.preset(preset, changes)
+    online.run(config, tmp_path / "quick")
     slowly(monkeypatch)
-    train.run(config, tmp_path / "readable")
+    online.run(config, tmp_path / "readable")
     assert_same_run(tmp_path / "quick", tmp_path / "readable")
     for name in ("episodes.csv", "tracks.csv"):
         quick, readable = ((tmp_path / kind / name).read_bytes() for kind in ("quick", "readable"))
@@ -116,14 +117,14 @@ def test_the_quick_loop_makes_the_run_of_the_readable_one(
 
 def test_a_seed_repeats_a_run_and_another_does_not(tmp_path: Path) -> None:
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        train.run(small_run(f"seed={seed}", "steps=800"), tmp_path / name)
+        online.run(small_run(f"seed={seed}", "steps=800"), tmp_path / name)
     assert_same_run(tmp_path / "a", tmp_path / "b")
     assert not same(state_of(tmp_path / "a")["agent"], state_of(tmp_path / "c")["agent"])
 
 
 def test_saving_often_changes_no_number(tmp_path: Path) -> None:
-    train.run(small_run("steps=800"), tmp_path / "a")
-    train.run(small_run("steps=800", "save_every=0"), tmp_path / "b")
+    online.run(small_run("steps=800"), tmp_path / "a")
+    online.run(small_run("steps=800", "save_every=0"), tmp_path / "b")
     assert_same_run(tmp_path / "a", tmp_path / "b")
 
 
@@ -131,7 +132,7 @@ def command(folder: Path, *arguments: str, config: RunConfig | None = None) -> l
     words = [sys.executable, "-c", PROGRAM, "--out", str(folder), "--quiet", *arguments]
     if config is not None:
         path = folder.with_suffix(".yaml")
-        path.write_text(settings.dump(config))
+        path.write_text(loading.dump(config))
         words += ["--config", str(path)]
     return words
 
@@ -149,7 +150,7 @@ def wait_for(path: Path, process: subprocess.Popen[str], lines: int) -> None:
 
 def test_a_run_killed_at_any_moment_goes_on_to_the_same_end(tmp_path: Path) -> None:
     config = small_run("steps=4000", "save_every=0.05")
-    train.run(config, tmp_path / "whole")
+    online.run(config, tmp_path / "whole")
     killed = tmp_path / "killed"
     words = command(killed, config=config)
     for lines in (2, 8):
@@ -182,8 +183,8 @@ def test_a_signal_saves_and_leaves(number: signal.Signals, code: int, tmp_path: 
 
 def test_the_folder_holds_what_it_promises(tmp_path: Path) -> None:
     config = small_run("seed=7")
-    result = train.run(config, tmp_path / "run")
-    assert settings.load(tmp_path / "run" / "config.yaml") == config
+    result = online.run(config, tmp_path / "run")
+    assert loading.load(tmp_path / "run" / "config.yaml") == config
     about = json.loads((tmp_path / "run" / "run.json").read_text())
     assert about["seed"] == 7
     assert {"command", "commit", "version", "started", "processor"} < about.keys()
@@ -202,7 +203,7 @@ def test_the_folder_holds_what_it_promises(tmp_path: Path) -> None:
 
 def test_the_best_policy_is_the_one_that_scored_best(tmp_path: Path) -> None:
     config = small_run("evaluation.every=10", "steps=2400")
-    result = train.run(config, tmp_path / "run")
+    result = online.run(config, tmp_path / "run")
     found = score(
         load_policy(tmp_path / "run" / "best.safetensors"),
         config.scenario,
@@ -214,15 +215,15 @@ def test_the_best_policy_is_the_one_that_scored_best(tmp_path: Path) -> None:
 
 def test_a_met_goal_rate_ends_the_run(tmp_path: Path) -> None:
     config = small_run("scenario.goal_radius=500", "evaluation.stop_at=0.9")
-    result = train.run(config, tmp_path / "run")
+    result = online.run(config, tmp_path / "run")
     assert result.status == "reached"
     assert result.updates == 50
 
 
 def test_more_steps_go_on_with_a_finished_run(tmp_path: Path) -> None:
-    train.run(small_run("steps=2400"), tmp_path / "whole")
-    train.run(small_run("steps=1200"), tmp_path / "parts")
-    train.resume(tmp_path / "parts", ["steps=2400"])
+    online.run(small_run("steps=2400"), tmp_path / "whole")
+    online.run(small_run("steps=1200"), tmp_path / "parts")
+    online.resume(tmp_path / "parts", ["steps=2400"])
     assert_same_run(tmp_path / "whole", tmp_path / "parts")
 
 
@@ -230,10 +231,10 @@ def test_another_backend_may_go_on_and_one_line_says_so(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     config = small_run("ddpg.backend=fused")
-    train.run(config, tmp_path / "run", stop=after(60))
+    online.run(config, tmp_path / "run", stop=after(60))
     path = tmp_path / "run" / "config.yaml"
     path.write_text(path.read_text().replace("backend: fused", "backend: autograd"))
-    assert train.resume(tmp_path / "run").status == "finished"
+    assert online.resume(tmp_path / "run").status == "finished"
     lines = capsys.readouterr().err.splitlines()
     assert lines == [
         "fused began this run and autograd goes on with it: its numbers will differ by rounding"
@@ -242,28 +243,28 @@ def test_another_backend_may_go_on_and_one_line_says_so(
 
 def test_a_run_killed_before_its_first_checkpoint_starts_again(tmp_path: Path) -> None:
     config = small_run("steps=800")
-    train.run(config, tmp_path / "whole")
+    online.run(config, tmp_path / "whole")
     RunFolder(tmp_path / "young").create(config)
     (tmp_path / "young" / "log.jsonl").write_text('{"kind": "train"}\n')
-    train.resume(tmp_path / "young")
+    online.resume(tmp_path / "young")
     assert_same_run(tmp_path / "whole", tmp_path / "young")
 
 
 def test_mistakes_with_folders_are_one_line_with_the_remedy(tmp_path: Path) -> None:
     config = small_run("steps=400")
-    train.run(config, tmp_path / "run")
+    online.run(config, tmp_path / "run")
     with pytest.raises(ValueError, match=r"holds a run already.*--resume"):
-        train.run(config, tmp_path / "run")
+        online.run(config, tmp_path / "run")
     with pytest.raises(ValueError, match="no run to resume"):
-        train.resume(tmp_path / "nowhere")
+        online.resume(tmp_path / "nowhere")
     with pytest.raises(ValueError, match=r"ddpg cannot change.*another --out"):
-        train.resume(tmp_path / "run", ["ddpg.tau=0.5"])
-    train.run(small_run("steps=400", "ddpg.learning_rate_end=0.1"), tmp_path / "annealed")
+        online.resume(tmp_path / "run", ["ddpg.tau=0.5"])
+    online.run(small_run("steps=400", "ddpg.learning_rate_end=0.1"), tmp_path / "annealed")
     with pytest.raises(ValueError, match="steps cannot change"):
-        train.resume(tmp_path / "annealed", ["steps=800"])
+        online.resume(tmp_path / "annealed", ["steps=800"])
     (tmp_path / "file").write_text("")
     with pytest.raises(ValueError, match="cannot write"):
-        train.run(config, tmp_path / "file" / "run")
+        online.run(config, tmp_path / "file" / "run")
 
 
 def test_two_processes_never_train_in_one_folder(tmp_path: Path) -> None:
@@ -271,36 +272,36 @@ def test_two_processes_never_train_in_one_folder(tmp_path: Path) -> None:
     process = start(command(tmp_path / "run", config=config))
     wait_for(tmp_path / "run", process, 1)
     with pytest.raises(BusyError, match=r"another process trains in .*run: wait for it"):
-        train.resume(tmp_path / "run")
+        online.resume(tmp_path / "run")
     with pytest.raises(BusyError):
-        train.run(config, tmp_path / "run")
+        online.run(config, tmp_path / "run")
     process.kill()
     process.communicate()
-    assert train.resume(tmp_path / "run", stop=lambda: True).status == "interrupted"
+    assert online.resume(tmp_path / "run", stop=lambda: True).status == "interrupted"
 
 
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 not a checkpoint", None])
 def test_a_damaged_checkpoint_is_one_line_with_the_remedy(
     damage: bytes | None, tmp_path: Path
 ) -> None:
-    train.run(small_run("steps=400"), tmp_path / "run")
+    online.run(small_run("steps=400"), tmp_path / "run")
     path = tmp_path / "run" / "checkpoint" / "state.pt"
     data = path.read_bytes()
     path.write_bytes(data[: len(data) // 2] if damage is None else damage)
     with pytest.raises(ValueError, match=r"cannot resume from .*state\.pt.*delete it") as caught:
-        train.resume(tmp_path / "run")
+        online.resume(tmp_path / "run")
     assert "\n" not in str(caught.value)
 
 
 def test_a_checkpoint_of_other_code_is_one_line_with_the_remedy(tmp_path: Path) -> None:
     """Something was added to the state since; once this was a traceback."""
-    train.run(small_run("steps=400"), tmp_path / "run")
+    online.run(small_run("steps=400"), tmp_path / "run")
     path = tmp_path / "run" / "checkpoint" / "state.pt"
     state = checkpoint.load(path)
     del state["collector"]["returns"]["shown"]
     checkpoint.save(path, state)
     with pytest.raises(ValueError, match=r"holds no 'shown'.*commit .*resume it with") as caught:
-        train.resume(tmp_path / "run")
+        online.resume(tmp_path / "run")
     assert "\n" not in str(caught.value)
 
 
@@ -319,7 +320,7 @@ def test_a_checkpoint_runs_no_code(tmp_path: Path) -> None:
 def test_without_cuda_it_says_so_in_one_line_and_trains(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    result = train.run(small_run("device=cuda", "steps=400"), tmp_path / "run")
+    result = online.run(small_run("device=cuda", "steps=400"), tmp_path / "run")
     assert result.status == "finished"
     lines = capsys.readouterr().err.splitlines()
     assert lines == ["no CUDA device was found: training on the CPU"]
@@ -332,7 +333,7 @@ def test_the_command_trains_and_prints_json(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     result = json.loads(done.stdout)
     assert (result["status"], result["steps"], result["updates"]) == ("finished", 1600, 176)
-    assert settings.load(tmp_path / "run" / "config.yaml").seed == 3
+    assert loading.load(tmp_path / "run" / "config.yaml").seed == 3
 
 
 @pytest.mark.parametrize(
@@ -364,7 +365,7 @@ def test_mistakes_on_the_command_line_are_one_line(
 
 def test_tensorboard_gets_the_same_rows(tmp_path: Path) -> None:
     accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
-    train.run(small_run("tensorboard=true"), tmp_path / "run")
+    online.run(small_run("tensorboard=true"), tmp_path / "run")
     events = accumulator.EventAccumulator(str(tmp_path / "run" / "tensorboard"))
     events.Reload()
     expected = [row for row in rows(tmp_path / "run") if row["kind"] == "train"]

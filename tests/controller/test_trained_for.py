@@ -7,12 +7,12 @@ from dataclasses import replace
 import pytest
 from policy_maker import make_policy
 
-from bicycle_controller.controllers import Controller
-from bicycle_controller.lqr import LqrController
-from bicycle_controller.policy import Policy, load_policy
-from bicycle_controller.trained_for import differences, unlike_training, warning
-from bicycle_sim.parameters import Constants, Physics
-from bicycle_sim.scenario import SCENARIOS
+from bicycle_controller.control.controller import Controller
+from bicycle_controller.control.lqr import LqrController
+from bicycle_controller.policy.policy import Policy, load_policy
+from bicycle_controller.policy.trained_for import differences, unlike_training, warning
+from bicycle_sim.plants.choi.parameters import Constants, Physics
+from bicycle_sim.task.scenario import SCENARIOS
 
 FAITHFUL = Physics()
 LONG = Physics(constants=replace(Constants(), wheelbase=1.2, bicycle_mass=14.0))

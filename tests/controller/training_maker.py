@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from bicycle_controller import settings
-from bicycle_controller.config import DdpgConfig, RunConfig
-from bicycle_controller.replay import Batch, Replay
+from bicycle_controller.config import loading
+from bicycle_controller.config.run import DdpgConfig, RunConfig
+from bicycle_controller.data.replay_buffer import Batch, ReplayBuffer
 
 SMALL = (
     "ddpg.actor_hidden=[16, 12]",
@@ -32,7 +32,7 @@ SMALL = (
 
 def small_run(*overrides: str, preset: str = "paper") -> RunConfig:
     """A preset, small enough for a test."""
-    return settings.preset(preset, [*SMALL, *overrides])
+    return loading.preset(preset, [*SMALL, *overrides])
 
 
 def ddpg_of(config: RunConfig) -> DdpgConfig:
@@ -58,10 +58,10 @@ def batch_of(
 
 def random_replay(
     actions: int, rows: int = 2000, seed: int = 0, observations: int = 6, shown: bool = False
-) -> Replay:
+) -> ReplayBuffer:
     """A memory full of random transitions, one in ten final."""
     rng = np.random.default_rng(seed)
-    replay = Replay(rows, actions, observations=observations, shown=shown)
+    replay = ReplayBuffer(rows, actions, observations=observations, shown=shown)
     replay.add(
         np.concatenate(
             [

@@ -29,8 +29,8 @@ from domains import claimed_domain
 from node_process import NodeProcess, alive, children_of
 from probe import Probe, goal
 
-from bicycle_controller.run_folder import origin
-from bicycle_sim.nodes.interfaces import GOAL_POSE, STATE, TRAINER
+from bicycle_common.nodes.topics import GOAL_POSE, STATE, TRAINER
+from bicycle_controller.training.run_folder import origin
 
 FRESH_STEPS = 20
 """Steps under fresh commands that count as riding again."""

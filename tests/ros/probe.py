@@ -15,7 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from waiting import PATIENCE
 
-from bicycle_sim.nodes.interfaces import COMMAND, STATE, Service, Topic
+from bicycle_common.nodes.topics import COMMAND, STATE, Service, Topic
 
 
 class Probe:

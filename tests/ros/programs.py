@@ -22,11 +22,11 @@ import pytest
 from bicycle_bag.nodes import player_node, recorder_node
 from bicycle_bag.repair import main as repair
 from bicycle_bag.writer import BagWriter
-from bicycle_bringup.nodes import goal, push, reset, service, topic, verify
 from bicycle_bringup.ride_options import parse as parse_ride
-from bicycle_bringup.ride_page import command as report
 from bicycle_cockpit.options import parse as parse_cockpit
-from bicycle_controller import cli
+from bicycle_controller.cli import main
+from bicycle_tools.nodes import goal, push, reset, service, topic, verify
+from bicycle_tools.report_page import command as report
 
 BAG = Path(__file__).parents[1] / "data" / "ride-0.1.0"
 Words = list[str]
@@ -101,7 +101,7 @@ def bicycle(
     positionals: Callable[[Path], Words] = nothing,
     options: Callable[[Path], Words] = nothing,
 ) -> Program:
-    title, call = f"bicycle {name}", lambda words: cli.main([name, *words])
+    title, call = f"bicycle {name}", lambda words: main.main([name, *words])
     return Program(title, call, positionals, options, work)
 
 
@@ -147,7 +147,7 @@ def output(option: str, *more: str) -> Callable[[Path], Words]:
 
 
 PROGRAMS = (
-    bicycle("train", "bicycle_controller.train:Trainer", options=output("--out")),
+    bicycle("train", "bicycle_controller.training.online:Trainer", options=output("--out")),
     bicycle(
         "evaluate",
         positionals=lambda _: ["fixed-speed"],
@@ -155,14 +155,14 @@ PROGRAMS = (
     ),
     bicycle(
         "learn",
-        "bicycle_controller.learn:run",
+        "bicycle_controller.training.offline:run",
         positionals=bag,
         options=output("--out", "--least=1", "--json"),
     ),
-    bicycle("sweep", "bicycle_controller.sweep:sweep", options=output("--out")),
+    bicycle("sweep", "bicycle_controller.training.sweep:sweep", options=output("--out")),
     bicycle(
         "reproduce",
-        "bicycle_controller.reproduce_command:reproduce",
+        "bicycle_controller.cli.reproduce:reproduce",
         positionals=lambda _: ["9"],
         options=output("--out", "--short"),
     ),
@@ -180,14 +180,14 @@ PROGRAMS = (
         "replay.sh --verify",
         main_of(verify),
         positionals=bag,
-        work=("bicycle_bringup.nodes.verify:verify",),
+        work=("bicycle_tools.nodes.verify:verify",),
     ),
     Program(
         "report.sh",
         report.main,
         positionals=bag,
         options=lambda folder: ["--output", new(folder, ".html")],
-        work=("bicycle_bringup.ride_page.command:html",),
+        work=("bicycle_tools.report_page.command:html",),
     ),
     Program("ride.sh", ride, options=output("--output")),
     Program("cockpit.sh", cockpit),
@@ -195,26 +195,26 @@ PROGRAMS = (
         "goal.sh",
         main_of(goal),
         positionals=lambda _: ["1", "2"],
-        work=("bicycle_bringup.nodes.goal:start_tool",),
+        work=("bicycle_tools.nodes.goal:start_tool",),
     ),
     Program(
         "reset.sh",
         main_of(reset),
         positionals=lambda _: ["1", "2", "0.5"],
-        work=("bicycle_bringup.nodes.reset:run_tool",),
+        work=("bicycle_tools.nodes.reset:run_tool",),
     ),
     Program(
         "push.sh",
         main_of(push),
         positionals=lambda _: ["left", "0.3"],
-        work=("bicycle_bringup.nodes.push:run_tool",),
+        work=("bicycle_tools.nodes.push:run_tool",),
     ),
     *(
         Program(
             "service.sh",
             main_of(service),
             positionals=lambda _: ["bicycle/reset"],
-            work=("bicycle_bringup.nodes.service:run_tool",),
+            work=("bicycle_tools.nodes.service:run_tool",),
             verb=[verb],
         )
         for verb in ("type", "call")
@@ -224,7 +224,7 @@ PROGRAMS = (
             "topic.sh",
             main_of(topic),
             positionals=lambda _: ["bicycle/state"],
-            work=("bicycle_bringup.nodes.topic:start_tool",),
+            work=("bicycle_tools.nodes.topic:start_tool",),
             verb=[verb],
         )
         for verb in ("info", "type", "echo", "rate", "hz", "pub")

@@ -41,7 +41,7 @@ from node_process import NodeProcess
 from probe import Probe
 
 from bicycle_bag.reader import BagReader
-from bicycle_sim.nodes.interfaces import GOAL_STATUS, STATE
+from bicycle_common.nodes.topics import GOAL_STATUS, STATE
 
 WORKSPACE = Path(__file__).resolve().parents[2] / "ros2_ws"
 READY = {

@@ -34,9 +34,9 @@ from probe import Probe, goal
 from soak_figures import bag_figures, growth
 from tqdm import tqdm
 
-from bicycle_controller.run_folder import origin
-from bicycle_sim.nodes.interfaces import COMMAND, EPISODE, GOAL_POSE, GOAL_STATUS, STATE, TIMING
-from bicycle_sim.parameters import Constants
+from bicycle_common.nodes.topics import COMMAND, EPISODE, GOAL_POSE, GOAL_STATUS, STATE, TIMING
+from bicycle_controller.training.run_folder import origin
+from bicycle_sim.plants.choi.parameters import Constants
 
 DT = Constants().time_step
 SAMPLES = 200

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from bicycle_bag.columns import load_topics
 from bicycle_bag.metadata import read
 from bicycle_bag.reader import BagReader
-from bicycle_bringup.nodes import verify
-from bicycle_sim.nodes.interfaces import GOAL_STATUS, STATE, TIMING
-from bicycle_sim.parameters import Constants
+from bicycle_common.nodes.topics import GOAL_STATUS, STATE, TIMING
+from bicycle_sim.plants.choi.parameters import Constants
+from bicycle_tools.nodes import verify
 
 DT = Constants().time_step
 SETTLED = 0.1

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from bicycle_bringup.foxglove_settings import FoxgloveSettings
+from bicycle_common.nodes.declare_parameters import declare
+from bicycle_common.nodes.runner import run
+from bicycle_common.parameters import Parameter, parameters_of
 from bicycle_controller.nodes.controller_settings import ControllerSettings
 from bicycle_controller.nodes.trainer_settings import TrainerSettings
-from bicycle_sim.nodes.params import declare
-from bicycle_sim.nodes.runner import run
 from bicycle_sim.nodes.sim_settings import SimSettings
-from bicycle_sim.settings import Parameter, parameters_of
+from bicycle_tools.foxglove_settings import FoxgloveSettings
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("signals_as_they_were")]
 

@@ -11,7 +11,7 @@ import pytest
 from node_process import NodeProcess
 from waiting import PATIENCE
 
-from bicycle_sim.nodes import security
+from bicycle_common.nodes import dds_security
 
 pytestmark = pytest.mark.ros
 
@@ -102,17 +102,17 @@ def old_bag() -> str:
 def secured(tmp_path: Path) -> Path:
     """What a library looks like that was built with security."""
     library = tmp_path / "libfastrtps.so.2.14"
-    library.write_bytes(b"\x7fELF" + bytes(1000) + security.PLUGIN + bytes(1000))
+    library.write_bytes(b"\x7fELF" + bytes(1000) + dds_security.PLUGIN + bytes(1000))
     return library
 
 
 def test_a_middleware_that_has_security_is_let_through(secured: Path) -> None:
     asked = {"ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
-    assert security.complaint(asked, secured) == ""
-    assert security.complaint(asked, None) == ""
-    wheels = security.fast_dds()
+    assert dds_security.complaint(asked, secured) == ""
+    assert dds_security.complaint(asked, None) == ""
+    wheels = dds_security.fast_dds()
     assert wheels is not None
-    assert "built without it" in security.complaint(asked, wheels)
+    assert "built without it" in dds_security.complaint(asked, wheels)
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_a_middleware_that_has_security_is_let_through(secured: Path) -> None:
     ],
 )
 def test_what_asks_for_security(asked: dict[str, str], said: str) -> None:
-    line = security.complaint(asked, security.fast_dds())
+    line = dds_security.complaint(asked, dds_security.fast_dds())
     assert said in line
     assert bool(said) == bool(line)
     assert "\n" not in line

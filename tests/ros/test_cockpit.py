@@ -15,9 +15,9 @@ from domains import claimed_domain
 from node_process import NodeProcess
 from probe import Probe
 
-from bicycle_bringup.nodes import verify
 from bicycle_cockpit.nodes.cockpit import MOST_DEATHS
-from bicycle_sim.nodes import interfaces
+from bicycle_common.nodes import topics
+from bicycle_tools.nodes import verify
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -157,7 +157,7 @@ def test_a_flood_of_goals_puts_no_page_out(cockpit: Made) -> None:
     assert [(m["x"], m["y"]) for m in cancelled] == [(50.0, 0.0)], "not one for each waypoint"
     probe = Probe(domain)
     for number in range(1500):
-        probe.say(interfaces.GOAL_STATUS, GoalStatus(goal_id=number, status=GoalStatus.REJECTED))
+        probe.say(topics.GOAL_STATUS, GoalStatus(goal_id=number, status=GoalStatus.REJECTED))
     probe.close()
     page.until(lambda: any("are not listed" in m.get("text", "") for m in page.heard[heard:]))
     assert page.ask("pause", paused=True)["ok"], "the page is still there"
@@ -185,7 +185,7 @@ def test_the_trainer_is_told(cockpit: Made) -> None:
     _, page, _, domain = cockpit
     probe = Probe(domain)
     status = TrainerStatus(phase="learning", updates=1200, reach_rate=0.75, mean_return=math.nan)
-    probe.say(interfaces.TRAINER, status)
+    probe.say(topics.TRAINER, status)
     trainer = page.until(lambda: next((m for m in page.heard if m["type"] == "trainer"), None))
     assert (trainer["phase"], trainer["updates"], trainer["reach_rate"]) == (
         "learning",

@@ -33,7 +33,7 @@ from cockpit_page import COCKPIT
 from node_process import NodeProcess
 from probe import Probe
 
-from bicycle_sim.nodes import interfaces
+from bicycle_common.nodes import topics
 
 SHOTS = Path(os.environ.get("BICYCLE_SCREENSHOTS", COCKPIT.parent / "runs" / "screenshots"))
 
@@ -180,11 +180,11 @@ def test_the_trainer_is_shown(page: BrowserPage, started: Started) -> None:
     page.locator("#tab-training").click()
     expect(page.locator("#no-trainer")).to_be_visible()
     probe = Probe(started[2])
-    kind = interfaces.TRAINER.type
+    kind = topics.TRAINER.type
     for step in range(8):
         share = 0.125 * step
         probe.say(
-            interfaces.TRAINER,
+            topics.TRAINER,
             kind(
                 phase="learning",
                 mode="live",

@@ -18,12 +18,13 @@ from nav_msgs.msg import Path as PathMessage
 from node_process import NodeProcess
 from probe import Probe, goal
 
-from bicycle_controller.trained_for import UNLIKE
-from bicycle_sim.nodes import convert, interfaces
-from bicycle_sim.nodes.interfaces import COMMAND, GOAL_PATH, GOAL_POSE, GOAL_STATUS, STATE
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import named
-from bicycle_sim.simulator import Simulator, Start
+from bicycle_common.nodes import convert, topics
+from bicycle_common.nodes.topics import COMMAND, GOAL_PATH, GOAL_POSE, GOAL_STATUS, STATE
+from bicycle_common.types import InitialPose
+from bicycle_controller.policy.trained_for import UNLIKE
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.runtime.simulator import Simulator
+from bicycle_sim.task.scenario import named
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 
@@ -62,7 +63,7 @@ def start_controller(start_node: StartNode) -> Callable[..., NodeProcess]:
 
 @pytest.fixture
 def probe(ros_domain: int) -> Iterator[Probe]:
-    made = Probe(ros_domain, STATE, COMMAND, GOAL_STATUS, interfaces.ACTIVE_GOAL)
+    made = Probe(ros_domain, STATE, COMMAND, GOAL_STATUS, topics.ACTIVE_GOAL)
     yield made
     made.close()
 
@@ -89,11 +90,11 @@ class FakeSim:
     def __init__(self, probe: Probe) -> None:
         self.probe = probe
         self.simulator = Simulator(SCENARIO)
-        self.simulator.reset(Start(0.0, 0.0, 0.0, SCENARIO.start_speed))
+        self.simulator.reset(InitialPose(0.0, 0.0, 0.0, SCENARIO.start_speed))
         info = EpisodeInfo(
             episode=1, scenario=SCENARIO.to_json(), physics=Physics().to_json(), version="test"
         )
-        probe.say(interfaces.EPISODE, info)
+        probe.say(topics.EPISODE, info)
 
     def message(self) -> BicycleState:
         snapshot = self.simulator.snapshot
@@ -141,7 +142,7 @@ def test_it_rides_waypoints_in_order(start_sim: Any, start_controller: Any, prob
     assert reached.distance <= 1.0
     assert 7.0 < reached.path_length < 10.0
     assert reached.elapsed == pytest.approx(reached.path_length / SCENARIO.start_speed, rel=0.03)
-    shown = [(g.pose.position.x, g.pose.position.y) for g in probe[interfaces.ACTIVE_GOAL]]
+    shown = [(g.pose.position.x, g.pose.position.y) for g in probe[topics.ACTIVE_GOAL]]
     assert shown == [(8.0, 3.0), (14.0, 0.0)]
     probe.spin_until(lambda: not probe[STATE][-1].has_goal)
     begun = probe[STATE][-1].step
@@ -192,7 +193,7 @@ def test_a_reset_cancels_and_a_fall_ends_the_goal(start_controller: Any, probe: 
     sim = FakeSim(probe)
     probe.say(GOAL_POSE, goal(50.0, 0.0))
     sim.step()
-    sim.simulator.reset(Start(0.0, 0.0, 0.0, 2.5))
+    sim.simulator.reset(InitialPose(0.0, 0.0, 0.0, 2.5))
     sim.publish()
     probe.spin_until(lambda: statuses(probe)[-1:] == [(1, GoalStatus.CANCELLED)])
     probe.say(GOAL_POSE, goal(50.0, 0.0))
@@ -238,7 +239,7 @@ def test_loading_a_policy_drops_no_step(start_controller: Any, probe: Probe) -> 
     sim = FakeSim(probe)
     probe.say(GOAL_POSE, goal(300.0, 900.0))
     before = [sim.step() for _ in range(5)]
-    service = interfaces.LOAD_POLICY
+    service = topics.LOAD_POLICY
     client = probe.node.create_client(service.type, service.name)
     probe.spin_until(client.service_is_ready)
     future = client.call_async(LoadPolicy.Request(path="lqr-displacement"))
@@ -267,7 +268,7 @@ def test_a_policy_that_cannot_be_loaded_changes_nothing(
     foreign = tmp_path / "foreign.safetensors"
     foreign.write_bytes(b"\x80\x04not a policy")
     for bad, words in (("/nowhere.safetensors", "does not exist"), (str(foreign), "cannot load")):
-        result = probe.call(interfaces.LOAD_POLICY, LoadPolicy.Request(path=bad))
+        result = probe.call(topics.LOAD_POLICY, LoadPolicy.Request(path=bad))
         assert not result.success
         assert words in result.message
         assert f"{name} stays in charge" in result.message
@@ -284,13 +285,13 @@ def test_a_policy_that_rides_another_bicycle_than_it_was_trained_on_is_warned_of
     def hear(array: DiagnosticArray) -> None:
         told.extend(i.value for s in array.status for i in s.values if i.key == UNLIKE)
 
-    probe.node.create_subscription(DiagnosticArray, interfaces.DIAGNOSTICS.name, hear, 10)
+    probe.node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS.name, hear, 10)
     start_sim(physics="corrected")
     controller = start_controller("fixed-speed", diagnostics_period=0.1)
     words = r"fixed-speed@\w+ was made for another ride .*gyroscopic_correction true, not false"
     controller.wait_for_line(words)
     probe.spin_until(lambda: any(re.search(words, text) for text in told))
-    answer = probe.call(interfaces.LOAD_POLICY, LoadPolicy.Request(path="naf"))
+    answer = probe.call(topics.LOAD_POLICY, LoadPolicy.Request(path="naf"))
     assert answer.success
     assert "naf" in answer.message
     assert "was made for another ride" in answer.message
@@ -300,7 +301,7 @@ def test_a_policy_on_its_own_bicycle_is_not_warned_of(
     start_sim: Any, start_controller: Any, probe: Probe
 ) -> None:
     told: list[DiagnosticArray] = []
-    probe.node.create_subscription(DiagnosticArray, interfaces.DIAGNOSTICS.name, told.append, 10)
+    probe.node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS.name, told.append, 10)
     start_sim()
     controller = start_controller("fixed-speed", diagnostics_period=0.1)
     probe.spin_until(

@@ -10,7 +10,7 @@ from bicycle_msgs.srv import Push, Reset
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Odometry, Path
 
-from bicycle_bringup.nodes.filling import FillingError, filled
+from bicycle_tools.nodes.filling import FillingError, filled
 
 pytestmark = pytest.mark.ros
 

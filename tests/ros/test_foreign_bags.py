@@ -16,7 +16,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from bicycle_bag.errors import BagError
 from bicycle_bag.reader import BagReader
-from bicycle_bringup.nodes import verify
+from bicycle_tools.nodes import verify
 
 sys.path.append(str(Path(__file__).parents[1] / "bag"))
 from foreign_bag import SECOND, ForeignFile

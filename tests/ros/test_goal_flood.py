@@ -14,7 +14,7 @@ from node_process import NodeProcess
 from probe import Probe, goal
 from waiting import PATIENCE
 
-from bicycle_sim.nodes.interfaces import GOAL_POSE, GOAL_STATUS, STATE
+from bicycle_common.nodes.topics import GOAL_POSE, GOAL_STATUS, STATE
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 

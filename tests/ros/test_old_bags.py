@@ -14,9 +14,9 @@ from rclpy.serialization import deserialize_message, serialize_message
 from bicycle_bag import messages
 from bicycle_bag.nodes.session import message_class
 from bicycle_bag.reader import BagReader
-from bicycle_bringup.nodes import verify
-from bicycle_bringup.ride_log import read_ride
-from bicycle_bringup.ride_page.loading import load
+from bicycle_tools.nodes import verify
+from bicycle_tools.report_page.loading import load
+from bicycle_tools.ride_log import read_ride
 
 pytestmark = pytest.mark.ros
 

@@ -12,7 +12,7 @@ import pytest
 from node_process import NodeProcess
 from probe import Probe, goal
 
-from bicycle_sim.nodes.interfaces import GOAL_POSE, STATE
+from bicycle_common.nodes.topics import GOAL_POSE, STATE
 from bicycle_sim.nodes.sim_settings import SimSettings
 
 pytestmark = pytest.mark.ros
@@ -94,7 +94,7 @@ def test_faster_than_real_time_it_asks_for_none() -> None:
 
 REPORT = """
 import sys
-from bicycle_sim.nodes.report import percentiles
+from bicycle_common.nodes.diagnostics import percentiles
 before = set(sys.modules)
 found = percentiles([float("nan"), 0.001, 0.002, 0.004], "period")
 assert set(sys.modules) == before, set(sys.modules) - before

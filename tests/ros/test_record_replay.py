@@ -22,7 +22,7 @@ from waiting import until
 from bicycle_bag import columns, repair
 from bicycle_bag.errors import BagError
 from bicycle_bag.reader import BagReader
-from bicycle_sim.nodes.interfaces import Service
+from bicycle_common.nodes.topics import Service
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 

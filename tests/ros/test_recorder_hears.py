@@ -18,7 +18,7 @@ from probe import Probe, goal
 
 from bicycle_bag import columns
 from bicycle_bag.reader import BagReader
-from bicycle_sim.nodes.interfaces import COMMAND, GOAL_POSE, STATE, TIMING, TRANSITION
+from bicycle_common.nodes.topics import COMMAND, GOAL_POSE, STATE, TIMING, TRANSITION
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 

@@ -17,8 +17,8 @@ from std_srvs.srv import Trigger
 from test_scripts import script
 from waiting import PATIENCE
 
-from bicycle_bringup.ride_log import read_ride
-from bicycle_sim.nodes.interfaces import COMMAND, GOAL_POSE, GOAL_STATUS, STATE, Service
+from bicycle_common.nodes.topics import COMMAND, GOAL_POSE, GOAL_STATUS, STATE, Service
+from bicycle_tools.ride_log import read_ride
 
 pytestmark = pytest.mark.ros
 

@@ -21,8 +21,8 @@ from waiting import until
 
 from bicycle_bag.reader import BagReader
 from bicycle_bag.writer import BagWriter
-from bicycle_bringup.nodes import verify
-from bicycle_bringup.ride_log import COMMAND, STATE, read_ride
+from bicycle_tools.nodes import verify
+from bicycle_tools.ride_log import COMMAND, STATE, read_ride
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 

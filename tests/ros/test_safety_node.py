@@ -13,9 +13,7 @@ from node_process import NodeProcess
 from probe import Probe, goal
 
 from bicycle_bag.reader import BagReader
-from bicycle_controller.policy import Policy, load_policy, save_policy
-from bicycle_controller.safety import Reason
-from bicycle_sim.nodes.interfaces import (
+from bicycle_common.nodes.topics import (
     COMMAND,
     DIAGNOSTICS,
     GOAL_POSE,
@@ -23,6 +21,8 @@ from bicycle_sim.nodes.interfaces import (
     HAND_OVER,
     STATE,
 )
+from bicycle_controller.control.safety import Reason
+from bicycle_controller.policy.policy import Policy, load_policy, save_policy
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 
@@ -84,7 +84,7 @@ def test_under_a_policy_that_is_garbage_the_goal_is_reached_and_each_hand_over_t
     assert float(facts["policy p99 (ms)"]) < float(facts["answer p99 (ms)"])
     recorder.stop()
     assert BagReader(bag).topics["/bicycle/hand_over"].type == "bicycle_msgs/msg/HandOver"
-    verified = start_node("bicycle_bringup.nodes.verify", [bag])
+    verified = start_node("bicycle_tools.nodes.verify", [bag])
     assert verified.wait() == 0, verified.output
 
 

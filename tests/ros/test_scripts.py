@@ -15,10 +15,10 @@ from probe import Probe
 from std_srvs.srv import SetBool
 from waiting import PATIENCE
 
-from bicycle_bringup.ride_options import config_folder
+from bicycle_common.node_commands import config_folder
+from bicycle_common.nodes.topics import PAUSE
+from bicycle_common.parameters import parameters_of
 from bicycle_controller.nodes.controller_settings import ControllerSettings
-from bicycle_sim.nodes.interfaces import PAUSE
-from bicycle_sim.settings import parameters_of
 
 pytestmark = pytest.mark.ros
 

@@ -10,8 +10,8 @@ from node_process import NodeProcess
 from test_scripts import script
 
 from bicycle_bag.reader import BagReader
-from bicycle_bringup.ride_page.loading import load
 from bicycle_cockpit.bags import session
+from bicycle_tools.report_page.loading import load
 
 pytestmark = pytest.mark.ros
 

@@ -16,8 +16,9 @@ from node_process import NodeProcess
 from probe import Probe, command
 from std_srvs.srv import SetBool, Trigger
 
-from bicycle_sim.nodes import convert, interfaces
-from bicycle_sim.nodes.interfaces import COMMAND, STATE, TIMING, TRANSITION
+from bicycle_common.nodes import convert, topics
+from bicycle_common.nodes.topics import COMMAND, STATE, TIMING, TRANSITION
+from bicycle_sim.nodes.episode_setting import to_setting
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 
@@ -44,7 +45,7 @@ def start_sim(start_node: StartNode) -> Callable[..., NodeProcess]:
 
 @pytest.fixture
 def probe(ros_domain: int) -> Iterator[Probe]:
-    made = Probe(ros_domain, STATE, TIMING, TRANSITION, interfaces.DIAGNOSTICS)
+    made = Probe(ros_domain, STATE, TIMING, TRANSITION, topics.DIAGNOSTICS)
     yield made
     made.close()
 
@@ -69,12 +70,12 @@ def test_it_publishes_all_that_others_expect(start_sim: Any, ros_domain: int) ->
     probe = Probe(
         ros_domain,
         STATE,
-        interfaces.ODOMETRY,
-        interfaces.JOINT_STATES,
-        interfaces.CLOCK,
-        interfaces.MARKERS,
-        interfaces.DIAGNOSTICS,
-        interfaces.EPISODE,
+        topics.ODOMETRY,
+        topics.JOINT_STATES,
+        topics.CLOCK,
+        topics.MARKERS,
+        topics.DIAGNOSTICS,
+        topics.EPISODE,
         TIMING,
     )
     first = newest(probe)
@@ -86,26 +87,26 @@ def test_it_publishes_all_that_others_expect(start_sim: Any, ros_domain: int) ->
     assert state.command_source == BicycleState.SOURCE_FRESH
     assert (state.command_step, state.controller) == (0, "probe")
     assert math.isnan(state.heading_error)
-    probe.spin_until(lambda: all(probe.heard[t.name] for t in (TIMING, interfaces.DIAGNOSTICS)))
-    odometry = probe[interfaces.ODOMETRY][-1]
+    probe.spin_until(lambda: all(probe.heard[t.name] for t in (TIMING, topics.DIAGNOSTICS)))
+    odometry = probe[topics.ODOMETRY][-1]
     assert (odometry.header.frame_id, odometry.child_frame_id) == ("odom", "base_link")
     assert convert.to_yaw(odometry.pose.pose.orientation) == pytest.approx(state.heading, abs=1e-3)
     assert odometry.twist.twist.linear.x == state.speed
-    joints = probe[interfaces.JOINT_STATES][-1]
+    joints = probe[topics.JOINT_STATES][-1]
     assert list(joints.name) == ["steer", "front_wheel", "rear_wheel", "crank"]
     assert joints.position[0] == state.steer_angle
     assert joints.position[1] == pytest.approx(state.speed * 0.025 / 0.34)
-    clock = probe[interfaces.CLOCK][-1].clock
+    clock = probe[topics.CLOCK][-1].clock
     assert (clock.sec, clock.nanosec) == (0, 25_000_000)
-    assert {m.ns for m in probe[interfaces.MARKERS][-1].markers} >= {
+    assert {m.ns for m in probe[topics.MARKERS][-1].markers} >= {
         "front wheel",
         "rider",
         "goal",
     }
-    names = {status.name for status in probe[interfaces.DIAGNOSTICS][-1].status}
+    names = {status.name for status in probe[topics.DIAGNOSTICS][-1].status}
     assert names == {f"bicycle_sim: {what}" for what in ("loop", "commands", "bicycle")}
-    (episode,) = probe[interfaces.EPISODE]
-    scenario, physics = convert.to_setting(episode)
+    (episode,) = probe[topics.EPISODE]
+    scenario, physics = to_setting(episode)
     assert scenario.name == "random-start-random-goal"
     assert not physics.gyroscopic_correction
     probe.close()
@@ -126,15 +127,15 @@ def test_the_schedule_accounts_for_every_period(start_sim: Any, probe: Probe) ->
 
 def test_a_push_acts_once_and_is_told(start_sim: Any, ros_domain: int) -> None:
     start_sim(pace="lockstep")
-    probe = Probe(ros_domain, STATE, interfaces.PUSHED)
+    probe = Probe(ros_domain, STATE, topics.PUSHED)
     first = newest(probe)
     for wrong in (math.nan, 5.0):
-        answer = probe.call(interfaces.PUSH, Push.Request(lean_rate=wrong))
+        answer = probe.call(topics.PUSH, Push.Request(lean_rate=wrong))
         assert not answer.success
         assert answer.message.startswith("not pushed: ")
-    assert probe.call(interfaces.PUSH, Push.Request(lean_rate=0.25)).success
+    assert probe.call(topics.PUSH, Push.Request(lean_rate=0.25)).success
     probe.say(COMMAND, command(first))
-    (pushed,) = probe.spin_until(lambda: probe[interfaces.PUSHED])
+    (pushed,) = probe.spin_until(lambda: probe[topics.PUSHED])
     assert (pushed.episode, pushed.step, pushed.lean_rate) == (1, 0, 0.25)
     state = at_step(probe, 1)
     assert state.lean_rate == 0.25
@@ -283,7 +284,7 @@ def test_without_commands_zero_input_is_applied_and_told(start_sim: Any, probe: 
     ride_some(probe, 10)
     sim.wait_for_line("no valid command for 2 s.*zero input until the next one")
     probe.spin_until(lambda: set(sources(probe)[-20:]) == {BicycleState.SOURCE_ZERO})
-    reports = probe[interfaces.DIAGNOSTICS]
+    reports = probe[topics.DIAGNOSTICS]
     probe.spin_until(
         lambda: reports and any("zero input" in status.message for status in reports[-1].status)
     )
@@ -308,19 +309,19 @@ def test_by_parameter_the_bicycle_is_held_instead(start_sim: Any, probe: Probe) 
 
 def test_pause_single_step_and_go_on(start_sim: Any, probe: Probe) -> None:
     start_sim(pace="lockstep")
-    refused = probe.call(interfaces.STEP, Trigger.Request())
+    refused = probe.call(topics.STEP, Trigger.Request())
     assert not refused.success
     assert "call bicycle/pause" in refused.message
-    assert probe.call(interfaces.PAUSE, SetBool.Request(data=True)).success
+    assert probe.call(topics.PAUSE, SetBool.Request(data=True)).success
     probe.on_state = answer_upright
     probe.spin_for(0.4)
     assert newest(probe).step == 0
     for step in (1, 2):
-        assert probe.call(interfaces.STEP, Trigger.Request()).success
+        assert probe.call(topics.STEP, Trigger.Request()).success
         assert at_step(probe, step).command_source == BicycleState.SOURCE_FRESH
         probe.spin_for(0.2)
     assert newest(probe).step == 2
-    assert probe.call(interfaces.PAUSE, SetBool.Request(data=False)).success
+    assert probe.call(topics.PAUSE, SetBool.Request(data=False)).success
     at_step(probe, 30)
 
 
@@ -328,7 +329,7 @@ def reset(probe: Probe, x: float = 0.0, z: float = 0.0, w: float = 1.0, **values
     request = Reset.Request(**{"speed": -1.0, "seed": -1, **values})
     request.pose.position.x = x
     request.pose.orientation.z, request.pose.orientation.w = z, w
-    return probe.call(interfaces.RESET, request)
+    return probe.call(topics.RESET, request)
 
 
 def test_reset_puts_the_bicycle_where_it_is_told(start_sim: Any, probe: Probe) -> None:
@@ -361,15 +362,15 @@ def test_an_initial_pose_is_a_reset_and_a_bad_one_is_not(start_sim: Any, probe: 
     pose = PoseWithCovarianceStamped()
     pose.header.frame_id = "map"
     pose.pose.pose.position.x = -2.0
-    probe.say(interfaces.INITIAL_POSE, pose)
+    probe.say(topics.INITIAL_POSE, pose)
     state = probe.spin_until(lambda: probe[STATE] and newest(probe).episode == 2 and newest(probe))
     assert state.rear_contact.x == -2.0
     pose.header.frame_id = "moon"
-    probe.say(interfaces.INITIAL_POSE, pose)
+    probe.say(topics.INITIAL_POSE, pose)
     sim.wait_for_line("initial pose ignored: its frame is 'moon': send it in 'odom' or 'map'")
     pose.header.frame_id = "odom"
     pose.pose.pose.orientation.w = math.nan
-    probe.say(interfaces.INITIAL_POSE, pose)
+    probe.say(topics.INITIAL_POSE, pose)
     sim.wait_for_line("initial pose ignored: the orientation")
 
 

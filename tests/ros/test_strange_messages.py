@@ -22,13 +22,14 @@ from nav_msgs.msg import Path as PathMessage
 from rclpy.node import Node
 from strange import each_field, several_fields
 
+from bicycle_common.nodes import convert, topics
+from bicycle_common.types import Command, InitialPose
 from bicycle_controller.nodes.controller_node import ControllerNode
 from bicycle_controller.nodes.trainer_node import TrainerNode
-from bicycle_sim.nodes import convert, interfaces
 from bicycle_sim.nodes.sim_node import SimNode
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import named
-from bicycle_sim.simulator import Command, Simulator, Start
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.runtime.simulator import Simulator
+from bicycle_sim.task.scenario import named
 
 pytestmark = pytest.mark.ros
 
@@ -69,7 +70,7 @@ def controller(ros: None) -> Iterator[ControllerNode]:
 def state(step: int = 0, episode: int = 1) -> BicycleState:
     """A sound one."""
     simulator = Simulator(SCENARIO)
-    simulator.reset(Start(0.0, 0.0, 0.0, SCENARIO.start_speed))
+    simulator.reset(InitialPose(0.0, 0.0, 0.0, SCENARIO.start_speed))
     for _ in range(3):
         simulator.step(None)
     message = convert.from_snapshot(simulator.snapshot, 25_000_000 * (step + 1))
@@ -159,7 +160,7 @@ def drives(node: ControllerNode, count: int) -> bool:
 
 def commands_of(node: ControllerNode, monkeypatch: pytest.MonkeyPatch) -> list[BicycleCommand]:
     sent: list[BicycleCommand] = []
-    publisher = node._publishers_by_name[interfaces.COMMAND.name]
+    publisher = node._publishers_by_name[topics.COMMAND.name]
     real = publisher.publish
 
     def publish(command: BicycleCommand) -> None:
@@ -209,7 +210,7 @@ def test_no_mixture_breaks_the_controller(controller: ControllerNode, data: st.D
 
 def rides(node: SimNode) -> bool:
     """Whether a sound command still makes a step to a finite state, after a reset."""
-    node._begin(Start(0.0, 0.0, 0.0, 2.5), 1)
+    node._begin(InitialPose(0.0, 0.0, 0.0, 2.5), 1)
     now = node._loop.snapshot
     node._loop.gate.release = -1.0  # whoever was in charge is not any more
     node._on_command(

@@ -20,7 +20,7 @@ from soak_figures import bag_figures
 from std_msgs.msg import String
 
 from bicycle_bag.reader import BagReader
-from bicycle_sim.nodes.interfaces import COMMAND, GOAL_POSE, STATE, TIMING, Topic
+from bicycle_common.nodes.topics import COMMAND, GOAL_POSE, STATE, TIMING, Topic
 
 pytestmark = pytest.mark.ros
 

@@ -14,7 +14,7 @@ pytestmark = pytest.mark.ros
 
 PROGRAM = """
 import multiprocessing, os, time
-from bicycle_controller.trainer_link import _end_with_parent
+from bicycle_controller.trainer_service.client import _end_with_parent
 
 def learn():
     _end_with_parent()

@@ -14,10 +14,10 @@ from node_process import NodeProcess
 from probe import Probe, goal
 from waiting import PATIENCE
 
-from bicycle_controller.policy import Policy, PolicyInfo, load_policy, save_policy
-from bicycle_sim.nodes.interfaces import GOAL_POSE, TRAINER
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import SCENARIOS
+from bicycle_common.nodes.topics import GOAL_POSE, TRAINER
+from bicycle_controller.policy.policy import Policy, PolicyInfo, load_policy, save_policy
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import SCENARIOS
 
 sys.path.append(str(Path(__file__).parents[1] / "controller"))
 

@@ -13,9 +13,9 @@ from nav_msgs.msg import Odometry, Path
 from rclpy.qos import DurabilityPolicy
 from visualization_msgs.msg import MarkerArray
 
-from bicycle_bringup.ride_options import config_folder
-from bicycle_sim.nodes import interfaces
-from bicycle_sim.nodes.interfaces import ODOM_FRAME, TOPICS, Topic
+from bicycle_common.node_commands import config_folder
+from bicycle_common.nodes import topics
+from bicycle_common.nodes.topics import ODOM_FRAME, TOPICS, Topic
 
 pytestmark = pytest.mark.ros
 
@@ -62,8 +62,8 @@ def test_foxgloves_layout_names_topics_and_fields_that_exist(path: str) -> None:
 def test_foxgloves_layout_shows_state_markers_command_and_goal() -> None:
     shown = {path.split(".")[0] for path in PATHS}
     wanted = (
-        *(interfaces.STATE, interfaces.COMMAND, interfaces.MARKERS, interfaces.ACTIVE_GOAL),
-        *(interfaces.GOAL_STATUS, interfaces.TIMING, interfaces.DIAGNOSTICS),
+        *(topics.STATE, topics.COMMAND, topics.MARKERS, topics.ACTIVE_GOAL),
+        *(topics.GOAL_STATUS, topics.TIMING, topics.DIAGNOSTICS),
     )
     assert {f"/{topic.name.lstrip('/')}" for topic in wanted} <= shown
 
@@ -71,13 +71,13 @@ def test_foxgloves_layout_shows_state_markers_command_and_goal() -> None:
 def test_foxgloves_layout_sends_goals_that_the_stack_takes() -> None:
     panels = LAYOUT["configById"]
     publish = panels["3D!bicycle"]["publish"]
-    assert publish["poseTopic"] == f"/{interfaces.GOAL_POSE.name}"
-    assert publish["poseEstimateTopic"] == f"/{interfaces.INITIAL_POSE.name}"
+    assert publish["poseTopic"] == f"/{topics.GOAL_POSE.name}"
+    assert publish["poseEstimateTopic"] == f"/{topics.INITIAL_POSE.name}"
     assert panels["3D!bicycle"]["followTf"] == ODOM_FRAME
     button = panels["Publish!goal"]
     assert button["datatype"] == "geometry_msgs/msg/PoseStamped"
     assert TOPIC[button["topicName"]].type is PoseStamped
-    assert json.loads(button["value"])["header"]["frame_id"] in interfaces.GOAL_FRAMES
+    assert json.loads(button["value"])["header"]["frame_id"] in topics.GOAL_FRAMES
 
 
 def test_foxgloves_layout_places_every_panel_once() -> None:

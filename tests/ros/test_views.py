@@ -9,21 +9,22 @@ import numpy as np
 import pytest
 from geometry_msgs.msg import Quaternion
 
-from bicycle_sim.nodes import convert
-from bicycle_sim.nodes.views import odometry
-from bicycle_sim.parameters import Constants
-from bicycle_sim.scenario import named
-from bicycle_sim.simulator import Command, Simulator, Snapshot, Start
+from bicycle_common.nodes import convert
+from bicycle_common.types import BicycleState, Command, InitialPose
+from bicycle_sim.nodes.visualization import odometry
+from bicycle_sim.plants.choi.parameters import Constants
+from bicycle_sim.runtime.simulator import Simulator
+from bicycle_sim.task.scenario import named
 
 pytestmark = pytest.mark.ros
 
 DT = Constants().time_step
 
 
-def ride(torque: float) -> list[Snapshot]:
+def ride(torque: float) -> list[BicycleState]:
     """Steer to one side for a second, from a heading that is none of the axes."""
     simulator = Simulator(named("random-start-random-goal"))
-    simulator.reset(Start(1.0, 2.0, 0.7, 10.0 / 3.6))
+    simulator.reset(InitialPose(1.0, 2.0, 0.7, 10.0 / 3.6))
     states = [simulator.snapshot]
     for _ in range(40):
         command = Command(1, states[-1].step, torque, 0.0, 0.0)

@@ -12,12 +12,13 @@ import rclpy
 from bicycle_msgs.msg import EpisodeInfo
 from probe import goal
 
-from bicycle_controller import driver
+from bicycle_common.nodes import convert
+from bicycle_common.types import InitialPose
+from bicycle_controller.control import control_loop
 from bicycle_controller.nodes.controller_node import ControllerNode
-from bicycle_sim.nodes import convert
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import named
-from bicycle_sim.simulator import Simulator, Start
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.runtime.simulator import Simulator
+from bicycle_sim.task.scenario import named
 
 pytestmark = pytest.mark.ros
 
@@ -50,14 +51,14 @@ def controller(ros_domain: int) -> Iterator[ControllerNode]:
 def test_once_after_each_answer_in_real_time(
     controller: ControllerNode, pace: str, asked: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(driver, "QUICK", math.inf)
+    monkeypatch.setattr(control_loop, "QUICK", math.inf)
     policy = controller._driver.policy = Counting()
     info = EpisodeInfo(episode=1, pace=pace, scenario=SCENARIO.to_json(), version="test")
     info.physics = Physics().to_json()
     controller._on_episode(info)
     controller._on_goal_pose(goal(20.0, 10.0))
     simulator = Simulator(SCENARIO)
-    simulator.reset(Start(0.0, 0.0, 0.0, SCENARIO.start_speed))
+    simulator.reset(InitialPose(0.0, 0.0, 0.0, SCENARIO.start_speed))
     for step in range(3):
         controller._on_state(convert.from_snapshot(simulator.snapshot, 25_000_000 * step))
         simulator.step(controller._driver._command)

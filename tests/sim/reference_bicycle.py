@@ -1,7 +1,7 @@
 """One bicycle in plain Python, as Randlov & Alstrom's program has it: what tests compare with.
 
 It follows the errata table's section on their equations word for word, radii, large constant
-and all, and shares no code with `bicycle_sim.dynamics`.
+and all, and shares no code with `bicycle_sim.plants.choi.dynamics`.
 """
 
 from __future__ import annotations

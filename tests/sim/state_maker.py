@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from reference_bicycle import Bicycle
 
-from bicycle_sim.dynamics import State, upright
-from bicycle_sim.parameters import Constants
+from bicycle_sim.plants.choi.dynamics import State, upright
+from bicycle_sim.plants.choi.parameters import Constants
 
 SYMBOLS = {
     "lean_angle": "omega",

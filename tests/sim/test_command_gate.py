@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bicycle_sim.command_gate import QUIET, CommandGate, Reason
-from bicycle_sim.simulator import Command
+from bicycle_common.types import Command
+from bicycle_sim.runtime.command_validator import QUIET, CommandValidator, Reason
 
 LIMITS = np.array([2.0, 0.2, 0.0])
 GOOD = Command(1, 0, 1.0, -0.1, 0.0, (3.0, 4.0), 1, "a", "p")
@@ -31,14 +31,14 @@ def clock() -> Clock:
 
 
 @pytest.fixture
-def gate(clock: Clock) -> CommandGate:
-    made = CommandGate(LIMITS, release=0.25, max_age=10, clock=clock)
+def gate(clock: Clock) -> CommandValidator:
+    made = CommandValidator(LIMITS, release=0.25, max_age=10, clock=clock)
     made.begin(1)
     clock.now += 1.0
     return made
 
 
-def test_an_answer_to_the_present_state_is_obeyed(gate: CommandGate) -> None:
+def test_an_answer_to_the_present_state_is_obeyed(gate: CommandValidator) -> None:
     assert gate.decide(GOOD, 0).accepted
     assert gate.newest is GOOD
     assert gate.owner == "a"
@@ -59,7 +59,7 @@ def test_an_answer_to_the_present_state_is_obeyed(gate: CommandGate) -> None:
     ],
 )
 def test_a_bad_command_is_refused_once_aloud(
-    gate: CommandGate, change: dict[str, Any], reason: Reason, words: str
+    gate: CommandValidator, change: dict[str, Any], reason: Reason, words: str
 ) -> None:
     good = replace(GOOD, step=1)
     assert gate.decide(good, 1).accepted
@@ -74,7 +74,7 @@ def test_a_bad_command_is_refused_once_aloud(
 
 
 def test_the_same_trouble_is_told_again_after_a_quiet_time(
-    gate: CommandGate, clock: Clock
+    gate: CommandValidator, clock: Clock
 ) -> None:
     bad = replace(GOOD, torque=math.nan)
     told = []
@@ -84,7 +84,7 @@ def test_the_same_trouble_is_told_again_after_a_quiet_time(
     assert told == [True, False, False, True]
 
 
-def test_a_repeated_answer_keeps_its_sender_alive(gate: CommandGate, clock: Clock) -> None:
+def test_a_repeated_answer_keeps_its_sender_alive(gate: CommandValidator, clock: Clock) -> None:
     assert gate.decide(GOOD, 0).accepted
     clock.now += 0.2
     decision = gate.decide(GOOD, 0)
@@ -94,7 +94,9 @@ def test_a_repeated_answer_keeps_its_sender_alive(gate: CommandGate, clock: Cloc
     assert gate.owner == "a"
 
 
-def test_another_controller_takes_over_after_silence_only(gate: CommandGate, clock: Clock) -> None:
+def test_another_controller_takes_over_after_silence_only(
+    gate: CommandValidator, clock: Clock
+) -> None:
     other = replace(GOOD, controller="b", step=1)
     assert gate.decide(GOOD, 0).accepted
     clock.now += 0.24
@@ -104,7 +106,7 @@ def test_another_controller_takes_over_after_silence_only(gate: CommandGate, clo
     assert gate.decide(replace(GOOD, step=2), 2).reason is Reason.SECOND_CONTROLLER
 
 
-def test_rubbish_does_not_keep_its_sender_in_charge(gate: CommandGate, clock: Clock) -> None:
+def test_rubbish_does_not_keep_its_sender_in_charge(gate: CommandValidator, clock: Clock) -> None:
     assert gate.decide(GOOD, 0).accepted
     for step in range(1, 5):
         clock.now += 0.1
@@ -112,14 +114,16 @@ def test_rubbish_does_not_keep_its_sender_in_charge(gate: CommandGate, clock: Cl
     assert gate.owner is None
 
 
-def test_an_answer_from_long_ago_is_stale_though_nothing_newer_came(gate: CommandGate) -> None:
+def test_an_answer_from_long_ago_is_stale_though_nothing_newer_came(
+    gate: CommandValidator,
+) -> None:
     assert gate.decide(replace(GOOD, step=5), 15).accepted
     decision = gate.decide(replace(GOOD, step=6), 17)
     assert decision.reason is Reason.STALE
     assert "faster controller" in decision.warning
 
 
-def test_answers_in_flight_at_a_reset_are_no_trouble(gate: CommandGate, clock: Clock) -> None:
+def test_answers_in_flight_at_a_reset_are_no_trouble(gate: CommandValidator, clock: Clock) -> None:
     assert gate.decide(GOOD, 0).accepted
     gate.begin(2)
     assert gate.newest is None
@@ -139,7 +143,7 @@ def test_answers_in_flight_at_a_reset_are_no_trouble(gate: CommandGate, clock: C
 def test_whatever_is_obeyed_is_finite_in_range_and_of_the_present(
     action: tuple[float, float, float], episode: int, step: int, controller: str
 ) -> None:
-    gate = CommandGate(LIMITS, clock=Clock())
+    gate = CommandValidator(LIMITS, clock=Clock())
     gate.begin(1)
     decision = gate.decide(Command(episode, step, *action, controller=controller), 3)
     sound = bool(np.isfinite(action).all() and (np.abs(action) <= LIMITS).all())

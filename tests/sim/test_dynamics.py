@@ -13,10 +13,16 @@ from hypothesis import strategies as st
 from reference_bicycle import Bicycle
 from state_maker import SYMBOLS, riding, rows, state_of
 
-from bicycle_sim import dynamics
-from bicycle_sim.dynamics import State
-from bicycle_sim.linear import INPUT_FIELDS, STATE_FIELDS, discrete, eigenvalues, steady_lean
-from bicycle_sim.parameters import Constants, Physics
+from bicycle_sim.plants.choi import dynamics
+from bicycle_sim.plants.choi.dynamics import State
+from bicycle_sim.plants.choi.linear import (
+    INPUT_FIELDS,
+    STATE_FIELDS,
+    discrete,
+    eigenvalues,
+    steady_lean,
+)
+from bicycle_sim.plants.choi.parameters import Constants, Physics
 
 FAITHFUL, CORRECTED = Physics(), Physics.named("corrected")
 K = Constants()

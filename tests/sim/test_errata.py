@@ -21,12 +21,13 @@ import numpy as np
 import pytest
 from state_maker import riding
 
-from bicycle_sim import dynamics, geometry
-from bicycle_sim.dynamics import State
-from bicycle_sim.linear import continuous, eigenvalues
-from bicycle_sim.parameters import Constants, Physics
-from bicycle_sim.scenario import SCENARIOS, named
-from bicycle_sim.task import BicycleTask
+from bicycle_common import geometry
+from bicycle_sim.plants.choi import dynamics
+from bicycle_sim.plants.choi.dynamics import State
+from bicycle_sim.plants.choi.linear import continuous, eigenvalues
+from bicycle_sim.plants.choi.parameters import Constants, Physics
+from bicycle_sim.task.scenario import SCENARIOS, named
+from bicycle_sim.task.task import BicycleTask
 
 FAITHFUL, CORRECTED = Physics(), Physics.named("corrected")
 K = Constants()

@@ -8,12 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bicycle_sim import dynamics, geometry
-from bicycle_sim.linear import steady_lean
-from bicycle_sim.parameters import Constants
-from bicycle_sim.reward import RewardWeights, reward_terms
-from bicycle_sim.scenario import Region, Scenario, named
-from bicycle_sim.task import ACTION_FIELDS, OBSERVATION_FIELDS, BicycleTask
+from bicycle_common import geometry
+from bicycle_common.observation import ACTION_FIELDS, OBSERVATION_FIELDS
+from bicycle_sim.plants.choi import dynamics
+from bicycle_sim.plants.choi.linear import steady_lean
+from bicycle_sim.plants.choi.parameters import Constants
+from bicycle_sim.task.reward import RewardWeights, reward_terms
+from bicycle_sim.task.scenario import Region, Scenario, named
+from bicycle_sim.task.task import BicycleTask
 
 K = Constants()
 TEN_KM_H = 10.0 / 3.6
@@ -122,7 +124,7 @@ def test_row_34_order_of_states_and_actions() -> None:
 
 
 def test_row_35_the_authors_scaling() -> None:
-    gym_env = pytest.importorskip("bicycle_sim.gym_env", exc_type=ImportError)
+    gym_env = pytest.importorskip("bicycle_sim.task.gym_env", exc_type=ImportError)
     assert (math.pi / 2, 1.0, math.pi / 6, 1.0, 1.0, 1.0) == gym_env.AUTHORS_SCALE
     env = gym_env.BicycleEnv(observation_scale=gym_env.AUTHORS_SCALE)
     env.reset(seed=3)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bicycle_sim.scenario import Region, Scenario, named
+from bicycle_sim.task.scenario import Region, Scenario, named
 
 gymnasium = pytest.importorskip("gymnasium")
 
@@ -19,7 +19,7 @@ from gymnasium.spaces import Box  # noqa: E402
 from gymnasium.utils.env_checker import check_env  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
 
-from bicycle_sim.gym_env import AUTHORS_SCALE, BicycleEnv, BicycleVectorEnv  # noqa: E402
+from bicycle_sim.task.gym_env import AUTHORS_SCALE, BicycleEnv, BicycleVectorEnv  # noqa: E402
 
 NEAR = Scenario(
     "near", Region.point(0.0, 0.0), Region.point(0.0, 1.4), heading_spread=0.0, max_steps=30

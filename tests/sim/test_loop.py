@@ -7,14 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from bicycle_sim.loop import Loop, LoopOptions, Made
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import named
-from bicycle_sim.simulator import Command, Simulator, Source, Start
-from bicycle_sim.task import BicycleTask
+from bicycle_common.types import Command, CommandSource, InitialPose
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.runtime.loop import Loop, LoopOptions, StepResult
+from bicycle_sim.runtime.simulator import Simulator
+from bicycle_sim.task.scenario import named
+from bicycle_sim.task.task import BicycleTask
 
 SCENARIO = named("random-start-random-goal")
-START = Start(0.0, 0.0, 0.0, 2.5)
+START = InitialPose(0.0, 0.0, 0.0, 2.5)
 FAR = (0.0, 500.0)
 MS = 1_000_000
 
@@ -38,14 +39,14 @@ class Rider:
 
     def answer(
         self, torque: float = 0.0, goal: tuple[float, float] | None = FAR, goal_id: int = 1
-    ) -> Made | None:
+    ) -> StepResult | None:
         state = self.loop.snapshot
         command = Command(
             state.episode, state.step, torque, 0.0, 0.0, goal, goal_id, "me", "policy"
         )
         return self.loop.receive(command)[1]
 
-    def tick(self) -> Made | None:
+    def tick(self) -> StepResult | None:
         self.clock.now += 25 * MS
         return self.loop.tick()
 
@@ -57,7 +58,7 @@ def test_the_bicycle_is_held_until_the_first_command() -> None:
     assert rider.answer() is None, "in real time the step waits for its time"
     made = rider.tick()
     assert made is not None
-    assert (made.snapshot.step, made.snapshot.command_source) == (1, Source.FRESH)
+    assert (made.snapshot.step, made.snapshot.command_source) == (1, CommandSource.FRESH)
     assert made.timing.lateness == 0.0
     assert rider.loop.pacer.dropped == 0
 
@@ -66,12 +67,12 @@ def test_the_newest_command_is_held_until_the_watchdog_lets_go() -> None:
     rider = Rider(watchdog_timeout=0.25)
     rider.answer()
     sources = [made.snapshot.command_source for made in (rider.tick() for _ in range(13)) if made]
-    assert sources == [Source.FRESH, *[Source.HELD] * 8, *[Source.ZERO] * 4]
+    assert sources == [CommandSource.FRESH, *[CommandSource.HELD] * 8, *[CommandSource.ZERO] * 4]
     assert rider.loop.starved
     rider.answer()
     made = rider.tick()
     assert made is not None
-    assert made.snapshot.command_source is Source.FRESH
+    assert made.snapshot.command_source is CommandSource.FRESH
     assert not rider.loop.starved
 
 
@@ -84,7 +85,7 @@ def test_by_parameter_the_watchdog_holds_the_bicycle() -> None:
     rider.answer()
     again = rider.tick()
     assert again is not None
-    assert (again.snapshot.step, again.snapshot.command_source) == (10, Source.FRESH)
+    assert (again.snapshot.step, again.snapshot.command_source) == (10, CommandSource.FRESH)
     assert rider.loop.pacer.dropped == 0
 
 
@@ -92,7 +93,7 @@ def test_without_watchdog_a_command_is_held_for_ever() -> None:
     rider = Rider(watchdog_timeout=0.0)
     rider.answer()
     made = [rider.tick() for _ in range(40)]
-    assert {one.snapshot.command_source for one in made[1:] if one} == {Source.HELD}
+    assert {one.snapshot.command_source for one in made[1:] if one} == {CommandSource.HELD}
 
 
 def test_the_watchdog_counts_simulated_time() -> None:
@@ -102,7 +103,7 @@ def test_the_watchdog_counts_simulated_time() -> None:
         rider.clock.now += 250 * MS
         made = rider.loop.tick()
         assert made is not None
-        assert made.snapshot.command_source is not Source.ZERO
+        assert made.snapshot.command_source is not CommandSource.ZERO
 
 
 def test_lockstep_steps_at_each_answer_and_at_nothing_else() -> None:
@@ -111,7 +112,7 @@ def test_lockstep_steps_at_each_answer_and_at_nothing_else() -> None:
         rider.clock.now += 3600 * 1000 * MS
         made = rider.answer()
         assert made is not None
-        assert (made.snapshot.step, made.snapshot.command_source) == (step, Source.FRESH)
+        assert (made.snapshot.step, made.snapshot.command_source) == (step, CommandSource.FRESH)
         assert math.isnan(made.timing.lateness)
         repeated = Command(1, step - 1, 0.5, 0.0, 0.0, FAR, 1, "me")
         assert rider.loop.receive(repeated) == ("", None)
@@ -126,7 +127,7 @@ def test_a_pause_makes_no_step_and_no_delay() -> None:
     rider.loop.pause(False)
     made = rider.tick()
     assert made is not None
-    assert made.snapshot.command_source is Source.HELD, "the pause is no silence"
+    assert made.snapshot.command_source is CommandSource.HELD, "the pause is no silence"
     assert rider.loop.pacer.dropped == 0
 
 
@@ -140,7 +141,7 @@ def test_single_steps_while_paused(pace: str) -> None:
     assert first is not None
     assert second is not None
     sources = [first.snapshot.command_source, second.snapshot.command_source]
-    assert sources == [Source.FRESH, Source.ZERO]
+    assert sources == [CommandSource.FRESH, CommandSource.ZERO]
 
 
 def test_lockstep_goes_on_after_a_pause_with_the_answer_that_came_meanwhile() -> None:
@@ -168,7 +169,7 @@ def test_transitions_are_the_tasks() -> None:
     task = BicycleTask(SCENARIO, rng=np.random.default_rng(0))
     task.place(np.array([True]), *(np.array([value]) for value in (0.0, 0.0, 0.3, FAR[0], FAR[1])))
     rider = Rider(pace="lockstep")
-    rider.loop.reset(Start(0.0, 0.0, 0.3, SCENARIO.start_speed), None)
+    rider.loop.reset(InitialPose(0.0, 0.0, 0.3, SCENARIO.start_speed), None)
     torques = [0.1, -0.2, 0.3, 0.05, -0.1]
     made = [rider.answer(torque) for torque in torques]
     transitions = [one for step in made if step for one in step.transitions] + rider.loop.close()
@@ -199,7 +200,7 @@ def test_a_new_goal_cuts_and_a_reached_one_ends() -> None:
 
 def test_a_fall_inside_the_goal_is_not_counted_as_reached() -> None:
     rider = Rider(pace="lockstep")
-    made: Made | None = None
+    made: StepResult | None = None
     while made is None or not made.snapshot.fallen:
         last = rider.loop.snapshot
         made = rider.answer(torque=1.0, goal=(last.rear_x, last.rear_y), goal_id=last.step)

@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from state_maker import rows
 
-from bicycle_sim import dynamics, native_task
-from bicycle_sim.native_task import NativeStep
-from bicycle_sim.parameters import Constants, Physics
-from bicycle_sim.scenario import SCENARIOS, Scenario, named
-from bicycle_sim.task import BicycleTask, Step
+from bicycle_sim.plants.choi import dynamics
+from bicycle_sim.plants.choi.parameters import Constants, Physics
+from bicycle_sim.task import native_task
+from bicycle_sim.task.native_task import NativeStep
+from bicycle_sim.task.scenario import SCENARIOS, Scenario, named
+from bicycle_sim.task.task import BicycleTask, Step
 
 PHYSICS = {
     "faithful": Physics(),

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from bicycle_sim.pacing import Pacer
+from bicycle_sim.runtime.pacing import Pacer
 
 MS = 1_000_000
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from whipple_maker import various
 
-from bicycle_sim import dynamics, linear
-from bicycle_sim.parameters import Constants, Physics
 from bicycle_sim.plants import base, registry
 from bicycle_sim.plants.base import Loads, Plant
-from bicycle_sim.plants.choi import ChoiPlant
+from bicycle_sim.plants.choi import dynamics, linear
+from bicycle_sim.plants.choi.parameters import Constants, Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.plants.whipple import catalogue
 from bicycle_sim.plants.whipple.parameters import Motor
 from bicycle_sim.plants.whipple.plant import WhipplePlant

@@ -7,13 +7,14 @@ import struct
 
 import pytest
 
-from bicycle_sim.loop import Loop, LoopOptions
-from bicycle_sim.push import LARGEST_PUSH, PushGate
-from bicycle_sim.scenario import named
-from bicycle_sim.simulator import Command, Simulator, Start
+from bicycle_common.types import Command, InitialPose
+from bicycle_sim.runtime.loop import Loop, LoopOptions
+from bicycle_sim.runtime.push import LARGEST_PUSH, PushGate
+from bicycle_sim.runtime.simulator import Simulator
+from bicycle_sim.task.scenario import named
 
 SCENARIO = named("random-start-random-goal")
-START = Start(0.0, 0.0, 0.0, 2.5)
+START = InitialPose(0.0, 0.0, 0.0, 2.5)
 
 
 def riding() -> Loop:

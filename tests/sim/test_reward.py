@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bicycle_sim.reward import RewardWeights, reward_terms
+from bicycle_sim.task.reward import RewardWeights, reward_terms
 
 numbers = st.floats(-1e3, 1e3)
 

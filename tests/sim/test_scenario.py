@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bicycle_sim.geometry import heading_between, wrap_angle
-from bicycle_sim.parameters import Constants, Physics
-from bicycle_sim.scenario import SCENARIOS, Region, Scenario, named
-from bicycle_sim.task import BicycleTask
+from bicycle_common.geometry import heading_between, wrap_angle
+from bicycle_sim.plants.choi.parameters import Constants, Physics
+from bicycle_sim.task.scenario import SCENARIOS, Region, Scenario, named
+from bicycle_sim.task.task import BicycleTask
 
 TEN_KM_H = 10.0 / 3.6
 

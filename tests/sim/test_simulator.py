@@ -9,17 +9,18 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import named
-from bicycle_sim.simulator import Command, Simulator, Snapshot, Source, Start
-from bicycle_sim.task import BicycleTask
+from bicycle_common.types import BicycleState, Command, CommandSource, InitialPose
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.runtime.simulator import Simulator
+from bicycle_sim.task.scenario import named
+from bicycle_sim.task.task import BicycleTask
 
 SCENARIO = named("random-start-random-goal")
 LEARNED_SPEED = named("learned-speed")
 GOAL = (12.0, -7.0)
 
 
-def bits(snapshot: Snapshot) -> list[object]:
+def bits(snapshot: BicycleState) -> list[object]:
     """Every field, floats as their bytes, so that NaN equals NaN and 0 differs from -0."""
     values = (getattr(snapshot, item.name) for item in fields(snapshot) if item.compare)
     return [struct.pack("<d", value) if isinstance(value, float) else value for value in values]
@@ -36,7 +37,7 @@ def random_commands(seed: int, count: int, size: float = 0.2) -> list[Command | 
     return commands
 
 
-def ride(simulator: Simulator, commands: list[Command | None]) -> list[Snapshot]:
+def ride(simulator: Simulator, commands: list[Command | None]) -> list[BicycleState]:
     return [simulator.step(command) for command in commands]
 
 
@@ -44,7 +45,7 @@ def test_it_steps_as_the_task_does() -> None:
     task = BicycleTask(LEARNED_SPEED, rng=np.random.default_rng(5))
     simulator = Simulator(LEARNED_SPEED)
     state = task.state
-    start = Start(
+    start = InitialPose(
         float(state.rear_x[0]),
         float(state.rear_y[0]),
         float(state.heading[0]),
@@ -82,7 +83,7 @@ def test_one_bit_more_torque_is_another_ride() -> None:
     rides = []
     for version in (commands, changed):
         simulator = Simulator(SCENARIO)
-        simulator.reset(Start(0, 0, 0.3, 2.5))
+        simulator.reset(InitialPose(0, 0, 0.3, 2.5))
         rides.append(ride(simulator, version))
     assert bits(rides[0][-1]) != bits(rides[1][-1])
 
@@ -110,12 +111,20 @@ def test_each_episode_has_the_next_seed_unless_one_is_named() -> None:
 def test_where_the_input_came_from_is_told() -> None:
     simulator = Simulator(SCENARIO)
     first = simulator.reset()
-    assert (first.command_source, first.command_step) == (Source.INITIAL, -1)
+    assert (first.command_source, first.command_step) == (CommandSource.INITIAL, -1)
     command = Command(1, 0, 0.0, 0.0, 0.0, GOAL, 1, "me")
     fresh, held, zero = simulator.step(command), simulator.step(command), simulator.step(None)
-    assert (fresh.command_source, fresh.command_step) == (Source.FRESH, 0)
-    assert (held.command_source, held.command_step, held.controller) == (Source.HELD, 0, "me")
-    assert (zero.command_source, zero.command_step, zero.controller) == (Source.ZERO, -1, "")
+    assert (fresh.command_source, fresh.command_step) == (CommandSource.FRESH, 0)
+    assert (held.command_source, held.command_step, held.controller) == (
+        CommandSource.HELD,
+        0,
+        "me",
+    )
+    assert (zero.command_source, zero.command_step, zero.controller) == (
+        CommandSource.ZERO,
+        -1,
+        "",
+    )
     assert fresh.goal == held.goal == GOAL
     assert zero.goal is None
     assert math.isnan(zero.heading_error)
@@ -123,7 +132,7 @@ def test_where_the_input_came_from_is_told() -> None:
 
 def test_the_goal_is_to_the_right_with_a_positive_heading_error() -> None:
     simulator = Simulator(SCENARIO)
-    simulator.reset(Start(0.0, 0.0, 0.0, 2.5))
+    simulator.reset(InitialPose(0.0, 0.0, 0.0, 2.5))
     snapshot = simulator.step(Command(1, 0, 0.0, 0.0, 0.0, (100.0, 0.0)))
     assert snapshot.heading_error == pytest.approx(math.pi / 2, abs=0.01)
     assert snapshot.goal_distance == pytest.approx(100.0, abs=0.1)
@@ -131,7 +140,7 @@ def test_the_goal_is_to_the_right_with_a_positive_heading_error() -> None:
 
 def test_a_fallen_bicycle_stays_as_it_lies() -> None:
     simulator = Simulator(SCENARIO)
-    simulator.reset(Start(0.0, 0.0, 0.0, 2.5))
+    simulator.reset(InitialPose(0.0, 0.0, 0.0, 2.5))
     push = Command(1, 0, 0.0, 0.2, 0.0)
     snapshot = simulator.snapshot
     for _ in range(400):
@@ -157,14 +166,14 @@ def test_a_fallen_bicycle_stays_as_it_lies() -> None:
 )
 def test_an_impossible_start_is_refused(values: tuple[float, ...], word: str) -> None:
     with pytest.raises(ValueError, match=word):
-        Start(*values)
+        InitialPose(*values)
 
 
 def test_a_start_outside_the_scenarios_speeds_changes_nothing() -> None:
     simulator = Simulator(LEARNED_SPEED, seed=3)
     before = simulator.reset()
     with pytest.raises(ValueError, match="1 to 5 m/s"):
-        simulator.reset(Start(0, 0, 0, 7.0))
+        simulator.reset(InitialPose(0, 0, 0, 7.0))
     assert simulator.snapshot is before
     assert simulator.seed == 3
 

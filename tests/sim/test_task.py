@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from state_maker import rows
 
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import Region, Scenario, named
-from bicycle_sim.task import BicycleTask
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import Region, Scenario, named
+from bicycle_sim.task.task import BicycleTask
 
 RANDOM = named("random-start-random-goal")
 

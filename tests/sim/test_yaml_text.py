@@ -11,7 +11,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bicycle_sim import yaml_text
+from bicycle_common import yaml_text
 
 ROOT = Path(__file__).parents[2]
 

@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from bicycle_controller.networks import Actor, linear_layers
+from bicycle_controller.agents.networks import Actor, linear_layers
 
 
 class Answer:

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from bicycle_controller.networks import Actor
+from bicycle_controller.agents.networks import Actor
 
 
 class Chooser(Protocol):

@@ -18,9 +18,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from bicycle_controller.agents.answer import Answer
-from bicycle_controller.config import DdpgConfig
-from bicycle_controller.networks import Actor, Critic, initialise
-from bicycle_controller.replay import OBSERVATIONS, Batch, Replay
+from bicycle_controller.agents.networks import Actor, Critic, initialise
+from bicycle_controller.config.run import DdpgConfig
+from bicycle_controller.data.replay_buffer import OBSERVATIONS, Batch, ReplayBuffer
 
 LOG_EVERY = 12
 """Updates between two that enter the metrics."""
@@ -116,7 +116,7 @@ class Ddpg:
         """Whether this update enters the metrics: every one would cost more than it tells."""
         return self.updates % LOG_EVERY < self.config.actor_every
 
-    def update(self, replay: Replay, count: int) -> None:
+    def update(self, replay: ReplayBuffer, count: int) -> None:
         """Make `count` updates from one draw out of the memory."""
         size = self.config.batch
         drawn = self._prepared(replay.sample(count * size, self.generator))

@@ -16,9 +16,9 @@ from torch import Tensor, nn
 from bicycle_controller.agents.ddpg import Ddpg
 from bicycle_controller.agents.fused_net import Flat, FusedNet, flat_views
 from bicycle_controller.agents.native import NativeNet, load
-from bicycle_controller.config import DdpgConfig
-from bicycle_controller.networks import Critic, folded, unfolded
-from bicycle_controller.replay import OBSERVATIONS, Batch
+from bicycle_controller.agents.networks import Critic, folded, unfolded
+from bicycle_controller.config.run import DdpgConfig
+from bicycle_controller.data.replay_buffer import OBSERVATIONS, Batch
 
 BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8
 """Adam's own defaults."""

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from bicycle_controller.networks import Actor, Critic, linear_layers
+from bicycle_controller.agents.networks import Actor, Critic, linear_layers
 
 ATEN = torch.ops.aten
 NARROW = 16

@@ -11,10 +11,10 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from bicycle_controller.agents.one_network import OneNetwork
-from bicycle_controller.learner_config import NafConfig
-from bicycle_controller.networks import OUTPUT_RANGE, Actor, Value, initialise
-from bicycle_controller.replay import OBSERVATIONS, Batch, Replay
+from bicycle_controller.agents.networks import OUTPUT_RANGE, Actor, Value, initialise
+from bicycle_controller.agents.single_network_agent import SingleNetworkAgent
+from bicycle_controller.config.algorithms import NafConfig
+from bicycle_controller.data.replay_buffer import OBSERVATIONS, Batch, ReplayBuffer
 
 LOG_EVERY = 12
 """Updates between two that enter the metrics."""
@@ -73,7 +73,7 @@ def advantage(offset: Tensor, lower: Tensor) -> Tensor:
     return -0.5 * stretched.square().sum(-1)
 
 
-class Naf(OneNetwork[NafConfig]):
+class Naf(SingleNetworkAgent[NafConfig]):
     """V, mu and L, and their slow copy.
 
     Attributes:
@@ -97,7 +97,7 @@ class Naf(OneNetwork[NafConfig]):
         super().__init__(config, network, seed + 1, device)
         self.target = copy.deepcopy(self.network).requires_grad_(False)
 
-    def update(self, replay: Replay, count: int) -> None:
+    def update(self, replay: ReplayBuffer, count: int) -> None:
         """Make `count` updates from one draw out of the memory."""
         size = self.config.batch
         for batch in replay.sample(count * size, self.generator).parts(size):

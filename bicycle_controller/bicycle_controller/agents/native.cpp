@@ -11,7 +11,7 @@
 #include <new>
 #include <vector>
 
-#include "product.h"
+#include "gemm.h"
 
 namespace {
 

@@ -23,10 +23,10 @@ import torch
 from torch import Tensor, nn
 
 from bicycle_controller.agents.fused_net import gradient_views
-from bicycle_controller.networks import Actor, Critic, linear_layers
+from bicycle_controller.agents.networks import Actor, Critic, linear_layers
 
 FLAGS = ("-O3", "-march=native", "-std=c++17", "-shared", "-fPIC")
-SOURCES = ("native.cpp", "product.h")
+SOURCES = ("native.cpp", "gemm.h")
 COMPILERS = ("c++", "g++", "clang++")
 PATIENCE = 120
 """s that the compiler may take."""

@@ -15,11 +15,11 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from bicycle_controller.agents.one_network import OneNetwork
-from bicycle_controller.learner_config import PpoConfig
-from bicycle_controller.networks import Actor, Value, linear_layers
-from bicycle_controller.replay import OBSERVATIONS, Batch
-from bicycle_controller.rollout import Rollout, advantages
+from bicycle_controller.agents.networks import Actor, Value, linear_layers
+from bicycle_controller.agents.single_network_agent import SingleNetworkAgent
+from bicycle_controller.config.algorithms import PpoConfig
+from bicycle_controller.data.replay_buffer import OBSERVATIONS, Batch
+from bicycle_controller.data.rollout_buffer import RolloutBuffer, advantages
 
 ADAM_EPSILON = 1e-5
 """Of Adam, as in the usual implementations of PPO."""
@@ -87,7 +87,7 @@ def clipped_objective(ratio: Tensor, advantage: Tensor, clip: float) -> Tensor:
     return torch.min(ratio * advantage, bounded * advantage).mean()
 
 
-class Ppo(OneNetwork[PpoConfig]):
+class Ppo(SingleNetworkAgent[PpoConfig]):
     """The policy, its value and their optimiser."""
 
     def __init__(
@@ -112,7 +112,7 @@ class Ppo(OneNetwork[PpoConfig]):
         action: np.ndarray = (mean + self.network.log_std.exp() * drawn).cpu().numpy()
         return action
 
-    def update(self, rollout: Rollout, count: int) -> None:
+    def update(self, rollout: RolloutBuffer, count: int) -> None:
         """Make `count` updates, one minibatch each, and empty the rollout.
 
         Raises:
@@ -133,7 +133,7 @@ class Ppo(OneNetwork[PpoConfig]):
             yield from torch.split(order, self.config.batch)
 
     @torch.no_grad()
-    def samples(self, rollout: Rollout) -> Samples:
+    def samples(self, rollout: RolloutBuffer) -> Samples:
         """The rollout's T x N actions, judged by the policy and the value as they are."""
         rows = torch.from_numpy(rollout.rows.reshape(-1, rollout.rows.shape[-1])).to(self.device)
         sizes = [OBSERVATIONS, rollout.actions, OBSERVATIONS, 1, 1, 1, 1, 1]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 if __name__ == "__main__":
-    from bicycle_sim.early import run_module
+    from bicycle_common.signals import run_module
 
     run_module("bicycle_controller.nodes.controller_node")
 
@@ -23,23 +23,25 @@ from nav_msgs.msg import Path
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from bicycle_controller.controllers import Controller
-from bicycle_controller.driver import Driver
-from bicycle_controller.goals import Event, GoalTracker, Point, Status
+from bicycle_common.nodes import convert, topics
+from bicycle_common.nodes.declare_parameters import declare
+from bicycle_common.nodes.diagnostics import OK, WARN, percentiles, status
+from bicycle_common.nodes.realtime import Priority
+from bicycle_common.nodes.runner import LOOP_EXECUTOR, UserError, run
+from bicycle_common.nodes.topics import Topic, advertise, listen
+from bicycle_common.parameters import describe
+from bicycle_common.types import Point2D
+from bicycle_controller.control.control_loop import ControlLoop
+from bicycle_controller.control.controller import Controller
+from bicycle_controller.control.goals import Event, GoalTracker, Status
 from bicycle_controller.nodes.controller_settings import ControllerSettings
-from bicycle_controller.nodes.loading import Making, PolicyLoader
 from bicycle_controller.nodes.messages import from_event, from_hand_over
-from bicycle_controller.policy import PolicyError, load_controller
-from bicycle_controller.trained_for import UNLIKE, unlike_training, warning
-from bicycle_sim.nodes import convert, interfaces
-from bicycle_sim.nodes.interfaces import Topic, advertise, listen
-from bicycle_sim.nodes.params import declare
-from bicycle_sim.nodes.realtime import Priority
-from bicycle_sim.nodes.report import OK, WARN, percentiles, status
-from bicycle_sim.nodes.runner import LOOP_EXECUTOR, UserError, run
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import Scenario
-from bicycle_sim.settings import describe
+from bicycle_controller.nodes.policy_loader import Making, PolicyLoader
+from bicycle_controller.policy.policy import PolicyError, load_controller
+from bicycle_controller.policy.trained_for import UNLIKE, unlike_training, warning
+from bicycle_sim.nodes.episode_setting import to_setting
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import Scenario
 
 NAME = "bicycle_controller"
 MOST_WAYPOINTS = 10_000
@@ -72,17 +74,17 @@ class ControllerNode(Node):
         self._state_was_bad = False
         self._publishers_by_name = advertise(
             self,
-            interfaces.COMMAND,
-            interfaces.GOAL_STATUS,
-            interfaces.ACTIVE_GOAL,
-            interfaces.HAND_OVER,
-            interfaces.DIAGNOSTICS,
+            topics.COMMAND,
+            topics.GOAL_STATUS,
+            topics.ACTIVE_GOAL,
+            topics.HAND_OVER,
+            topics.DIAGNOSTICS,
         )
         # Before the goals: what a reset cancels are the goals from before it.
-        listen(self, interfaces.EPISODE, self._on_episode)
-        listen(self, interfaces.STATE, self._on_state, depth=1)
-        listen(self, interfaces.GOAL_POSE, self._on_goal_pose)
-        listen(self, interfaces.GOAL_PATH, self._on_goal_path)
+        listen(self, topics.EPISODE, self._on_episode)
+        listen(self, topics.STATE, self._on_state, depth=1)
+        listen(self, topics.GOAL_POSE, self._on_goal_pose)
+        listen(self, topics.GOAL_PATH, self._on_goal_path)
         self._loader = PolicyLoader(self, lambda: self._driver.policy.policy_id, self._swap)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self._settings.diagnostics_period, self._on_report, clock=steady)
@@ -91,14 +93,14 @@ class ControllerNode(Node):
         self._warm_up.cancel()
         self.get_logger().info(f"{self._driver.policy.policy_id} waits for a goal")
 
-    def _make_driver(self) -> Driver:
+    def _make_driver(self) -> ControlLoop:
         settings = self._settings
         try:
             policy = load_controller(settings.policy)
         except PolicyError as error:
             raise UserError(str(error)) from None
         own = limits_of(policy)
-        return Driver(
+        return ControlLoop(
             f"{self.get_fully_qualified_name()}.{os.getpid()}.{secrets.token_hex(2)}",
             policy,
             GoalTracker(settings.goal_radius or 1.0, settings.goal_timeout, settings.orbit_turns),
@@ -137,11 +139,11 @@ class ControllerNode(Node):
             answer = self._driver.answer(snapshot, stamp.sec + stamp.nanosec * 1e-9)
         if answer.command is not None:
             now = self.get_clock().now().to_msg()
-            self._publish(interfaces.COMMAND, convert.from_command(answer.command, now))
+            self._publish(topics.COMMAND, convert.from_command(answer.command, now))
         if answer.warning:
             self._warn(answer.warning)
         if answer.hand_over is not None:
-            self._publish(interfaces.HAND_OVER, from_hand_over(answer.hand_over, stamp))
+            self._publish(topics.HAND_OVER, from_hand_over(answer.hand_over, stamp))
             self._warn(f"at step {snapshot.step} {answer.hand_over.message}")
         for event in answer.events:
             self._on_event(event)
@@ -163,7 +165,7 @@ class ControllerNode(Node):
     def _on_episode(self, info: EpisodeInfo) -> None:
         """Keep to the simulator's limits and goal radius."""
         try:
-            scenario, physics = convert.to_setting(info)
+            scenario, physics = to_setting(info)
         except (ValueError, TypeError) as error:
             self._warn(f"episode info ignored: {error}; are both of one version?")
             return
@@ -235,7 +237,7 @@ class ControllerNode(Node):
 
     def _take(self, frame: str, poses: list[PoseStamped]) -> None:
         """Ride to these poses instead of all goals so far, or refuse all of them."""
-        points: list[Point] = []
+        points: list[Point2D] = []
         try:
             if len(poses) > MOST_WAYPOINTS:
                 raise ValueError(f"{len(poses)} waypoints are more than {MOST_WAYPOINTS}")
@@ -244,7 +246,7 @@ class ControllerNode(Node):
                 points.append(convert.to_goal(pose.header.frame_id or frame, position))
         except ValueError as error:
             self._warn(f"goal rejected: {error}")
-            self._publish(interfaces.GOAL_STATUS, self._rejection(poses, str(error)))
+            self._publish(topics.GOAL_STATUS, self._rejection(poses, str(error)))
             return
         self._driver.tracker.replace(points)
 
@@ -262,11 +264,11 @@ class ControllerNode(Node):
         """Publish what has become of a goal."""
         header = convert.to_header(self.get_clock().now().nanoseconds)
         message = from_event(event, header)
-        self._publish(interfaces.GOAL_STATUS, message)
+        self._publish(topics.GOAL_STATUS, message)
         if event.status is Status.ACTIVE:
             pose = PoseStamped(header=header)
             pose.pose.position = message.position
-            self._publish(interfaces.ACTIVE_GOAL, pose)
+            self._publish(topics.ACTIVE_GOAL, pose)
         x, y = event.goal.point
         name = event.status.name.lower().replace("_", " ")
         text = f"goal {event.goal.goal_id} ({x:g}, {y:g}) {name}: {event.message}"
@@ -288,7 +290,7 @@ class ControllerNode(Node):
     def _on_report(self) -> None:
         array = DiagnosticArray(status=[self._status()])
         array.header.stamp = self.get_clock().now().to_msg()
-        self._publish(interfaces.DIAGNOSTICS, array)
+        self._publish(topics.DIAGNOSTICS, array)
 
     def _status(self) -> DiagnosticStatus:
         driver = self._driver

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bicycle_controller.config import NoiseConfig
-from bicycle_controller.controllers import Controller
-from bicycle_controller.noise import Noise
-from bicycle_controller.policy import DEFAULT_POLICY, LQR
-from bicycle_controller.safety import Safety, SafetyConfig
-from bicycle_sim.nodes.realtime import priority_parameter
-from bicycle_sim.parameters import Physics
-from bicycle_sim.settings import parameter
+from bicycle_common.nodes.realtime import priority_parameter
+from bicycle_common.parameters import parameter
+from bicycle_controller.control.controller import Controller
+from bicycle_controller.control.exploration_noise import Noise, NoiseConfig
+from bicycle_controller.control.safety import Safety, SafetyConfig
+from bicycle_controller.policy.policy import DEFAULT_POLICY, LQR
+from bicycle_sim.plants.choi.parameters import Physics
 
 SAFE = SafetyConfig()
 """The defaults of the safety layer."""
@@ -102,7 +101,7 @@ class ControllerSettings:
         if self.fallback != "lqr":
             return None
         # Imported here: it needs scipy, which a policy does without.
-        from bicycle_controller.lqr import fitting
+        from bicycle_controller.control.lqr import fitting
 
         return fitting(limits, physics)
 

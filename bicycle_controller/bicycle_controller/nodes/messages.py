@@ -7,9 +7,9 @@ from bicycle_msgs.msg import HandOver as HandOverMessage
 from builtin_interfaces.msg import Time
 from std_msgs.msg import Header
 
-from bicycle_controller.answers import HandOver
-from bicycle_controller.goals import Event
-from bicycle_sim.nodes import convert
+from bicycle_common.nodes import convert
+from bicycle_controller.control.control_output import ControllerSwitch
+from bicycle_controller.control.goals import Event
 
 
 def from_event(event: Event, header: Header) -> GoalStatus:
@@ -27,7 +27,7 @@ def from_event(event: Event, header: Header) -> GoalStatus:
     )
 
 
-def from_hand_over(told: HandOver, stamp: Time) -> HandOverMessage:
+def from_hand_over(told: ControllerSwitch, stamp: Time) -> HandOverMessage:
     """Who drives from the state of that stamp on."""
     return HandOverMessage(
         header=Header(stamp=stamp),

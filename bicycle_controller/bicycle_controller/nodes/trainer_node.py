@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 if __name__ == "__main__":
-    from bicycle_sim.early import run_module
+    from bicycle_common.signals import run_module
 
     run_module("bicycle_controller.nodes.trainer_node")
 
@@ -20,15 +20,16 @@ from rcl_interfaces.srv import GetParameters
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from bicycle_controller.live import Stream, packed
+from bicycle_common.nodes import convert, topics
+from bicycle_common.nodes.declare_parameters import declare
+from bicycle_common.nodes.runner import UserError, run
+from bicycle_common.nodes.topics import advertise, listen
+from bicycle_common.parameters import describe
+from bicycle_common.types import Transition
+from bicycle_controller.data.transition_stream import TransitionStream, packed
 from bicycle_controller.nodes.trainer_settings import TrainerSettings
-from bicycle_controller.trainer_link import Link
-from bicycle_sim.nodes import convert, interfaces
-from bicycle_sim.nodes.interfaces import advertise, listen
-from bicycle_sim.nodes.params import declare
-from bicycle_sim.nodes.runner import UserError, run
-from bicycle_sim.settings import describe
-from bicycle_sim.transitions import Transition
+from bicycle_controller.trainer_service.client import TrainerClient
+from bicycle_sim.nodes.episode_setting import to_setting
 
 NAME = "bicycle_trainer"
 POLL = 0.1
@@ -50,9 +51,9 @@ class TrainerNode(Node):
         self._settings = declare(self, TrainerSettings)
         if importlib.util.find_spec("torch") is None:
             raise UserError("learning needs torch: run 'ros2_ws/setup.sh --with train'")
-        self._stream = Stream()
+        self._stream = TransitionStream()
         self._batch: list[Transition] = []
-        self._link: Link | None = None
+        self._link: TrainerClient | None = None
         self._facts: dict[str, Any] = {"phase": "waiting"}
         self._message = ""
         self._in_charge = self._settings.in_charge
@@ -60,8 +61,8 @@ class TrainerNode(Node):
         self._offer: tuple[str, str] | None = None
         self._calling = self._held_back = False
         self._before = (time.monotonic(), 0, 0)
-        self._publisher = advertise(self, interfaces.TRAINER)[interfaces.TRAINER.name]
-        self._loader = self.create_client(LoadPolicy, interfaces.LOAD_POLICY.name)
+        self._publisher = advertise(self, topics.TRAINER)[topics.TRAINER.name]
+        self._loader = self.create_client(LoadPolicy, topics.LOAD_POLICY.name)
         self._asker = self.create_client(GetParameters, "bicycle_controller/get_parameters")
         self._begin()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -75,16 +76,18 @@ class TrainerNode(Node):
         except ValueError as error:
             raise UserError(str(error)) from None
         if order.live:
-            listen(self, interfaces.EPISODE, self._on_episode)
-            topic = interfaces.TRANSITION
+            listen(self, topics.EPISODE, self._on_episode)
+            topic = topics.TRANSITION
             self._subscription = self.create_subscription(
                 topic.type, topic.name, self._on_transition, topic.subscribe
             )
             self._say("waits for a simulator")
         else:
-            self._start(Link(order), f"learns from {self._settings.bags} in {order.folder}")
+            self._start(
+                TrainerClient(order), f"learns from {self._settings.bags} in {order.folder}"
+            )
 
-    def _start(self, link: Link, text: str) -> None:
+    def _start(self, link: TrainerClient, text: str) -> None:
         self._link = link
         if self._in_charge:
             link.beat(self._in_charge)
@@ -101,11 +104,11 @@ class TrainerNode(Node):
         if self._link is not None:
             return
         try:
-            order = self._settings.order(*convert.to_setting(info))
+            order = self._settings.order(*to_setting(info))
         except (ValueError, TypeError) as error:
             self.get_logger().warning(f"episode info ignored: {error}; are both of one version?")
             return
-        self._start(Link(order), f"learns live in {order.folder}")
+        self._start(TrainerClient(order), f"learns live in {order.folder}")
 
     def _on_transition(self, message: TransitionMessage) -> None:
         """Take in all that has come: in lock-step, a turn of the executor for each is too slow."""

@@ -8,10 +8,10 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from bicycle_controller.trainer_link import Order
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import Scenario
-from bicycle_sim.settings import parameter
+from bicycle_common.parameters import parameter
+from bicycle_controller.trainer_service.order import TrainingOrder
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import Scenario
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,9 @@ class TrainerSettings:
         workspace = Path(os.environ.get("BICYCLE_WS", "."))
         return workspace / "runs" / time.strftime("trainer-%Y-%m-%d-%H%M%S")
 
-    def order(self, scenario: Scenario | None = None, physics: Physics | None = None) -> Order:
+    def order(
+        self, scenario: Scenario | None = None, physics: Physics | None = None
+    ) -> TrainingOrder:
         """What the learning process is to do.
 
         Raises:
@@ -55,7 +57,7 @@ class TrainerSettings:
             raise ValueError("mode:=bags needs bags:=PATH, or resume:=true with out:=FOLDER")
         if self.resume and not self.out:
             raise ValueError("resume:=true needs the run's folder, out:=FOLDER")
-        return Order(
+        return TrainingOrder(
             folder=self.folder(),
             preset=self.preset,
             overrides=tuple(shlex.split(self.overrides)),

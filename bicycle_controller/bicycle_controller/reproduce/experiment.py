@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, fields, replace
 from importlib import resources
 from typing import Any
 
-from bicycle_controller import settings
-from bicycle_controller.rides import Disturbance
-from bicycle_sim import yaml_text
-from bicycle_sim.config import nearest, reject_unknown, require
-from bicycle_sim.scenario import Scenario, named
+from bicycle_common import yaml_text
+from bicycle_common.validation import nearest, reject_unknown, require
+from bicycle_controller.config import loading
+from bicycle_controller.evaluation.rollouts import Disturbance
+from bicycle_sim.task.scenario import Scenario, named
 
 MODES = ("faithful", "corrected")
 ROLES = ("paper", "authors", "baseline", "best", "lqr")
@@ -161,7 +161,7 @@ class Experiment:
     def ridden(self, variant: Variant) -> Scenario:
         """The scenario that controllers are scored on."""
         scenario = named(variant.scenario or self.scenario)
-        return settings.changed(scenario, [*self.set, *variant.set, *self.ride_set])
+        return loading.changed(scenario, [*self.set, *variant.set, *self.ride_set])
 
 
 def names() -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bicycle_controller.reproduce.experiment import Experiment
+from bicycle_controller.reproduce.formatting import number, percent
 from bicycle_controller.reproduce.verdicts import (
     DDPG,
     Entry,
@@ -20,7 +21,6 @@ from bicycle_controller.reproduce.verdicts import (
     rides,
     training,
 )
-from bicycle_controller.reproduce.words import number, percent
 
 BALANCED = 0.05
 """Share of falls below which a policy counts as one that balances."""

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from bicycle_controller.episode_log import TERMS, read_columns
 from bicycle_controller.reproduce.tables import Row
 from bicycle_controller.reproduce.training import Run
+from bicycle_controller.training.episode_log import TERMS, read_columns
 
 BINS = 40
 """Points of a learning curve: the episodes of each stretch are averaged."""

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from bicycle_controller.reproduce.claims import verdict
+from bicycle_controller.reproduce.formatting import number, percent
 from bicycle_controller.reproduce.learning_claims import unsettled
 from bicycle_controller.reproduce.result import Result, title
 from bicycle_controller.reproduce.verdicts import is_short, training
-from bicycle_controller.reproduce.words import number, percent
 
 Entry = dict[str, Any]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from bicycle_controller.reproduce.claims import verdict
+from bicycle_controller.reproduce.formatting import lengths, mean, rate
 from bicycle_controller.reproduce.pictures import PICTURE
 from bicycle_controller.reproduce.result import Result, title
 from bicycle_controller.reproduce.style import label
 from bicycle_controller.reproduce.verdicts import Verdict, asked, is_short
-from bicycle_controller.reproduce.words import lengths, mean, rate
 
 READING = """\
 `paper` is DDPG by tables 2 and 3 as printed, `authors` by what their code ran, `fast` is ours; all

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from bicycle_controller.policy import write_atomically
+from bicycle_controller.policy.policy import write_atomically
 from bicycle_controller.reproduce import experiment as experiments
 from bicycle_controller.reproduce.experiment import MODES
 from bicycle_controller.reproduce.overview import causes, overview

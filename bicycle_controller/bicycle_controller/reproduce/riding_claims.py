@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bicycle_controller.reproduce.experiment import Experiment
+from bicycle_controller.reproduce.formatting import number, percent
 from bicycle_controller.reproduce.verdicts import (
     DDPG,
     Entry,
@@ -19,7 +20,6 @@ from bicycle_controller.reproduce.verdicts import (
     rides,
     training,
 )
-from bicycle_controller.reproduce.words import number, percent
 
 MOST = 0.99
 """Share of goals that counts as all."""

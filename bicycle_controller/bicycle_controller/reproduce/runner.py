@@ -11,14 +11,14 @@ from typing import Any
 
 from tqdm import tqdm
 
-from bicycle_controller.policy import write_atomically
-from bicycle_controller.reproduce import logs, riding, summary, training
+from bicycle_controller.policy.policy import write_atomically
+from bicycle_controller.reproduce import evaluate_experiments, logs, summary, training
+from bicycle_controller.reproduce.evaluate_experiments import Ridden
 from bicycle_controller.reproduce.experiment import Experiment, Length, build, limited
 from bicycle_controller.reproduce.kept import Kept
-from bicycle_controller.reproduce.riding import Ridden
 from bicycle_controller.reproduce.tables import Row, write_table
-from bicycle_controller.run_folder import origin
-from bicycle_sim.parameters import Physics
+from bicycle_controller.training.run_folder import origin
+from bicycle_sim.plants.choi.parameters import Physics
 
 RUNS = "runs"
 """Folder of the training runs beside the figures'."""
@@ -65,11 +65,11 @@ def reproduce(experiment: Experiment, mode: str, length: Length, options: Option
     made = [(run.arm.name, run.variant.name, run.job.seed) for run in done]
     kept = Kept(folder, experiment, made, length.rides)
     _write_training(folder, experiment, good, kept)
-    ridden = list(riding.riders(experiment, mode, good))
+    ridden = list(evaluate_experiments.riders(experiment, mode, good))
     about["policies"] = {item.name: item.controller.policy_id for item in ridden if not item.seed}
     _write_rides(folder, experiment, mode, length, ridden, kept, progress)
     wall, cpu = time.monotonic() - started[0], time.process_time() - started[1]
-    about |= {"seeds": list(range(1, length.seeds + 1)), "ride_seed": riding.SEED}
+    about |= {"seeds": list(range(1, length.seeds + 1)), "ride_seed": evaluate_experiments.SEED}
     about |= {"rides": length.rides, "wall_s": round(wall, 1), "cpu_s": round(cpu, 1)}
     trained = [*map(logs.provenance, done), *kept.training]
     about["training"] = kept.ordered(trained)
@@ -125,7 +125,7 @@ def _write_rides(
     rows: list[Row] = []
     label = f"{experiment.name} {mode}"
     for item in tqdm(ridden, desc=label, unit="controller", disable=not progress, file=sys.stderr):
-        rows.append(riding.scored(experiment, mode, item, length.rides))
+        rows.append(evaluate_experiments.scored(experiment, mode, item, length.rides))
     write_table(folder / summary.RIDES, kept.with_rides(summary.RIDES, rows))
     if not experiment.tracks:
         return
@@ -148,13 +148,17 @@ def _write_traces(
     best = next((item for item in ridden if item.role == "best" and item.seed == 0), None)
     best = best or next((item for item in ridden if item.role == "best"), None)
     for item in ridden:
-        made = riding.trace(item.controller, experiment.ridden(item.variant), physics, count)
+        made = evaluate_experiments.trace(
+            item.controller, experiment.ridden(item.variant), physics, count
+        )
         if experiment.picture == "states":
-            rows.setdefault(summary.STATES, []).extend(riding.states(item, made, physics))
+            rows.setdefault(summary.STATES, []).extend(
+                evaluate_experiments.states(item, made, physics)
+            )
         if experiment.picture in ("turn", "speed"):
-            rows.setdefault(summary.PROFILES, []).extend(riding.profile(item, made))
+            rows.setdefault(summary.PROFILES, []).extend(evaluate_experiments.profile(item, made))
         if experiment.picture == "goals" and item is best:
-            rows.setdefault(summary.WAYS, []).extend(riding.ways(item, made))
+            rows.setdefault(summary.WAYS, []).extend(evaluate_experiments.ways(item, made))
     for name, table in rows.items():
         write_table(folder / name, kept.with_traces(name, table))
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bicycle_common.observation import OBSERVATION_FIELDS
 from bicycle_controller.reproduce.tables import (
     Row,
     column,
@@ -16,7 +17,6 @@ from bicycle_controller.reproduce.tables import (
     select,
     share,
 )
-from bicycle_sim.task import OBSERVATION_FIELDS
 
 CURVES, EVALUATIONS, RIDES = "curves.csv", "evaluations.csv", "rides.csv"
 TRACKS, WAYS, STATES, PROFILES = "tracks.csv", "ways.csv", "states.csv", "profiles.csv"

@@ -12,9 +12,9 @@ import re
 from pathlib import Path
 
 from bicycle_controller.reproduce.claims import verdict
+from bicycle_controller.reproduce.formatting import number, percent
 from bicycle_controller.reproduce.result import Result
 from bicycle_controller.reproduce.verdicts import over, rides, training
-from bicycle_controller.reproduce.words import number, percent
 
 FIELD = re.compile(r"\{([^{}]+)\}")
 SHARES = ("reached", "fallen", "orbits")

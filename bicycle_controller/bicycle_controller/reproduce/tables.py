@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from bicycle_controller.evaluate import wilson
-from bicycle_controller.policy import write_atomically
-from bicycle_sim.config import require
+from bicycle_common.validation import require
+from bicycle_controller.evaluation.evaluate import wilson
+from bicycle_controller.policy.policy import write_atomically
 
 EXACT, RESAMPLES = 5, 10_000
 """Runs up to which every sample of them is drawn, and samples drawn of more."""

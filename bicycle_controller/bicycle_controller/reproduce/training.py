@@ -9,11 +9,12 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from bicycle_controller import settings, sweep
-from bicycle_controller.config import RunConfig
+from bicycle_controller.config import loading
+from bicycle_controller.config.run import RunConfig
 from bicycle_controller.reproduce.experiment import Arm, Experiment, Length, Variant
-from bicycle_controller.run_folder import BusyError, RunFolder
-from bicycle_sim.scenario import named
+from bicycle_controller.training import sweep
+from bicycle_controller.training.run_folder import BusyError, RunFolder
+from bicycle_sim.task.scenario import named
 
 RECORD = ("record.episodes=true", "record.tracks_every=5", "tensorboard=false")
 
@@ -87,7 +88,7 @@ def _run(
     if arm.role != "best":
         changes.append(f"starts.max_steps={experiment.limit}")
     changes += [*RECORD, *experiment.training_changes(variant), *arm.set]
-    config = settings.preset(arm.preset, changes)
+    config = loading.preset(arm.preset, changes)
     every = max(1, min(config.evaluation.every, total_updates(config) // length.evaluations))
     evaluation = dataclasses.replace(config.evaluation, every=every)
     config = dataclasses.replace(config, evaluation=evaluation)
@@ -118,7 +119,7 @@ def _lengthened(files: RunFolder, config: RunConfig) -> RunConfig:
     """
     if not files.config.exists():
         return config
-    old = settings.load(files.config)
+    old = loading.load(files.config)
     steps, evaluation = max(old.steps, config.steps), config.evaluation
     longer = dataclasses.replace(config, steps=steps)
     if dataclasses.replace(old, steps=steps, evaluation=evaluation) != longer:
@@ -184,6 +185,6 @@ def make(runs: list[Run], rides: int, address: str | None, parallel: int, progre
 def _prepare(job: sweep.Job) -> None:
     """Let a run that is done go on where a longer one is wanted."""
     files = RunFolder(job.folder)
-    if files.config.exists() and settings.load(files.config).steps < job.config.steps:
+    if files.config.exists() and loading.load(files.config).steps < job.config.steps:
         files.resumed_config([f"steps={job.config.steps}"])
         job.result.unlink(missing_ok=True)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bicycle_controller.reproduce.experiment import Experiment
-from bicycle_controller.reproduce.words import lengths, number, percent
+from bicycle_controller.reproduce.formatting import lengths, number, percent
 
 Entry = dict[str, Any]
 Summary = dict[str, Any]

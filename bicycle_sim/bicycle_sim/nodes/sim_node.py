@@ -1,9 +1,9 @@
-"""The simulator as a ROS 2 node: topics, services and timers around `bicycle_sim.loop`."""
+"""The simulator as a ROS 2 node: topics, services and timers around `bicycle_sim.runtime.loop`."""
 
 from __future__ import annotations
 
 if __name__ == "__main__":
-    from bicycle_sim.early import run_module
+    from bicycle_common.signals import run_module
 
     run_module("bicycle_sim.nodes.sim_node")
 
@@ -22,20 +22,21 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import SetBool, Trigger
 
+from bicycle_common.conventions import mirror
+from bicycle_common.nodes import convert, topics
+from bicycle_common.nodes.declare_parameters import declare
+from bicycle_common.nodes.realtime import Priority
+from bicycle_common.nodes.runner import LOOP_EXECUTOR, UserError, run
+from bicycle_common.nodes.topics import STATE_PERIOD, Topic, advertise, listen, serve
+from bicycle_common.parameters import describe
+from bicycle_common.types import InitialPose, Transition
 from bicycle_sim import __version__
-from bicycle_sim.loop import Loop, Made
-from bicycle_sim.nodes import convert, interfaces, views
-from bicycle_sim.nodes.busy import refuse_second_simulator
-from bicycle_sim.nodes.interfaces import STATE_PERIOD, Topic, advertise, listen, serve
-from bicycle_sim.nodes.params import declare
-from bicycle_sim.nodes.realtime import Priority
-from bicycle_sim.nodes.runner import LOOP_EXECUTOR, UserError, run
-from bicycle_sim.nodes.sim_report import SimReport
+from bicycle_sim.nodes import visualization
+from bicycle_sim.nodes.exclusive import refuse_second_simulator
+from bicycle_sim.nodes.sim_diagnostics import SimReport
 from bicycle_sim.nodes.sim_settings import SimSettings
-from bicycle_sim.settings import describe
-from bicycle_sim.signs import mirror
-from bicycle_sim.simulator import Simulator, Start
-from bicycle_sim.transitions import Transition
+from bicycle_sim.runtime.loop import Loop, StepResult
+from bicycle_sim.runtime.simulator import Simulator
 
 NAME = "bicycle_sim"
 
@@ -56,23 +57,23 @@ class SimNode(Node):
         self._settings = declare(self, SimSettings)
         self._loop = self._make_loop()
         self._constants = self._loop.simulator.physics.constants
-        self._joints = views.Joints(self._constants)
+        self._joints = visualization.Joints(self._constants)
         self._report = SimReport(self.get_fully_qualified_name().lstrip("/"), self._loop)
         self._last_state = self._last_markers = self._fallen_at = -math.inf
         self._was_starved = self._was_silent = False
         refuse_second_simulator(self)
         self._publishers_by_name = advertise(
             self,
-            interfaces.STATE,
-            interfaces.ODOMETRY,
-            interfaces.JOINT_STATES,
-            interfaces.CLOCK,
-            interfaces.MARKERS,
-            interfaces.DIAGNOSTICS,
-            interfaces.TRANSITION,
-            interfaces.TIMING,
-            interfaces.PUSHED,
-            interfaces.EPISODE,
+            topics.STATE,
+            topics.ODOMETRY,
+            topics.JOINT_STATES,
+            topics.CLOCK,
+            topics.MARKERS,
+            topics.DIAGNOSTICS,
+            topics.TRANSITION,
+            topics.TIMING,
+            topics.PUSHED,
+            topics.EPISODE,
         )
         self._listen()
         self._start_timers()
@@ -92,12 +93,12 @@ class SimNode(Node):
             raise UserError(str(error)) from None
 
     def _listen(self) -> None:
-        listen(self, interfaces.COMMAND, self._on_command)
-        listen(self, interfaces.INITIAL_POSE, self._on_initial_pose)
-        serve(self, interfaces.RESET, self._on_reset)
-        serve(self, interfaces.PAUSE, self._on_pause)
-        serve(self, interfaces.STEP, self._on_step)
-        serve(self, interfaces.PUSH, self._on_push)
+        listen(self, topics.COMMAND, self._on_command)
+        listen(self, topics.INITIAL_POSE, self._on_initial_pose)
+        serve(self, topics.RESET, self._on_reset)
+        serve(self, topics.PAUSE, self._on_pause)
+        serve(self, topics.STEP, self._on_step)
+        serve(self, topics.PUSH, self._on_push)
 
     def _start_timers(self) -> None:
         """All on a steady clock, which no adjustment of the system's time moves."""
@@ -113,7 +114,7 @@ class SimNode(Node):
     def close(self) -> None:
         """Publish the transition that waited for the next step, and see that it arrives."""
         self._publish_transitions(self._loop.close())
-        publisher = self._publishers_by_name[interfaces.TRANSITION.name]
+        publisher = self._publishers_by_name[topics.TRANSITION.name]
         publisher.wait_for_all_acked(Duration(seconds=LAST_WORD))
 
     @property
@@ -237,7 +238,7 @@ class SimNode(Node):
             status=self._report.statuses(self.count_publishers("bicycle/state"))
         )
         array.header.stamp = self.get_clock().now().to_msg()
-        self._publish(interfaces.DIAGNOSTICS, array)
+        self._publish(topics.DIAGNOSTICS, array)
 
     def _pace_from_now(self) -> None:
         """The next step falls due one period from now."""
@@ -246,7 +247,7 @@ class SimNode(Node):
 
     # What goes out.
 
-    def _begin(self, start: Start | None, seed: int | None) -> None:
+    def _begin(self, start: InitialPose | None, seed: int | None) -> None:
         """Start an episode; see `Loop.reset`, which may raise ValueError."""
         self._publish_transitions(self._loop.reset(start, seed))
         self._was_starved = False
@@ -260,16 +261,16 @@ class SimNode(Node):
             scenario=simulator.scenario.to_json(),
             version=__version__,
         )
-        self._publish(interfaces.EPISODE, info)
+        self._publish(topics.EPISODE, info)
         self._publish_state()
         self.get_logger().info(f"episode {info.episode} waits for its first command")
 
-    def _on_made(self, made: Made | None) -> None:
+    def _on_made(self, made: StepResult | None) -> None:
         """Publish a step, the state first: the controller waits for it."""
         if made is None:
             return
         if made.push is not None:
-            self._publish(interfaces.PUSHED, convert.from_push(made.push, self._now))
+            self._publish(topics.PUSHED, convert.from_push(made.push, self._now))
         self._joints.advance(made.snapshot)
         self._publish_state()
         self._publish_transitions(made.transitions)
@@ -284,7 +285,7 @@ class SimNode(Node):
             late_steps=int(pacer.late),
             dropped_steps=int(pacer.dropped),
         )
-        self._publish(interfaces.TIMING, timing)
+        self._publish(topics.TIMING, timing)
         self._report.add(made)
         if made.snapshot.fallen:
             self._fallen_at = time.monotonic()
@@ -296,27 +297,27 @@ class SimNode(Node):
     def _publish_state(self) -> None:
         snapshot, now, clock = self._loop.snapshot, self._now, time.monotonic()
         self._loop.published()
-        self._publish(interfaces.STATE, convert.from_snapshot(snapshot, now))
+        self._publish(topics.STATE, convert.from_snapshot(snapshot, now))
         self._last_state = clock
-        if self._settings.publish_clock and self._is_heard(interfaces.CLOCK):
-            self._publish(interfaces.CLOCK, ClockMessage(clock=convert.to_stamp(now)))
-        if self._is_heard(interfaces.ODOMETRY):
-            self._publish(interfaces.ODOMETRY, views.odometry(snapshot, now, self._constants))
-        if self._is_heard(interfaces.JOINT_STATES):
-            self._publish(interfaces.JOINT_STATES, self._joints.message(snapshot, now))
+        if self._settings.publish_clock and self._is_heard(topics.CLOCK):
+            self._publish(topics.CLOCK, ClockMessage(clock=convert.to_stamp(now)))
+        if self._is_heard(topics.ODOMETRY):
+            self._publish(topics.ODOMETRY, visualization.odometry(snapshot, now, self._constants))
+        if self._is_heard(topics.JOINT_STATES):
+            self._publish(topics.JOINT_STATES, self._joints.message(snapshot, now))
         rate = self._settings.marker_rate
         due = rate > 0 and clock - self._last_markers >= 1.0 / rate
-        if due and self._is_heard(interfaces.MARKERS):
+        if due and self._is_heard(topics.MARKERS):
             self._last_markers = clock
             radius = self._loop.simulator.scenario.goal_radius
-            drawn = views.markers(snapshot, now, self._constants, radius)
-            self._publish(interfaces.MARKERS, drawn)
+            drawn = visualization.markers(snapshot, now, self._constants, radius)
+            self._publish(topics.MARKERS, drawn)
 
     def _publish_transitions(self, transitions: list[Transition]) -> None:
-        if not self._is_heard(interfaces.TRANSITION):
+        if not self._is_heard(topics.TRANSITION):
             return
         for transition in transitions:
-            self._publish(interfaces.TRANSITION, convert.from_transition(transition, self._now))
+            self._publish(topics.TRANSITION, convert.from_transition(transition, self._now))
 
 
 def main() -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from bicycle_sim.geometry import yaw_to_heading
-from bicycle_sim.loop import LoopOptions
-from bicycle_sim.nodes.realtime import priority_parameter
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import SCENARIOS, Scenario, named
-from bicycle_sim.settings import parameter
-from bicycle_sim.simulator import FARTHEST_START, FASTEST_START, Start
+from bicycle_common.geometry import yaw_to_heading
+from bicycle_common.nodes.realtime import priority_parameter
+from bicycle_common.parameters import parameter
+from bicycle_common.types import FARTHEST_START, FASTEST_START, InitialPose
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.runtime.loop import LoopOptions
+from bicycle_sim.task.scenario import SCENARIOS, Scenario, named
 
 
 @dataclass(frozen=True)
@@ -97,12 +97,14 @@ class SimSettings:
             self.pace, self.real_time_factor, self.watchdog_timeout, self.on_timeout
         )
 
-    def make_start(self) -> Start | None:
+    def make_start(self) -> InitialPose | None:
         """The start of an episode that nobody asked for by pose; None draws one."""
         if self.random_start:
             return None
         heading = float(yaw_to_heading(self.start_yaw))
-        return Start(self.start_x, self.start_y, heading, self.speed_or_default(self.start_speed))
+        return InitialPose(
+            self.start_x, self.start_y, heading, self.speed_or_default(self.start_speed)
+        )
 
     def loop_priority(self) -> int:
         """Real-time priority of the loop: none where it may take a whole processor to itself."""

@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from bicycle_sim.config import nearest
-from bicycle_sim.parameters import Physics
+from bicycle_common.validation import nearest
 from bicycle_sim.plants.base import Plant
-from bicycle_sim.plants.choi import ChoiPlant
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.plants.whipple import catalogue
 from bicycle_sim.plants.whipple.plant import WhipplePlant
 

@@ -1,6 +1,18 @@
+from pathlib import Path
+
 from setuptools import find_packages, setup
 
 package_name = "bicycle_bag"
+
+
+def sibling(name: str) -> str:
+    """The requirement of a package of this repository: the folder, where it is beside this one."""
+    root = Path(__file__).resolve().parent.parents[2]
+    for folder in (root / name, root / "ros2_ws" / "src" / name):
+        if (folder / "setup.py").is_file():
+            return f"{name} @ {folder.as_uri()}"
+    return name
+
 
 setup(
     name=package_name,
@@ -12,7 +24,16 @@ setup(
         (f"share/{package_name}", ["package.xml"]),
     ],
     python_requires=">=3.10",
-    install_requires=["setuptools", "mcap", "mcap-ros2-support", "numpy", "pyyaml", "tqdm"],
+    install_requires=[
+        sibling("bicycle_common"),
+        "lz4",
+        "mcap",
+        "mcap-ros2-support",
+        "numpy",
+        "setuptools",
+        "tqdm",
+        "zstandard",
+    ],
     extras_require={"test": ["pytest"]},
     zip_safe=True,
     maintainer="Self-driving bicycle maintainers",

@@ -13,18 +13,31 @@ def files(folder: str) -> list[str]:
     return sorted(str(path.relative_to(here)) for path in (here / folder).glob("*.*"))
 
 
+def sibling(name: str) -> str:
+    """The requirement of a package of this repository: the folder, where it is beside this one."""
+    root = Path(__file__).resolve().parent.parents[2]
+    for folder in (root / name, root / "ros2_ws" / "src" / name):
+        if (folder / "setup.py").is_file():
+            return f"{name} @ {folder.as_uri()}"
+    return name
+
+
 setup(
     name=NAME,
     version="0.1.0",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
-    package_data={NAME: ["py.typed", "ride_page/*.css"]},
+    package_data={NAME: ["py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/config", files("config")),
         (f"share/{NAME}/launch", files("launch")),
     ],
-    install_requires=["matplotlib", "numpy", "pyyaml", "tqdm"],
+    install_requires=[
+        *(sibling(f"bicycle_{name}") for name in ("bag", "common", "controller", "sim", "tools")),
+        "numpy",
+        "tqdm",
+    ],
     extras_require={"test": ["pytest"]},
     python_requires=">=3.10",
     zip_safe=True,
@@ -35,11 +48,6 @@ setup(
     entry_points={
         "console_scripts": [
             "bicycle_ride = bicycle_bringup.programs:ride",
-            "bicycle_report = bicycle_bringup.programs:report",
-            "bicycle_foxglove = bicycle_bringup.programs:foxglove",
-            "bicycle_goal = bicycle_bringup.programs:goal",
-            "bicycle_topic = bicycle_bringup.programs:topic",
-            "bicycle_verify = bicycle_bringup.programs:verify",
         ],
     },
 )

@@ -1,8 +1,20 @@
 """Packaging of bicycle_cockpit, for colcon and for plain pip."""
 
+from pathlib import Path
+
 from setuptools import find_packages, setup
 
 NAME = "bicycle_cockpit"
+
+
+def sibling(name: str) -> str:
+    """The requirement of a package of this repository: the folder, where it is beside this one."""
+    root = Path(__file__).resolve().parent.parents[2]
+    for folder in (root / name, root / "ros2_ws" / "src" / name):
+        if (folder / "setup.py").is_file():
+            return f"{name} @ {folder.as_uri()}"
+    return name
+
 
 setup(
     name=NAME,
@@ -13,7 +25,12 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
     ],
-    install_requires=["aiohttp", "numpy"],
+    install_requires=[
+        *(sibling(f"bicycle_{name}") for name in ("bag", "common", "controller", "sim", "tools")),
+        "aiohttp",
+        "mcap",
+        "numpy",
+    ],
     extras_require={"test": ["pytest"]},
     python_requires=">=3.10",
     zip_safe=False,

@@ -13,8 +13,8 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-from bicycle_sim import yaml_text
-from bicycle_sim.config import nearest, require
+from bicycle_common import yaml_text
+from bicycle_common.validation import nearest, require
 from bicycle_sim.plants.whipple import measure
 from bicycle_sim.plants.whipple.measure import Measured, RigidRider
 from bicycle_sim.plants.whipple.parameters import PARTS, Bicycle, Parameters, make

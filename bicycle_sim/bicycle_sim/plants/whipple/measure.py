@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bicycle_sim.config import require
+from bicycle_common.validation import require
 from bicycle_sim.plants.whipple.parameters import Bicycle
 
 

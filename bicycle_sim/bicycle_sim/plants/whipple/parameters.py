@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from bicycle_sim.config import reject_unknown, require
+from bicycle_common.validation import reject_unknown, require
 from bicycle_sim.plants.base import Array
 
 Part = TypeVar("Part")

@@ -11,7 +11,7 @@ from typing import Any
 from bicycle_bag.errors import BagError
 from bicycle_bag.qos import QosProfile, parse_profiles
 from bicycle_bag.syncing import sync_folder
-from bicycle_sim import yaml_text
+from bicycle_common import yaml_text
 
 VERSION = 9
 FILE_NAME = "metadata.yaml"

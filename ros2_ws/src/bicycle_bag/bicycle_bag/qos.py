@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
-from bicycle_sim import yaml_text
+from bicycle_common import yaml_text
 
 # rmw writes "for ever" as the largest int64 count of nanoseconds.
 INFINITE_NS = 2**63 - 1

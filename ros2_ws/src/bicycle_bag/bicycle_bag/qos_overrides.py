@@ -9,7 +9,7 @@ from typing import Any
 from bicycle_bag.errors import BagError
 from bicycle_bag.qos import QosProfile, from_yaml_map
 from bicycle_bag.selection import absolute
-from bicycle_sim import yaml_text
+from bicycle_common import yaml_text
 
 DEFAULT = QosProfile(history="keep_last", depth=10)
 """What a topic's entry leaves open: ROS's default profile."""

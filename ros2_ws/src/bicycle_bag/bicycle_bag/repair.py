@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 if __name__ == "__main__":
-    from bicycle_sim.early import run_module
+    from bicycle_common.signals import run_module
 
     run_module("bicycle_bag.repair")
 
@@ -19,7 +19,6 @@ from pathlib import Path
 from tqdm import tqdm
 
 from bicycle_bag import container, metadata
-from bicycle_bag.arguments import OneLineParser
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import BagMetadata, FileInformation, Topic
 from bicycle_bag.reader import BagReader, find_files
@@ -27,6 +26,7 @@ from bicycle_bag.rewrite import Rewrite
 from bicycle_bag.salvage import Progress, Salvage
 from bicycle_bag.syncing import sync_folder
 from bicycle_bag.unpacking import unpack_files
+from bicycle_common.command_line import OneLineParser
 
 MOST_SPANS = 5
 """Of lost chunks whose times are told."""

@@ -12,7 +12,7 @@ from bicycle_bag.container import ENTRY
 from bicycle_bag.contents import Contents
 from bicycle_bag.errors import BagError
 from bicycle_bag.walk import WRONG_CHECKSUM, Damage, Piece
-from bicycle_sim import yaml_text
+from bicycle_common import yaml_text
 
 Progress = Callable[[int], object]
 

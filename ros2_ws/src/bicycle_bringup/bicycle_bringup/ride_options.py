@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,19 +11,16 @@ from pathlib import Path
 
 import numpy as np
 
-from bicycle_bag.arguments import OneLineParser
-from bicycle_bringup.course import Point, random_goals
-from bicycle_sim.config import nearest
-
-MODULES = {
-    "recorder": "bicycle_bag.nodes.recorder_node",
-    "simulator": "bicycle_sim.nodes.sim_node",
-    "controller": "bicycle_controller.nodes.controller_node",
-}
-"""The nodes of a ride, in the order they are started."""
-
-CONFIGURED = ("simulator", "controller")
-"""Those that have parameters."""
+from bicycle_common.command_line import OneLineParser
+from bicycle_common.node_commands import (
+    CONFIGURED,
+    checked_parameter,
+    config_folder,
+    node_command,
+    program,
+)
+from bicycle_common.types import Point2D
+from bicycle_tools.course import random_goals
 
 MOST_GOALS = 10_000
 MOST_MINUTES = 10_000.0
@@ -51,7 +46,7 @@ class RideOptions:
     """``NODE.name:=value``."""
     parameter_files: tuple[Path, ...]
 
-    def draw_goals(self) -> list[Point]:
+    def draw_goals(self) -> list[Point2D]:
         """As many as are asked for, or more than can be ridden to in the time."""
         count = 10 + round(60.0 * self.minutes) if self.minutes else self.goals
         rng = np.random.default_rng(self.seed)
@@ -66,32 +61,6 @@ class RideOptions:
         if name not in CONFIGURED:
             return [*program(name), "--output", str(self.folder / "bag")]
         return node_command(name, self.config, self.parameters, self.parameter_files)
-
-
-def program(name: str) -> list[str]:
-    """The program of one node, a key of `MODULES`, without arguments."""
-    return [sys.executable, "-m", MODULES[name]]
-
-
-def node_command(
-    name: str, config: Path, parameters: Sequence[str], parameter_files: Sequence[Path] = ()
-) -> list[str]:
-    """The command that starts a node which has parameters.
-
-    Args:
-        name: one of `CONFIGURED`.
-        config: folder with one parameter file per node.
-        parameters: ``NODE.name:=value``, of any node; those of others are left out.
-        parameter_files: read after the node's own.
-    """
-    ros = ["--ros-args"]
-    for file in (config / f"{name}.yaml", *parameter_files):
-        ros += ["--params-file", str(file)]
-    for entry in parameters:
-        node, _, assignment = entry.partition(".")
-        if node == name:
-            ros += ["-p", assignment]
-    return [*program(name), *ros]
 
 
 def parse(arguments: Sequence[str], workspace: Path) -> RideOptions:
@@ -141,21 +110,6 @@ def _checked(given: argparse.Namespace, workspace: Path) -> RideOptions:
     )
 
 
-def checked_parameter(word: str) -> str:
-    """``NODE.name:=value`` as it is.
-
-    Raises:
-        ValueError: when it names no node with parameters.
-    """
-    node, dot, _ = word.partition(":=")[0].partition(".")
-    if not dot or node not in CONFIGURED:
-        raise ValueError(
-            f"{word!r} names no node{nearest(node, CONFIGURED)}: write it as NODE.name:=value "
-            f"with {' or '.join(CONFIGURED)}"
-        )
-    return word
-
-
 def _file(word: str) -> Path:
     path = Path(word)
     if path.suffix not in (".yaml", ".yml"):
@@ -186,23 +140,3 @@ def _new_folder(asked: Path | None, workspace: Path) -> Path:
     except OSError as error:
         place = asked or workspace / "runs"
         raise ValueError(f"cannot make a folder in {place}: {error.strerror}") from None
-
-
-def workspace() -> Path:
-    """The workspace that the scripts belong to, or the present folder without one."""
-    return Path(os.environ.get("BICYCLE_WS", Path.cwd()))
-
-
-def config_folder() -> Path:
-    """The folder of the parameter files: beside the sources, or where colcon installed them.
-
-    Raises:
-        ValueError: when neither is there.
-    """
-    package = Path(__file__).resolve().parents[1]
-    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-    installed = [Path(prefix) / "share" / "bicycle_bringup" for prefix in prefixes if prefix]
-    for place in (package, *installed):
-        if (place / "config").is_dir():
-            return place / "config"
-    raise ValueError("bicycle_bringup's config folder is not found: source the workspace")

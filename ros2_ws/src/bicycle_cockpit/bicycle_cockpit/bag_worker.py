@@ -9,7 +9,7 @@ that who waits knows which one takes too long.
 from __future__ import annotations
 
 if __name__ == "__main__":
-    from bicycle_sim.early import run_module
+    from bicycle_common.signals import run_module
 
     run_module("bicycle_cockpit.bag_worker")
 

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_bag.errors import BagError
-from bicycle_bringup.ride_log import RideLog, read_ride
-from bicycle_bringup.summary import dropped_steps, late_steps
 from bicycle_cockpit.loop_stats import loop_figures
 from bicycle_cockpit.marks import Ridden, marks
 from bicycle_cockpit.riders import Rider, lqr_names, rider, shipped_names
 from bicycle_cockpit.samples import COLUMNS, plain_column, reward_columns
-from bicycle_sim.parameters import Physics
-from bicycle_sim.reward import RewardWeights
-from bicycle_sim.scenario import Scenario
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.reward import RewardWeights
+from bicycle_sim.task.scenario import Scenario
+from bicycle_tools.ride_log import RideLog, read_ride
+from bicycle_tools.summary import dropped_steps, late_steps
 
 MOST_ROWS = 24_000
 """Of one bag for the page, ten minutes at 40 Hz; longer ones are thinned evenly."""

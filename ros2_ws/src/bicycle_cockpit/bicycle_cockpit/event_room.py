@@ -6,7 +6,7 @@ import time
 from collections import defaultdict
 from collections.abc import Callable
 
-from bicycle_cockpit.bucket import Bucket
+from bicycle_cockpit.rate_limiter import RateLimiter
 
 RATE, BURST = 2.0, 100.0
 """Events of one kind a second in the long run, and at once."""
@@ -19,8 +19,8 @@ class EventRoom:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         """Begin with room for all; `clock` is steady, s."""
-        self._rooms = defaultdict[str, Bucket](lambda: Bucket(RATE, BURST, clock))
-        self._counts = Bucket(COUNT_RATE, COUNT_BURST, clock)
+        self._rooms = defaultdict[str, RateLimiter](lambda: RateLimiter(RATE, BURST, clock))
+        self._counts = RateLimiter(COUNT_RATE, COUNT_BURST, clock)
         self._left_out = 0
 
     def take(self, kind: str) -> bool:

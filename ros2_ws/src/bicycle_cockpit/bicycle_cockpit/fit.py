@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from bicycle_cockpit.choices import Choices
-from bicycle_cockpit.live import Live
-from bicycle_controller.lqr import TUNED
-from bicycle_controller.policy import PolicyError, load_policy
-from bicycle_controller.trained_for import unlike_training
-from bicycle_sim.parameters import Physics
-from bicycle_sim.scenario import Scenario
+from bicycle_cockpit.policy_catalogue import PolicyCatalogue
+from bicycle_cockpit.ride_state import RideState
+from bicycle_controller.control.lqr import TUNED
+from bicycle_controller.policy.policy import PolicyError, load_policy
+from bicycle_controller.policy.trained_for import unlike_training
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import Scenario
 
 ACTIONS = (("torque", 1.0, "N m"), ("displacement", 100.0, "cm"), ("pedal force", 1.0, "N"))
 """Name, factor for a person, and unit of each action."""
@@ -57,7 +57,7 @@ class Suits:
         live: which one is in charge, and in what ride.
     """
 
-    def __init__(self, choices: Choices, live: Live) -> None:
+    def __init__(self, choices: PolicyCatalogue, live: RideState) -> None:
         self._choices, self._live = choices, live
         self._asked: object = None
         self._found = ""

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
-from bicycle_controller.goals import Status
-
-Point = tuple[float, float]
+from bicycle_common.types import Point2D
+from bicycle_controller.control.goals import Status
 
 UNTOLD = (Status.QUEUED, Status.REPLACED)
 """Changes that say nothing to a person: the goal that came instead is told."""
@@ -38,7 +37,7 @@ def level(status: Status) -> str:
     return LEVELS.get(status, "info")
 
 
-def text(status: Status, place: Point, message: str) -> str:
+def text(status: Status, place: Point2D, message: str) -> str:
     """One line.
 
     Args:
@@ -63,9 +62,9 @@ class Told:
     """
 
     def __init__(self) -> None:
-        self._active: Point | None = None
+        self._active: Point2D | None = None
 
-    def news(self, status: Status, place: Point) -> bool:
+    def news(self, status: Status, place: Point2D) -> bool:
         """Whether a change is to be told."""
         if status is Status.REJECTED:
             return True

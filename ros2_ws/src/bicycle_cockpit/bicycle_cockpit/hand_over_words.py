@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from bicycle_cockpit.riders import rider
-from bicycle_controller.safety import Reason
+from bicycle_controller.control.safety import Reason
 
 REASONS = {
     Reason.EXTRAPOLATED_LEAN: "it was about to fall",

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from bicycle_bag.columns import load
 from bicycle_bag.reader import BagReader
-from bicycle_bringup.recorded_here import sent_before
-from bicycle_bringup.ride_log import PUSHED, RideLog, begun, prefix_of
 from bicycle_cockpit import goal_words
 from bicycle_cockpit.hand_over_words import explained
 from bicycle_cockpit.riders import rider
 from bicycle_cockpit.samples import plain
-from bicycle_controller.goals import Status
+from bicycle_controller.control.goals import Status
+from bicycle_tools.recorded_here import sent_before
+from bicycle_tools.ride_log import PUSHED, RideLog, begun, prefix_of
 
 HAND_OVER = "/bicycle/hand_over"
 MOST_MARKS = 2_000

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 
-from bicycle_cockpit.bucket import Bucket
+from bicycle_cockpit.rate_limiter import RateLimiter
 
 LONGEST = 300
 """Characters; a client can make a line as long as it likes."""
@@ -22,7 +22,7 @@ class OneLine:
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
-        self._bucket = Bucket(RATE, BURST)
+        self._bucket = RateLimiter(RATE, BURST)
         self._unsaid = 0
 
     def __call__(self, line: str) -> None:

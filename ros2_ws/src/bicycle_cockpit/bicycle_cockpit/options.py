@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bicycle_bag.arguments import OneLineParser
-from bicycle_bringup.ride_options import checked_parameter
-from bicycle_cockpit.door import Door
+from bicycle_cockpit.access import AccessPolicy
 from bicycle_cockpit.token_source import find_token
+from bicycle_common.command_line import OneLineParser
+from bicycle_common.node_commands import checked_parameter
 
 DEFAULT_PORT = 8765
 RIDE = ("simulator", "controller")
@@ -22,7 +22,7 @@ RIDE = ("simulator", "controller")
 class Options:
     """A cockpit as it was asked for."""
 
-    door: Door
+    door: AccessPolicy
     port: int
     bags: Path
     """Folder of the bags that may be looked at, and that new ones are recorded into."""
@@ -82,7 +82,7 @@ def _checked(given: argparse.Namespace, ros: list[str]) -> Options:
     token = find_token(given.token, given.token_file, os.environ)
     names = frozenset(name.lower() for name in given.host_name)
     return Options(
-        door=Door(given.bind, token, names),
+        door=AccessPolicy(given.bind, token, names),
         port=given.port,
         bags=given.bags,
         models=given.models,

@@ -8,9 +8,9 @@ from socket import SO_SNDBUF, SOL_SOCKET
 
 from aiohttp import WSCloseCode, WSMessage, WSMsgType, web
 
-from bicycle_cockpit.bucket import Bucket
-from bicycle_cockpit.hub import Hub, Outbox, TooSlowError
+from bicycle_cockpit.broadcaster import Broadcaster, Outbox, TooSlowError
 from bicycle_cockpit.json_text import json_text
+from bicycle_cockpit.rate_limiter import RateLimiter
 from bicycle_cockpit.requests import MOST_BYTES, Request, RequestError, parse
 
 HEARTBEAT = 20.0
@@ -35,7 +35,7 @@ class PageSocket:
     """
 
     def __init__(
-        self, request: web.Request, hub: Hub, number: int, log: Callable[[str], None]
+        self, request: web.Request, hub: Broadcaster, number: int, log: Callable[[str], None]
     ) -> None:
         self._request, self._hub, self._number, self._log = request, hub, number, log
         # A greeting has hundreds of kilobytes of numbers; compressed a quarter of that.
@@ -85,7 +85,7 @@ class PageSocket:
 
     async def _receive(self, on_request: Callable[[int, Request], None]) -> None:
         """Take in a page's requests until it leaves."""
-        bucket, refusals = Bucket(MESSAGE_RATE, MESSAGE_BURST), 0
+        bucket, refusals = RateLimiter(MESSAGE_RATE, MESSAGE_BURST), 0
         who = self._request.remote
         async for message in self.socket:
             if message.type == WSMsgType.ERROR:

@@ -1,7 +1,7 @@
-"""The programs of this package, for its console scripts; see `bicycle_sim.early`."""
+"""The programs of this package, for its console scripts; see `bicycle_common.signals`."""
 
 from functools import partial
 
-from bicycle_sim.early import run_module
+from bicycle_common.signals import run_module
 
 cockpit = partial(run_module, "bicycle_cockpit.nodes.cockpit")

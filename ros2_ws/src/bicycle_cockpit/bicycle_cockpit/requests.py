@@ -11,7 +11,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from bicycle_sim.push import LARGEST_PUSH
+from bicycle_common.types import Point2D
+from bicycle_sim.runtime.push import LARGEST_PUSH
 
 MOST_BYTES = 16 * 1024
 """Of one message."""
@@ -19,8 +20,6 @@ MOST_WAYPOINTS = 200
 FARTHEST = 1e4
 """m, of a goal from the origin; the controller's own bound."""
 LONGEST_NAME = 200
-
-Point = tuple[float, float]
 
 
 class RequestError(ValueError):
@@ -39,7 +38,7 @@ class Request:
 class SendGoal(Request):
     """Ride to a point instead of all goals so far."""
 
-    point: Point
+    point: Point2D
     """m."""
     heading: float | None
     """rad, yaw in which to arrive; None for any."""
@@ -49,7 +48,7 @@ class SendGoal(Request):
 class AddWaypoints(Request):
     """Ride to these points after all goals so far."""
 
-    points: list[Point]
+    points: list[Point2D]
     """m."""
 
 
@@ -154,7 +153,7 @@ def _flag(data: dict[str, Any], name: str) -> bool:
     return value
 
 
-def _points(value: object) -> list[Point]:
+def _points(value: object) -> list[Point2D]:
     if not isinstance(value, list) or not 0 < len(value) <= MOST_WAYPOINTS:
         raise RequestError(f"points must be a list of 1 to {MOST_WAYPOINTS}")
     found = []

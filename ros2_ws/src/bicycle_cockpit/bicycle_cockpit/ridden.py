@@ -9,7 +9,7 @@ from pathlib import Path
 from mcap.reader import SeekingReader
 from mcap.summary import Summary
 
-from bicycle_bringup.ride_log import STATE
+from bicycle_tools.ride_log import STATE
 
 _CDR_HEADER = 4
 _LITTLE_ENDIAN = 1

@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bicycle_controller.lqr import TUNED, tuning_id
-from bicycle_controller.policy import load_policy, shipped_policies
-from bicycle_sim.parameters import Physics
+from bicycle_controller.control.lqr import TUNED, tuning_id
+from bicycle_controller.policy.policy import load_policy, shipped_policies
+from bicycle_sim.plants.choi.parameters import Physics
 
 
 def shipped_names() -> dict[str, str]:

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bicycle_sim.reward import RewardWeights, reward_terms
-from bicycle_sim.signs import mirror
+from bicycle_common.conventions import mirror
+from bicycle_sim.task.reward import RewardWeights, reward_terms
 
 DIGITS = 5
 """Decimal places that leave for the page: 10 µm, 10 µrad."""

@@ -17,11 +17,11 @@ from typing import Any
 
 from aiohttp import web
 
+from bicycle_cockpit.access import AccessPolicy, RefusedError
 from bicycle_cockpit.assets import Assets, accepts_gzip
 from bicycle_cockpit.bag_desk import BagDesk, BagProblemError
+from bicycle_cockpit.broadcaster import Broadcaster
 from bicycle_cockpit.connections import Connection, Connections, most_connections
-from bicycle_cockpit.door import Door, RefusedError
-from bicycle_cockpit.hub import Hub
 from bicycle_cockpit.json_text import json_text
 from bicycle_cockpit.listening import listen
 from bicycle_cockpit.one_line import OneLine, ToOneLine
@@ -58,7 +58,7 @@ class Server:
 
     def __init__(
         self,
-        door: Door,
+        door: AccessPolicy,
         port: int,
         bags: Path,
         on_request: Callable[[int, Request], None],
@@ -71,7 +71,7 @@ class Server:
         self._bags = BagDesk(bags)
         self._on_request, self._on_join = on_request, on_join
         self._log = OneLine(log)
-        self._hub = Hub()
+        self._hub = Broadcaster()
         self._pages: set[PageSocket] = set()
         self._assets = Assets(WEB)
         self._loop = asyncio.new_event_loop()

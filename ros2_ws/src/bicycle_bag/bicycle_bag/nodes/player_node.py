@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 if __name__ == "__main__":
-    from bicycle_sim.early import run_module
+    from bicycle_common.signals import run_module
 
     run_module("bicycle_bag.nodes.player_node")
 
@@ -16,7 +16,6 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from bicycle_bag.arguments import RULES, OneLineParser
 from bicycle_bag.errors import BagError
 from bicycle_bag.nodes.controls import Controls
 from bicycle_bag.nodes.player import Player
@@ -26,7 +25,8 @@ from bicycle_bag.qos_overrides import read_overrides
 from bicycle_bag.reader import BagReader
 from bicycle_bag.selection import absolute
 from bicycle_bag.tempo import Tempo
-from bicycle_sim.nodes.runner import UserError
+from bicycle_common.command_line import RULES, OneLineParser
+from bicycle_common.nodes.runner import UserError
 
 NAME = re.compile(r"/?[A-Za-z_~][\w~]*(/[A-Za-z_][\w]*)*")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 if __name__ == "__main__":
-    from bicycle_sim.early import run_module
+    from bicycle_common.signals import run_module
 
     run_module("bicycle_bag.nodes.recorder_node")
 
@@ -18,7 +18,6 @@ from datetime import datetime, timezone
 from rclpy.executors import SingleThreadedExecutor
 
 from bicycle_bag import __version__
-from bicycle_bag.arguments import OneLineParser
 from bicycle_bag.errors import BagError
 from bicycle_bag.mcap_file import COMPRESSIONS
 from bicycle_bag.nodes.closing import LeftError, close, say
@@ -28,7 +27,8 @@ from bicycle_bag.nodes.session import Stop, ros_node
 from bicycle_bag.qos_overrides import read_overrides
 from bicycle_bag.selection import TopicFilter
 from bicycle_bag.writer import BagWriter
-from bicycle_sim.nodes.runner import UserError, made_heartbeat
+from bicycle_common.command_line import OneLineParser
+from bicycle_common.nodes.runner import UserError, made_heartbeat
 
 # s; beyond this a power cut would have cost more than a second.
 SLOW_SYNC = 0.4

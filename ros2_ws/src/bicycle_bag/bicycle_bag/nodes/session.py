@@ -23,8 +23,8 @@ from rclpy.qos import (
 
 from bicycle_bag import qos
 from bicycle_bag.errors import BagError
-from bicycle_sim.early import on_signals
-from bicycle_sim.nodes.runner import UserError, start_ros
+from bicycle_common.nodes.runner import UserError, start_ros
+from bicycle_common.signals import on_signals
 
 LOOK_SECONDS = 0.05
 """How late a signal may be noticed."""

@@ -7,7 +7,7 @@ ends them in an order that leaves the bag whole.
 from __future__ import annotations
 
 if __name__ == "__main__":
-    from bicycle_sim.early import run_module
+    from bicycle_common.signals import run_module
 
     run_module("bicycle_bringup.nodes.ride")
 
@@ -23,15 +23,16 @@ import rclpy
 
 from bicycle_bag.errors import BagError
 from bicycle_bringup.display import Display
-from bicycle_bringup.nodes.rider import RECORDER, Rider, progress_text
-from bicycle_bringup.plan import Plan
-from bicycle_bringup.processes import Crew, Vigil, registry_of
-from bicycle_bringup.report import report
-from bicycle_bringup.ride_options import MODULES, RideOptions, parse, workspace
-from bicycle_bringup.summary import RideSummary
-from bicycle_controller.goals import Status
-from bicycle_sim.early import on_signals
-from bicycle_sim.nodes.runner import start_tool
+from bicycle_bringup.ride_options import RideOptions, parse
+from bicycle_common.node_commands import MODULES, workspace
+from bicycle_common.nodes.runner import start_tool
+from bicycle_common.processes import ProcessGroup, Vigil, registry_of
+from bicycle_common.signals import on_signals
+from bicycle_controller.control.goals import Status
+from bicycle_tools.nodes.ride_client import RECORDER, RideClient, progress_text
+from bicycle_tools.plan import Plan
+from bicycle_tools.ride_report import report
+from bicycle_tools.summary import RideSummary
 
 DISCOVERY = 0.5
 """s for nodes of this machine to be seen."""
@@ -66,7 +67,7 @@ class Ride:
         begun: whether goals have been sent.
     """
 
-    def __init__(self, options: RideOptions, rider: Rider) -> None:
+    def __init__(self, options: RideOptions, rider: RideClient) -> None:
         self.events: list[str] = []
         self.interrupted = False
         self.begun = False
@@ -77,7 +78,7 @@ class Ride:
         self._recorder = f"{RECORDER}_{os.getpid()}"
         commands["recorder"] += ["--ros-args", "-r", f"__node:={self._recorder}"]
         saves = {"recorder": str(options.folder / "bag")}
-        self._crew = Crew(commands, options.folder, registry_of(workspace()), saves, True)
+        self._crew = ProcessGroup(commands, options.folder, registry_of(workspace()), saves, True)
         self._ctrl_c = 0
         self._plan = Plan(options.draw_goals())
         self._deaths = self._warned = 0
@@ -176,10 +177,10 @@ class Ride:
         while not (ready() or self.interrupted):
             self._rider.spin()
             for ended in self._crew.ended():
-                last = self._crew.last_words(ended.name)
+                last = self._crew.log_tail(ended.name)
                 raise RideError(f"{ended} while starting: {last}")
             if time.monotonic() > deadline:
-                last = self._crew.last_words(name)
+                last = self._crew.log_tail(name)
                 raise RideError(f"{name} is not ready after {READY_TIMEOUT:g} s: {last}")
 
     def _send(self) -> None:
@@ -232,7 +233,7 @@ class Ride:
         for ended in self._crew.ended():
             respawn = self._options.respawn and self._deaths < MOST_DEATHS
             if ended.name != "controller" or not respawn:
-                last = self._crew.last_words(ended.name)
+                last = self._crew.log_tail(ended.name)
                 raise RideError(f"{ended} at t = {self._rider.time:.1f} s: {last}")
             self._deaths += 1
             self._rider.controller_died()
@@ -267,11 +268,11 @@ class Ride:
         elif now - self._fell > LIE_DOWN and not self._plan.finished:
             self._fell = None
             if not self._rider.reset():
-                last = self._crew.last_words("simulator")
+                last = self._crew.log_tail("simulator")
                 raise RideError(f"the simulator does not reset: {last}")
             self._send()
         if now - self._stepped > STALL:
-            last = self._crew.last_words("controller")
+            last = self._crew.log_tail("controller")
             raise RideError(f"no step for {STALL:g} s: is the bicycle paused? {last}")
 
     def _show(self) -> None:
@@ -288,7 +289,7 @@ class Ride:
 def ride(options: RideOptions) -> int:
     """Ride and sum up; returns the exit status."""
     start_tool("ride.sh")
-    rider = Rider("bicycle_ride")
+    rider = RideClient("bicycle_ride")
     one = Ride(options, rider)
     on_signals(one.on_signal)
     failures = []

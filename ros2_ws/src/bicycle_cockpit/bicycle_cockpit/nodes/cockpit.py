@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 if __name__ == "__main__":
-    from bicycle_sim.early import run_module
+    from bicycle_common.signals import run_module
 
     run_module("bicycle_cockpit.nodes.cockpit")
 
@@ -13,15 +13,15 @@ import sys
 import time
 from pathlib import Path
 
-from bicycle_bringup.processes import Crew, Vigil, registry_of
-from bicycle_bringup.ride_options import config_folder, node_command, workspace
 from bicycle_cockpit.nodes.cockpit_node import NAME, CockpitNode
 from bicycle_cockpit.nodes.recording import Recording
 from bicycle_cockpit.options import RIDE, Options, parse
 from bicycle_cockpit.trouble import Line
-from bicycle_sim.early import on_signals
-from bicycle_sim.nodes import interfaces
-from bicycle_sim.nodes.runner import UserError, run
+from bicycle_common.node_commands import config_folder, node_command, workspace
+from bicycle_common.nodes import topics
+from bicycle_common.nodes.runner import UserError, run
+from bicycle_common.processes import ProcessGroup, Vigil, registry_of
+from bicycle_common.signals import on_signals
 
 BACK_OFF = 1.0
 """s between a process's death and its next start."""
@@ -41,13 +41,13 @@ class Ride:
     def __init__(self, options: Options, logs: Path) -> None:
         """Start them, if they are asked for."""
         self._options = options
-        self._crew: Crew | None = None
+        self._crew: ProcessGroup | None = None
         self._deaths = dict.fromkeys(RIDE, 0)
         self._again: dict[str, float] = {}
         if not options.ride:
             return
         commands = {name: node_command(name, config_folder(), options.parameters) for name in RIDE}
-        self._crew = Crew(commands, logs, registry_of(workspace()), early=True)
+        self._crew = ProcessGroup(commands, logs, registry_of(workspace()), early=True)
         self._crew.start()
 
     def look(self) -> Line | None:
@@ -67,13 +67,13 @@ class Ride:
         for ended in crew.ended():
             if ended.name in self._again:
                 continue
-            words = f"{ended}: {crew.last_words(ended.name)}"
+            words = f"{ended}: {crew.log_tail(ended.name)}"
             if ended.status == MISUSED or self._deaths[ended.name] >= MOST_DEATHS:
                 raise UserError(words)
             self._deaths[ended.name] += 1
             self._again[ended.name] = time.monotonic() + BACK_OFF
             # A process that was killed has said nothing of it.
-            death = str(ended) if ended.status < 0 else f"{ended}, {crew.last_words(ended.name)}"
+            death = str(ended) if ended.status < 0 else f"{ended}, {crew.log_tail(ended.name)}"
             return Line("bad", words, ended.name, death)
         return None
 
@@ -99,7 +99,7 @@ class Announced:
         """Look after the processes; see `Ride.look`."""
         node = self.node
         if node is not None and not self._told:
-            commands = node.count_publishers(interfaces.COMMAND.name)
+            commands = node.count_publishers(topics.COMMAND.name)
             ready = node.live.hears_simulator and commands > 0
             if ready or not self._options.ride or time.monotonic() - self._begun > READY:
                 self._told = True

@@ -10,19 +10,19 @@ from typing import Any
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from bicycle_cockpit.choices import Choices
 from bicycle_cockpit.event_room import EventRoom
-from bicycle_cockpit.live import Live
-from bicycle_cockpit.nodes.asking import Asking
 from bicycle_cockpit.nodes.hearing import Hearing
 from bicycle_cockpit.nodes.recording import Recording
+from bicycle_cockpit.nodes.request_handler import RequestHandler
 from bicycle_cockpit.options import Options
+from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_cockpit.requests import Request
+from bicycle_cockpit.ride_state import RideState
 from bicycle_cockpit.server import Server
 from bicycle_cockpit.trouble import Line, Trouble
-from bicycle_sim.nodes import interfaces
-from bicycle_sim.nodes.runner import UserError
-from bicycle_sim.push import LARGEST_PUSH
+from bicycle_common.nodes import topics
+from bicycle_common.nodes.runner import UserError
+from bicycle_sim.runtime.push import LARGEST_PUSH
 
 NAME = "bicycle_cockpit"
 FRAME_PERIOD = 0.04
@@ -48,11 +48,11 @@ class CockpitNode(Node):
             UserError: when the port cannot be had.
         """
         super().__init__(NAME)
-        self.live = Live()
-        self._choices = Choices(options.models)
+        self.live = RideState()
+        self._choices = PolicyCatalogue(options.models)
         self._recording, self._on_tick = recording, on_tick
         self._trouble = Trouble(options.ride)
-        self._asking = Asking(self, self.live, self._choices, recording)
+        self._asking = RequestHandler(self, self.live, self._choices, recording)
         self._room = EventRoom()
         self._inbox: queue.SimpleQueue[tuple[int, Request | None]] = queue.SimpleQueue()
         self.server = Server(
@@ -113,7 +113,7 @@ class CockpitNode(Node):
         if left_out:
             words = f"{left_out} more events came at once and are not listed"
             self.server.letter(self.live.event("info", words))
-        controllers = self.count_publishers(interfaces.COMMAND.name)
+        controllers = self.count_publishers(topics.COMMAND.name)
         status = self.live.status(
             pages=self.server.pages,
             dropped_frames=self.server.dropped,

@@ -1,4 +1,4 @@
-"""Takes in what the topics bring: keeps it in `Live`, and tells the pages what happens."""
+"""Takes in what the topics bring: keeps it in `RideState`, and tells the pages what happens."""
 
 from __future__ import annotations
 
@@ -21,15 +21,16 @@ from rclpy.qos import QoSProfile
 
 from bicycle_cockpit import goal_words, who_rides
 from bicycle_cockpit.hand_over_words import explained
-from bicycle_cockpit.live import Live
 from bicycle_cockpit.marks import push_text
-from bicycle_cockpit.nodes import reading
+from bicycle_cockpit.nodes import conversions
+from bicycle_cockpit.ride_state import RideState
 from bicycle_cockpit.riders import lqr_names, rider, shipped_names
 from bicycle_cockpit.trouble import Trouble
-from bicycle_controller.goals import Status
-from bicycle_sim.nodes import convert, interfaces
-from bicycle_sim.nodes.interfaces import listen
-from bicycle_sim.parameters import Physics
+from bicycle_common.nodes import topics
+from bicycle_common.nodes.topics import listen
+from bicycle_controller.control.goals import Status
+from bicycle_sim.nodes.episode_setting import to_setting
+from bicycle_sim.plants.choi.parameters import Physics
 
 DEEP = 500
 """Messages that are kept while the node is busy: 12 s of states, and a path makes many goals."""
@@ -38,7 +39,7 @@ OLD_NEWS = 3.0
 
 
 class Tell(Protocol):
-    """Tells all pages that something happened; see `Live.event`."""
+    """Tells all pages that something happened; see `RideState.event`."""
 
     def __call__(self, level: str, text: str, **more: Any) -> None:
         """Tell it."""
@@ -58,7 +59,7 @@ class Hearing:
     def __init__(
         self,
         node: Node,
-        live: Live,
+        live: RideState,
         trouble: Trouble,
         tell: Tell,
         newest: Callable[[dict[str, Any]], None],
@@ -71,17 +72,17 @@ class Hearing:
         self._began = time.monotonic()
         self._began_ns = time.time_ns()
         live.names |= {**shipped_names(), **lqr_names(Physics())}
-        listen(node, interfaces.STATE, self._on_state, depth=DEEP)
-        listen(node, interfaces.COMMAND, self._on_command)
-        listen(node, interfaces.TIMING, live.loop.add)
-        listen(node, interfaces.EPISODE, self._on_episode)
-        listen(node, interfaces.DIAGNOSTICS, self._on_diagnostics)
-        listen(node, interfaces.PUSHED, self._on_pushed)
-        listen(node, interfaces.HAND_OVER, self._on_hand_over)
-        listen(node, interfaces.TRAINER, self._on_trainer)
-        for topic in (interfaces.GOAL_POSE, interfaces.GOAL_PATH):
-            listen(node, topic, lambda message: live.goals.sent(reading.points_of(message)))
-        topic = interfaces.GOAL_STATUS
+        listen(node, topics.STATE, self._on_state, depth=DEEP)
+        listen(node, topics.COMMAND, self._on_command)
+        listen(node, topics.TIMING, live.loop.add)
+        listen(node, topics.EPISODE, self._on_episode)
+        listen(node, topics.DIAGNOSTICS, self._on_diagnostics)
+        listen(node, topics.PUSHED, self._on_pushed)
+        listen(node, topics.HAND_OVER, self._on_hand_over)
+        listen(node, topics.TRAINER, self._on_trainer)
+        for topic in (topics.GOAL_POSE, topics.GOAL_PATH):
+            listen(node, topic, lambda message: live.goals.sent(conversions.points_of(message)))
+        topic = topics.GOAL_STATUS
         wanted = topic.subscribe
         profile = QoSProfile(
             depth=DEEP, reliability=wanted.reliability, durability=wanted.durability
@@ -109,7 +110,7 @@ class Hearing:
         if live.due() or fell:
             policy = self._command.policy if self._command is not None else ""
             number = live.policy_number(policy)
-            moved = live.add(reading.to_sample(state, self._command, live.weights, number))
+            moved = live.add(conversions.to_sample(state, self._command, live.weights, number))
             if moved and state.step > 0 and live.mode == "held":
                 live.mode = "riding"
         if fell:
@@ -142,7 +143,7 @@ class Hearing:
     def _on_episode(self, info: EpisodeInfo) -> None:
         live = self._live
         try:
-            scenario, physics = convert.to_setting(info)
+            scenario, physics = to_setting(info)
         except (ValueError, TypeError) as error:
             self._node.get_logger().warning(
                 f"episode info ignored: {error}; are both of one version?"
@@ -169,10 +170,10 @@ class Hearing:
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         live = self._live
-        simulator = reading.simulator_word(array)
+        simulator = conversions.simulator_word(array)
         if simulator is not None:
             live.mode, live.paused, live.commands_text = simulator
-        controller = reading.controller_word(array)
+        controller = conversions.controller_word(array)
         if controller is not None:
             self._trouble.heard("controller")
             live.who.put_in_charge(controller.policy)
@@ -202,6 +203,6 @@ class Hearing:
         self._tell("info", push_text(push.lean_rate), kind="push")
 
     def _on_trainer(self, status: TrainerStatus) -> None:
-        facts = reading.trainer_facts(status)
+        facts = conversions.trainer_facts(status)
         self._live.trained(facts)
         self._newest(facts)

@@ -7,10 +7,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-from bicycle_bringup.processes import Child, Vigil, registry_of
-from bicycle_bringup.ride_options import program, workspace
 from bicycle_cockpit.trouble import Line
-from bicycle_sim.nodes.interfaces import STATE
+from bicycle_common.node_commands import program, workspace
+from bicycle_common.nodes.topics import STATE
+from bicycle_common.processes import ManagedProcess, Vigil, registry_of
 
 HEARD = f"{STATE.name}: first message"
 """What the recorder prints once the bicycle's state comes in."""
@@ -27,7 +27,7 @@ class Recording:
         """Record into `folder`; what the recorder prints goes to a log in `logs`."""
         self.failures: list[str] = []
         self._folder, self._logs = folder, logs
-        self._child: Child | None = None
+        self._child: ManagedProcess | None = None
         self._ending: threading.Thread | None = None
         self._words: list[str] = []
         self._name = ""
@@ -57,7 +57,9 @@ class Recording:
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
             command = [*program("recorder"), "--output", bag]
-            child = Child("recorder", command, log, registry_of(workspace()), bag, early=True)
+            child = ManagedProcess(
+                "recorder", command, log, registry_of(workspace()), bag, early=True
+            )
             self._read_from = log.stat().st_size if log.exists() else 0
             child.start()
         except OSError as error:
@@ -97,7 +99,7 @@ class Recording:
         begun = (self._folder / name).exists()
         return Line("info", f"recorded {name}" if begun else f"{name} was ended before it began")
 
-    def _first_message(self, child: Child) -> Line | None:
+    def _first_message(self, child: ManagedProcess) -> Line | None:
         """A line once the recorder has said that it hears the bicycle."""
         if self._hears or self._ending is not None:
             return None

@@ -1,0 +1,1 @@
+"""The command `bicycle`, one module a command."""

@@ -1,0 +1,167 @@
+"""`bicycle evaluate`: its arguments and what it does with them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bicycle_common.validation import nearest
+from bicycle_controller.config import loading
+from bicycle_controller.evaluation import evaluate as scoring
+from bicycle_controller.evaluation.rollouts import Disturbance
+from bicycle_controller.evaluation.table import as_text, comparison_as_text
+from bicycle_controller.policy.devices import actor_on
+from bicycle_controller.policy.policy import Policy, load_controller, write_atomically
+from bicycle_controller.policy.trained_for import unlike_training, warning
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import Scenario, named
+
+if TYPE_CHECKING:
+    from bicycle_controller.control.controller import Controller
+
+DEFAULT_SCENARIO = "random-start-random-goal"
+EPILOG = """\
+CONTROLLER is lqr (also lqr-displacement, lqr-pedal, lqr-displacement-pedal, lqr-20cm), the name
+of a shipped policy, a policy file or the folder of a training run (its best).
+Starts, goals and start disturbances follow from the seed alone: every controller meets the same.
+
+example:
+  bicycle evaluate fixed-speed --episodes 10000 --against lqr --json
+
+""" + scoring.__doc__.partition("\n\n")[2]
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `bicycle evaluate`."""
+    add = parser.add_argument
+    add("controller", metavar="CONTROLLER", help="what to score")
+    add("--against", metavar="CONTROLLER", help="compare with this one on the same starts")
+    add("--scenario", metavar="NAME", help="a scenario (default: the one it was trained on)")
+    add(
+        "--set",
+        dest="overrides",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="change one field of the scenario, as max_steps=400; may be repeated",
+    )
+    add("--physics", metavar="MODE", help="faithful or corrected (default: as trained on)")
+    add("--episodes", type=int, default=1000, metavar="N", help="rides (default: %(default)s)")
+    add("--seed", type=int, default=0, metavar="N", help="of the starts (default: %(default)s)")
+    add("--device", default="cpu", metavar="NAME", help="cpu, or cuda for the policy's network")
+    add("--out", type=Path, metavar="FILE", help="write the JSON there too")
+    add("--json", action="store_true", help="print the result as JSON")
+    add("--quiet", action="store_true", help="draw no progress bar")
+    _add_disturbances(parser)
+
+
+def _add_disturbances(parser: argparse.ArgumentParser) -> None:
+    """Declare what may be done to the bicycle, see `rides.Disturbance`."""
+    add = parser.add_argument_group("disturbances").add_argument
+    add("--roll-kick", type=float, metavar="RAD_S", help="jump of the lean rate, left or right")
+    add("--kick-time", type=float, metavar="S", help="when that happens (default: 2)")
+    add("--initial-tilt", type=float, metavar="RAD", help="start lean, standard deviation")
+    add("--displacement-noise", type=float, metavar="M", help="uniform noise, half width")
+    add(
+        "--observation-noise",
+        type=_numbers,
+        metavar="SD[,SD...]",
+        help="standard deviation for all six observations, or for each",
+    )
+    add("--action-delay", type=int, metavar="STEPS", help="steps that an action takes to arrive")
+    add("--speed", type=float, metavar="M_S", help="start speed instead of the scenario's")
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    """One number for all six observations, or six."""
+    try:
+        values = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        values = ()
+    if len(values) not in (1, 6):
+        raise argparse.ArgumentTypeError(f"write 1 or 6 numbers with commas, not {text!r}")
+    return values * 6 if len(values) == 1 else values
+
+
+def run_command(args: argparse.Namespace) -> int:
+    """Score, print, and write when asked to.
+
+    Returns:
+        The exit status.
+
+    Raises:
+        ValueError: on a user's mistake, one line with the remedy.
+    """
+    if args.out is not None:
+        # Now, not after an hour of riding.
+        args.out.parent.mkdir(parents=True, exist_ok=True)
+    first = load_controller(args.controller)
+    scenario, physics = _world(args, first)
+    disturbance = _disturbance(args)
+    names = [args.controller, *([args.against] if args.against else [])]
+    found = [
+        scoring.evaluate(
+            actor_on(load_controller(name, physics), args.device),
+            scenario,
+            physics,
+            args.episodes,
+            args.seed,
+            disturbance,
+            progress=not args.quiet and sys.stderr.isatty(),
+        )
+        for name in names
+    ]
+    told = [_unlike(name, scenario, physics, disturbance) for name in names]
+    result: dict[str, Any] = found[0].summary()
+    result["unlike_training"] = told[0]
+    text = as_text([item.summary() for item in found])
+    if args.against:
+        result["against"] = {**found[1].summary(), "unlike_training": told[1]}
+        result["comparison"] = scoring.compare(*found)
+        text += "\n\n" + comparison_as_text(result["comparison"])
+    written = json.dumps(result, indent=2)
+    if args.out is not None:
+        write_atomically(args.out, written.encode() + b"\n")
+    print(written if args.json else text, flush=True)
+    for item, differences in zip(found, told, strict=True):
+        if differences:
+            print(f"bicycle: warning: {warning(item.controller, differences)}", file=sys.stderr)
+    return 0
+
+
+def _unlike(
+    name: str, scenario: Scenario, physics: Physics, disturbance: Disturbance
+) -> list[str]:
+    """In what the rides differ from those that a controller was trained on."""
+    if disturbance.speed is not None:
+        scenario = replace(scenario, start_speed=disturbance.speed, speed_limits=None)
+    return unlike_training(load_controller(name, physics), physics, scenario)
+
+
+def _world(args: argparse.Namespace, controller: Controller) -> tuple[Scenario, Physics]:
+    """The scenario and physics asked for, or those the controller was trained on."""
+    trained = controller.info if isinstance(controller, Policy) else None
+    if args.scenario is None and trained is not None:
+        scenario = trained.scenario
+    else:
+        scenario = named(args.scenario or DEFAULT_SCENARIO)
+    if args.physics is None:
+        physics = trained.physics if trained is not None else Physics()
+    else:
+        modes = ("faithful", "corrected")
+        if args.physics not in modes:
+            hint = nearest(args.physics, modes)
+            raise ValueError(f"unknown physics {args.physics!r}{hint}; known: {', '.join(modes)}")
+        physics = Physics.named(args.physics)
+    return loading.changed(scenario, args.overrides), physics
+
+
+def _disturbance(args: argparse.Namespace) -> Disturbance:
+    """What the arguments do to the bicycle."""
+    names = vars(Disturbance())
+    given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
+    return Disturbance(**given)

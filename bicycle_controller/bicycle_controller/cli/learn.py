@@ -1,0 +1,149 @@
+"""`bicycle learn`: its arguments and what it does with them."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from bicycle_common.command_line import FAILED
+from bicycle_common.validation import require
+from bicycle_controller.config import loading
+from bicycle_controller.config.run import RunConfig
+from bicycle_controller.data import dataset
+from bicycle_controller.data.dataset_report import as_text, report
+from bicycle_controller.training import offline
+from bicycle_sim.task.scenario import named
+
+EPILOG = """\
+A BAG is a folder that record.sh or ride.sh made, an .mcap file, or a folder of such.
+The data are described before anything is learned; --report does no more than that.
+
+examples:
+  bicycle learn ros2_ws/runs/2026-01-01-1 --out runs/from-bags --seed 1
+  bicycle learn bags/ --out runs/plain --preset offline-plain
+  bicycle learn --resume --out runs/from-bags
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments of `bicycle learn`."""
+    presets = ", ".join(name for name in loading.preset_names() if name.startswith("offline"))
+    add = parser.add_argument
+    add("bags", nargs="*", type=Path, metavar="BAG", help="bags, or folders of bags")
+    add("--out", type=Path, metavar="DIR", help="the run's folder")
+    add("--resume", action="store_true", help="go on with the run in DIR, with its own bags")
+    add("--report", action="store_true", help="only describe the data")
+    add("--preset", metavar="NAME", help=f"{presets}, or any other (default: offline)")
+    add("--config", type=Path, metavar="FILE", help="a YAML file instead of a preset")
+    add("--scenario", metavar="NAME", help="what was ridden, for bags that do not say")
+    add("--least", type=int, default=dataset.LEAST, metavar="N", help="refuse fewer transitions")
+    add("--seed", metavar="N", help="of everything that is random (default: the preset's)")
+    add("--device", metavar="NAME", help="cpu or cuda (default: the preset's)")
+    add("--updates", metavar="N", help="how many to make (default: the preset's)")
+    add(
+        "--set",
+        dest="overrides",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help="change one value, for instance ddpg.bc_alpha=1; may be repeated",
+    )
+    add("--json", action="store_true", help="print the result as JSON")
+    add("--quiet", action="store_true", help="draw no progress bar")
+
+
+def config_of(args: argparse.Namespace) -> RunConfig:
+    """The configuration of a new run.
+
+    Raises:
+        ValueError: on an unknown name, a value out of range or a file that cannot be read.
+    """
+    named_values = (
+        ("seed", args.seed),
+        ("device", args.device),
+        ("offline_updates", args.updates),
+    )
+    overrides = [f"{name}={value}" for name, value in named_values if value is not None]
+    if args.config is not None and args.preset is not None:
+        raise ValueError("give --config or --preset, not both: a file may say 'extends: offline'")
+    if args.config is not None:
+        return loading.load(args.config, [*overrides, *args.overrides])
+    return loading.preset(args.preset or "offline", [*overrides, *args.overrides])
+
+
+def run_command(args: argparse.Namespace) -> int:
+    """Describe the data and learn from them, or go on learning.
+
+    Returns:
+        The exit status: 0, 1 when no candidate could be kept, or 128 + the number of the signal
+        that interrupted it.
+
+    Raises:
+        ValueError: on a user's mistake, one line with the remedy.
+    """
+    progress = not args.quiet and sys.stderr.isatty()
+    if args.out is None and not args.report:
+        raise ValueError("name the run's folder with --out DIR, or ask for a --report only")
+    if args.resume:
+        _refuse_with_resume(args)
+        return _told(offline.resume(args.out, progress), args, {})
+    require(args.least >= 0, f"--least must be zero or more, not {args.least}")
+    if not args.bags:
+        raise ValueError("name a bag, or a folder of bags, to learn from")
+    config = config_of(args)
+    data = dataset.load(args.bags, named(args.scenario) if args.scenario else None)
+    about = report(data) if len(data.transitions) else {}
+    if about and not args.json:
+        print(as_text(about), flush=True)
+    for warning in dataset.check(data, args.least):
+        print(f"bicycle learn: warning: {warning}", file=sys.stderr)
+    if args.report:
+        if args.json:
+            print(json.dumps(about))
+        return 0
+    return _told(offline.run(config, data, args.out, progress), args, about)
+
+
+def _refuse_with_resume(args: argparse.Namespace) -> None:
+    """A resumed run has its own bags and configuration."""
+    names = ("bags", "preset", "config", "scenario", "seed", "device", "updates", "overrides")
+    given = [name for name in names if getattr(args, name)]
+    if given:
+        raise ValueError(f"a resumed run has its own {given[0]}: leave it out")
+
+
+def _told(result: offline.Learned, args: argparse.Namespace, about: dict[str, Any]) -> int:
+    """Print the result; returns the exit status."""
+    data = {"data": about} if about else {}
+    line = json.dumps({"out": str(args.out), **asdict(result), **data})
+    print(line if args.json else told(result, args.out))
+    if result.refused:
+        print(
+            f"bicycle learn: warning: {result.refused} candidates were refused, because the mean"
+            " Q of their actions was above 0 and no reward is: keep ddpg.bc_weight and"
+            " ddpg.bound_values on",
+            file=sys.stderr,
+        )
+    if result.signal:
+        return 128 + result.signal
+    return 0 if result.best is not None else FAILED
+
+
+def told(result: offline.Learned, out: Path) -> str:
+    """The result in a few lines."""
+    made = f"{result.updates:,} updates from {result.transitions:,} transitions"
+    lines = [f"{result.status} after {made} in {result.wall_s:.0f} s ({result.cpu_s:.0f} s CPU)"]
+    if result.best is not None:
+        best = result.best
+        time = "no goal" if best.median_time_s is None else f"median {best.median_time_s:.1f} s"
+        lines.append(
+            f"best policy: {out / 'best.safetensors'}: {best.reach_rate:.1%} reached,"
+            f" {best.fall_rate:.1%} fell, {time}"
+        )
+    if result.status == "interrupted":
+        lines.append(f"go on with: bicycle learn --resume --out {out}")
+    return "\n".join(lines)

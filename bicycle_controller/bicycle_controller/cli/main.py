@@ -1,0 +1,156 @@
+"""The command `bicycle`: all that needs no ROS.
+
+Each command is a module of this folder with `add_arguments(parser)` and `run_command(args)`,
+which returns the exit status. It is imported only when it is asked for, so that `bicycle --help`
+is quick and riding needs nothing that only training needs.
+"""
+
+from __future__ import annotations
+
+if __name__ == "__main__":
+    from bicycle_common.signals import run_module
+
+    run_module("bicycle_controller.cli.main")
+
+import argparse
+import os
+import sys
+from types import ModuleType
+from typing import NoReturn
+
+from bicycle_common.command_line import FAILED, INTERRUPTED, USAGE_ERROR
+from bicycle_common.validation import empty_word, nearest
+from bicycle_controller import __version__
+
+COMMANDS = {
+    "train": "learn to ride, or go on learning",
+    "evaluate": "ride a controller from many starts and score it",
+    "learn": "learn to ride from recorded rides",
+    "sweep": "train many presets on many scenarios with many seeds",
+    "reproduce": "run the paper's experiments and draw its figures",
+    "export": "write a policy under a name, as ONNX, and its card",
+    "info": "tell a bicycle's geometry, critical speeds and eigenvalues",
+}
+
+
+class Parser(argparse.ArgumentParser):
+    """Reports a mistake in one line, with the nearest option."""
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with status 2."""
+        self.exit(USAGE_ERROR, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+    def parse(self, arguments: list[str]) -> argparse.Namespace:
+        """As `parse_args`, but names the option nearest to one that does not exist."""
+        if mistake := empty_word(arguments):
+            self.error(mistake)
+        args, unknown = self.parse_known_args(arguments)
+        if unknown:
+            hint = nearest(unknown[0].partition("=")[0], self._option_string_actions)
+            self.error(f"unknown argument {unknown[0]!r}{hint}")
+        return args
+
+
+def overview() -> Parser:
+    """The parser for `bicycle` without a command."""
+    lines = [f"  {name:10} {text}" for name, text in COMMANDS.items()]
+    parser = Parser(
+        prog="bicycle",
+        usage="bicycle COMMAND [OPTIONS]",
+        description="Train, score and export controllers of the simulated bicycle.",
+        epilog="commands:\n" + "\n".join(lines) + "\n\nbicycle COMMAND --help tells more.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=__version__)
+    return parser
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run a command.
+
+    Args:
+        argv: the words after `bicycle`; those of this process by default.
+
+    Returns:
+        The exit status: 2 for a user's mistake, 1 when the work failed, 130 after Ctrl-C.
+    """
+    arguments = sys.argv[1:] if argv is None else argv
+    name = arguments[0] if arguments else "--help"
+    try:
+        if name.startswith("-"):
+            overview().parse([name])
+        if name not in COMMANDS:
+            overview().error(f"unknown command {name!r}{nearest(name, COMMANDS)}")
+        return _run(name, arguments[1:])
+    except SystemExit as leaving:  # --help, --version and mistakes found by argparse
+        return leaving.code if isinstance(leaving.code, int) else 0
+    except KeyboardInterrupt:
+        print(f"bicycle {name}: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except BrokenPipeError:
+        # The reader of the output has left; nothing more can be told to it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return FAILED
+    except ModuleNotFoundError as error:
+        remedy = f"run 'ros2_ws/setup.sh --with train', or 'pip install {error.name}'"
+        return _report(name, f"needs {error.name}, which is not installed: {remedy}", error)
+    except (ValueError, OSError) as error:
+        return _report(name, str(error), error)
+    except RuntimeError as error:
+        _report(name, str(error), error)
+        return FAILED
+
+
+def _module(name: str) -> ModuleType:
+    """Import the module of one of `COMMANDS`."""
+    if name == "train":
+        from bicycle_controller.cli import train
+
+        return train
+    if name == "evaluate":
+        from bicycle_controller.cli import evaluate
+
+        return evaluate
+    if name == "learn":
+        from bicycle_controller.cli import learn
+
+        return learn
+    if name == "sweep":
+        from bicycle_controller.cli import sweep
+
+        return sweep
+    if name == "reproduce":
+        from bicycle_controller.cli import reproduce
+
+        return reproduce
+    if name == "export":
+        from bicycle_controller.cli import export
+
+        return export
+    from bicycle_controller.cli import info
+
+    return info
+
+
+def _run(name: str, arguments: list[str]) -> int:
+    """Run the command of that name."""
+    module = _module(name)
+    parser = Parser(
+        prog=f"bicycle {name}",
+        description=f"{COMMANDS[name].capitalize()}.",
+        epilog=getattr(module, "EPILOG", None),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    module.add_arguments(parser)
+    status: int = module.run_command(parser.parse(arguments))
+    sys.stdout.flush()
+    return status
+
+
+def _report(name: str, message: str, error: Exception) -> int:
+    """One line for a mistake; the whole story with BICYCLE_TRACEBACK=1, for developers."""
+    if os.environ.get("BICYCLE_TRACEBACK") == "1":
+        raise error
+    print(f"bicycle {name}: {' '.join(message.split())}", file=sys.stderr)
+    return USAGE_ERROR

@@ -1,0 +1,289 @@
+"""What a training run is made of: one frozen dataclass per concern, validated on creation.
+
+The algorithms' own parts are in `learner_config.py`. What the paper gives has no default: its
+one home is `presets/`. Everything beyond the paper is a switch that is off by default.
+`settings.py` reads these classes from YAML and from the command line.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from bicycle_common.validation import require, require_between, require_choice, require_positive
+from bicycle_controller.config.algorithms import DdpgConfig, LearnerConfig, NafConfig, PpoConfig
+from bicycle_controller.control.exploration_noise import NoiseConfig
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import SCENARIOS, Scenario
+
+__all__ = [
+    "DdpgConfig",
+    "EvaluationConfig",
+    "NafConfig",
+    "NoiseConfig",
+    "PpoConfig",
+    "RecordConfig",
+    "RunConfig",
+    "ShapingConfig",
+    "StartsConfig",
+    "TeacherConfig",
+]
+
+ALGORITHMS = ("ddpg", "naf", "ppo")
+"""Fields of `RunConfig` of which a run has exactly one."""
+
+
+@dataclass(frozen=True)
+class StartsConfig:
+    """How training starts differ from the scenario's, which evaluation always uses.
+
+    The six observations hold no distance, so a policy learns to pass close to a goal at any
+    bearing only where such goals are seen often.
+
+    Raises:
+        ValueError: on a value out of range.
+    """
+
+    near_share: float = 0.0
+    """Share of goals drawn near the bicycle at any bearing, instead of by the scenario."""
+    near_distance: tuple[float, float] = (1.5, 15.0)
+    """m, from and to, of those goals."""
+    tilt: float = 0.0
+    """rad, half width of the uniform start lean."""
+    tilt_rate: float = 0.0
+    """rad/s, half width of the start lean rate."""
+    steer: float = 0.0
+    """rad, half width of the start steering angle."""
+    steer_rate: float = 0.0
+    """rad/s, half width of the start steering rate."""
+    any_speed: bool = False
+    """Whether the start speed is drawn between the scenario's limits, where it has some."""
+    ride_on: float = 0.0
+    """Share of reached goals and time-outs after which the bicycle rides on from where it is
+    to a new goal, instead of starting again."""
+    max_steps: int = 0
+    """Step limit of a training episode; 0 keeps the scenario's."""
+
+    def __post_init__(self) -> None:
+        for name in ("near_share", "ride_on"):
+            require_between(f"starts.{name}", getattr(self, name), 0.0, 1.0)
+        for name in ("tilt", "tilt_rate", "steer", "steer_rate", "max_steps"):
+            require_between(f"starts.{name}", getattr(self, name), 0.0, math.inf)
+        low, high = self.near_distance
+        require(
+            0 < low <= high, f"starts.near_distance must grow from above zero, not {low, high}"
+        )
+
+
+@dataclass(frozen=True)
+class ShapingConfig:
+    """What training is paid for instead of equation 20; evaluation always uses the equation.
+
+    Raises:
+        ValueError: on a value out of range.
+    """
+
+    heading_share: float = 1.0
+    """Share of equation 20's heading term that is left."""
+    progress: float = 0.0
+    """Cost of a step that brings the bicycle no nearer to its goal: progress times
+    (1 - v cos(heading_error) / v_top), with the scenario's top speed v_top. Along a ride it adds
+    up to the time that the ride takes more than a straight one at top speed."""
+
+    def __post_init__(self) -> None:
+        require_between("shaping.heading_share", self.heading_share, 0.0, 1.0)
+        require_between("shaping.progress", self.progress, 0.0, math.inf)
+
+
+@dataclass(frozen=True)
+class TeacherConfig:
+    """A controller that rides some of the training bicycles, with the same exploration noise.
+
+    An off-policy learner may learn from anybody's rides; these show it early what a goal is worth.
+
+    Raises:
+        ValueError: on a value out of range, or on a share without a controller.
+    """
+
+    controller: str = ""
+    """`lqr`, another name or file that `bicycle evaluate` takes; empty for none."""
+    share: float = 0.0
+    """Share of the bicycles that it rides."""
+
+    def __post_init__(self) -> None:
+        require_between("teacher.share", self.share, 0.0, 1.0)
+        require(
+            bool(self.controller) == (self.share > 0),
+            "a teacher needs both teacher.controller and teacher.share, or neither",
+        )
+
+
+@dataclass(frozen=True)
+class EvaluationConfig:
+    """How a policy is scored while it trains: without noise, from fixed seeds, in one call.
+
+    Raises:
+        ValueError: on a value out of range.
+    """
+
+    every: int = 5_000
+    """Updates between two evaluations."""
+    episodes: int = 256
+    """Starts per evaluation."""
+    near_episodes: int = 0
+    """Further starts with a goal within `near_distance`, where orbits show; they count by half."""
+    near_distance: float = 12.0
+    """m, half width of the square that those goals are drawn from, about the bicycle."""
+    shake: float = 0.0
+    """Sigma of exploration noise under which a further 128 bicycles ride for half a minute; the
+    share that falls counts against the policy. 0 does without."""
+    seed: int = 1_000_003
+    """Of those starts, the same every time."""
+    max_steps: int = 0
+    """Step limit of its episodes; 0 keeps the scenario's."""
+    stop_at: float = 0.0
+    """Reach rate that ends the run; 0 never does."""
+    stop_falls: float = 1.0
+    """Largest fall rate at which `stop_at` ends the run."""
+
+    def __post_init__(self) -> None:
+        for name in ("every", "episodes"):
+            value = getattr(self, name)
+            require(value >= 1, f"evaluation.{name} must be at least 1, not {value!r}")
+        for name in ("max_steps", "near_episodes", "shake"):
+            require_between(f"evaluation.{name}", getattr(self, name), 0, math.inf)
+        require_positive("evaluation.near_distance", self.near_distance)
+        for name in ("stop_at", "stop_falls"):
+            require_between(f"evaluation.{name}", getattr(self, name), 0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class RecordConfig:
+    """What is kept of the training episodes, see `episode_log`.
+
+    Raises:
+        ValueError: on a value out of range.
+    """
+
+    episodes: bool = False
+    """Whether to write what every episode came to."""
+    tracks_every: int = 0
+    """Every which episode's way is written too; 0 writes none."""
+    track_step: int = 8
+    """Steps between two points of such a way."""
+
+    def __post_init__(self) -> None:
+        require_between("record.tracks_every", self.tracks_every, 0, math.inf)
+        require_positive("record.track_step", self.track_step)
+
+
+@dataclass(frozen=True)
+class RunConfig:
+    """A whole training run, of one algorithm.
+
+    Raises:
+        ValueError: on a value out of range, on more or less than one algorithm, or on a value
+            that the algorithm does not use.
+    """
+
+    noise: NoiseConfig
+    steps: int
+    """Environment steps, over all bicycles."""
+    ddpg: DdpgConfig | None = None
+    naf: NafConfig | None = None
+    ppo: PpoConfig | None = None
+    bicycles: int = 1
+    """Bicycles stepped at once."""
+    warm_up: int = 1_000
+    """First environment steps, with actions drawn evenly (errata row 36)."""
+    updates: int = 1
+    """Updates after a step of all bicycles."""
+    update_every: int = 1
+    """Steps of all bicycles between two rounds of updates."""
+    offline_updates: int = 20_000
+    """Updates that `bicycle learn` makes from recorded rides, where there are no steps."""
+    seed: int = 1
+    scenario: Scenario = SCENARIOS["random-start-random-goal"]
+    physics: Physics = field(default_factory=Physics)
+    starts: StartsConfig = field(default_factory=StartsConfig)
+    shaping: ShapingConfig = field(default_factory=ShapingConfig)
+    teacher: TeacherConfig = field(default_factory=TeacherConfig)
+    evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
+    record: RecordConfig = field(default_factory=RecordConfig)
+    device: str = "cpu"
+    """`cpu` or `cuda`."""
+    threads: int = 1
+    """Threads of torch; at these sizes more than one does not pay."""
+    tensorboard: bool = True
+    """Whether to write TensorBoard's files too, where it is installed."""
+    log_every: int = 1_000
+    """Updates between two lines of the log."""
+    save_every: float = 30.0
+    """s between two checkpoints; `kill -9` loses at most this much."""
+    preset: str = ""
+    """Name of the preset that this came from."""
+
+    def __post_init__(self) -> None:
+        whole = ("steps", "bicycles", "updates", "update_every", "offline_updates")
+        for name in (*whole, "threads", "log_every"):
+            value = getattr(self, name)
+            require(value >= 1, f"{name} must be at least 1, not {value!r}")
+        for name in ("warm_up", "save_every", "seed"):
+            require_between(name, getattr(self, name), 0.0, math.inf)
+        require_choice("device", self.device, ("cpu", "cuda"))
+        given = [name for name in ALGORITHMS if getattr(self, name) is not None]
+        require(
+            len(given) == 1,
+            f"a run has exactly one of {', '.join(ALGORITHMS)}, not"
+            f" {' and '.join(given) or 'none'}: extend a preset, and set the other to null",
+        )
+        if self.ppo is not None:
+            self._check_on_policy(self.ppo)
+        mirrors = self.ddpg is not None and (self.ddpg.mirror or self.ddpg.symmetric_actor)
+        _, displacement, pedal = self.scenario.action_limits
+        require(
+            not mirrors or displacement > 0 or pedal == 0,
+            "ddpg.mirror and ddpg.symmetric_actor take the second action for the displacement:"
+            " with a pedal they need a scenario.displacement_limit above zero",
+        )
+        taught = self.ddpg is not None and self.ddpg.bc_to == "teacher"
+        require(
+            not taught or self.teacher.share > 0,
+            "ddpg.bc_to=teacher needs a teacher: set teacher.controller and teacher.share",
+        )
+
+    def _check_on_policy(self, ppo: PpoConfig) -> None:
+        """PPO explores by its own distribution and updates after each rollout."""
+        foreign = {"warm_up": (self.warm_up, 0), "noise.kind": (self.noise.kind, "none")}
+        foreign |= {"teacher.share": (self.teacher.share, 0)}
+        foreign |= {"updates": (self.updates, 1), "update_every": (self.update_every, 1)}
+        for name, (value, only) in foreign.items():
+            require(value == only, f"{name} must be {only} for ppo, not {value!r}")
+        rows = ppo.rollout * self.bicycles
+        require(
+            ppo.batch <= rows,
+            f"ppo.batch must be at most {rows}, ppo.rollout x bicycles, not {ppo.batch}",
+        )
+
+    @property
+    def algorithm(self) -> str:
+        """The one of `ALGORITHMS` that this run uses."""
+        return next(name for name in ALGORITHMS if getattr(self, name) is not None)
+
+    @property
+    def learner(self) -> LearnerConfig:
+        """The algorithm's part, whichever it is."""
+        found: LearnerConfig = getattr(self, self.algorithm)
+        return found
+
+    @property
+    def rounds_between(self) -> int:
+        """Steps of all bicycles between two rounds of updates."""
+        return self.update_every if self.ppo is None else self.ppo.rollout
+
+    @property
+    def updates_due(self) -> int:
+        """Updates of one such round; for PPO, minibatches of all its epochs."""
+        if self.ppo is None:
+            return self.updates
+        return self.ppo.epochs * math.ceil(self.ppo.rollout * self.bicycles / self.ppo.batch)

@@ -1,0 +1,1 @@
+"""What drives a bicycle from state to command; never torch."""

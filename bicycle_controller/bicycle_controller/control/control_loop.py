@@ -1,0 +1,305 @@
+"""One command for every state: goals, the policy in charge, its fallback, exploration."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+
+import numpy as np
+
+from bicycle_common.observation import observation
+from bicycle_common.types import BicycleState, Command, CommandSource
+from bicycle_controller.control.control_output import ControllerSwitch, ControlOutput
+from bicycle_controller.control.controller import Controller
+from bicycle_controller.control.exploration_noise import Noise
+from bicycle_controller.control.goals import GoalTracker, Pose
+from bicycle_controller.control.safety import Reason, Safety, stopping_pedal
+from bicycle_controller.control.standby import Standby
+
+TIMES_KEPT = 2000
+"""Answers whose computing times are kept: 50 s at 40 Hz."""
+QUICK = 0.0005
+"""s: a policy that takes longer is not warmed up, which would hold up the next state."""
+
+
+class ControlLoop:
+    """Answers states in the order they come; the same state again gets the same command.
+
+    Attributes:
+        policy: in charge; may be replaced between two answers.
+        fallback: drives where the policy may not; may be replaced too.
+        safety: judges every state; may be replaced too.
+        limits: (3,) largest |T| (N m), |d| (m), |F| (N) that are sent; infinite where unknown.
+        answered: states answered.
+        missed: steps that were never seen.
+        handed_over: answers that the fallback gave.
+        failing: the policy failed at the last answer.
+        standby: knows whether another controller drives.
+        times: s that the latest answers took to compute.
+        policy_times: s of them that the policy itself took, where it was asked.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        policy: Controller,
+        tracker: GoalTracker,
+        limits: np.ndarray,
+        noise: Noise | None = None,
+        fallback: Controller | None = None,
+        take_over: bool = True,
+        safety: Safety | None = None,
+    ) -> None:
+        """Begin before the first state.
+
+        Args:
+            name: unique, in every command.
+            policy: in charge.
+            tracker: of the goals.
+            limits: (3,) N m, m, N.
+            noise: exploration in normalised actions of one bicycle; none by default.
+            fallback: answers where the policy fails; zero input without one.
+            take_over: whether a bicycle that is found riding is ridden on, to the goal it had.
+            safety: of one bicycle: hands over to the fallback before it is too late; without
+                one the fallback answers only what the policy cannot.
+        """
+        self.name = name
+        self.policy = policy
+        self.tracker = tracker
+        self.limits = limits
+        self.answered = self.missed = self.handed_over = 0
+        self.times: deque[float] = deque(maxlen=TIMES_KEPT)
+        self.policy_times: deque[float] = deque(maxlen=TIMES_KEPT)
+        self._noise = noise
+        self.fallback = fallback
+        self.safety = safety
+        self._judged = policy
+        self._asked: tuple[np.ndarray, np.ndarray] | None = None
+        self._stopped_for: int | None = None
+        self._take_over = take_over
+        self._last: tuple[int, int] | None = None
+        self._command: Command | None = None
+        self.failing = False
+        self.standby = Standby(name)
+
+    def answer(self, snapshot: BicycleState, simulated_time: float) -> ControlOutput:
+        """Answer one state; `simulated_time` in s.
+
+        A state that came before another that is answered already, answers after a fall, and
+        states to which another controller drives get no command.
+        """
+        started = time.perf_counter()
+        found_riding = self._last is None and snapshot.step > 0
+        steps = self._count(snapshot)
+        again = self._last == (snapshot.episode, snapshot.step)
+        pose = _pose(snapshot, simulated_time)
+        if found_riding and self._take_over and not snapshot.fallen:
+            self._ride_on(snapshot)
+        regained = self.standby.look(snapshot)
+        resumed = self.tracker.resumed() if regained else []
+        events = resumed + self.standby.of_own(self.tracker.update(pose))
+        if again and self._command is not None:
+            return ControlOutput(self._command, events)
+        self._last = (snapshot.episode, snapshot.step)
+        self._command, warning, hand_over = None, self.standby.warning(), None
+        if self.standby.keeps_out(snapshot, again):
+            return ControlOutput(None, events, warning)
+        if self.tracker.steers and not snapshot.fallen:
+            self._command, warning, hand_over = self._decide(snapshot, pose, steps)
+            self.answered += 1
+            self.times.append(time.perf_counter() - started)
+        return ControlOutput(self._command, events, warning, hand_over)
+
+    def _count(self, snapshot: BicycleState) -> int:
+        """Notice steps that were skipped, and start anew with a new episode.
+
+        Returns:
+            Steps since the last state, at least 1.
+        """
+        if self._last is None:
+            return 1
+        episode, step = self._last
+        if snapshot.episode == episode:
+            self.missed += max(0, snapshot.step - step - 1)
+            return max(1, snapshot.step - step)
+        self._stopped_for = None
+        if self._noise is not None:
+            self._noise.reset(np.array([True]))
+        if self.safety is not None:
+            self.safety.reset()
+        return 1
+
+    def _ride_on(self, snapshot: BicycleState) -> None:
+        """Take a riding bicycle over from a controller that is gone."""
+        self.tracker.hold(snapshot.heading)
+        if snapshot.goal is not None and self.tracker.waiting == 0:
+            self.tracker.replace([snapshot.goal])
+
+    def _decide(
+        self, snapshot: BicycleState, pose: Pose, steps: int
+    ) -> tuple[Command, str, ControllerSwitch | None]:
+        """The command for a state, a line if the policy begins to fail, and who drives now."""
+        seen = observation(snapshot, self.tracker.heading_error(pose))[None]
+        action, in_charge, warning, hand_over = self._choose(snapshot, seen)
+        if self._noise is not None:
+            known = np.where(np.isfinite(self.limits), self.limits, 0.0)
+            action = action + self._noise.sample()[0] * known
+        action = np.clip(action, -self.limits, self.limits)
+        if self.safety is not None:
+            action = self.safety.limit(action[None], steps)[0]
+        torque, displacement, pedal = action
+        goal = self.tracker.active
+        command = Command(
+            episode=snapshot.episode,
+            step=snapshot.step,
+            torque=float(torque),
+            displacement=float(displacement),
+            pedal_force=float(pedal),
+            goal=goal.point if goal else None,
+            goal_id=goal.goal_id if goal else 0,
+            controller=self.name,
+            policy=in_charge,
+        )
+        return command, warning, hand_over
+
+    def _choose(
+        self, snapshot: BicycleState, seen: np.ndarray
+    ) -> tuple[np.ndarray, str, str, ControllerSwitch | None]:
+        """The action (3,), who chose it, and what is to be told."""
+        speed = np.array([snapshot.speed])
+        before = self._driven_by_fallback
+        may = self.safety is None or self._judge(self.safety, snapshot, seen, speed)
+        action, trouble = self._ask(seen, speed) if may else (None, "")
+        if trouble and self.safety is not None:
+            self.safety.fail(np.array([True]))
+        warning = ""
+        if trouble and not self.failing:
+            warning = f"policy {self.policy.policy_id} {trouble}: {self._fallback_id} takes over"
+        self.failing = bool(trouble)
+        if action is None:
+            self.handed_over += 1
+            given = _act(self.fallback, seen, speed)[0] if self.fallback else None
+            action = np.zeros(3) if given is None else given
+            if self._stopped_for is not None:
+                action[2] = stopping_pedal(snapshot.speed)
+            in_charge = self._fallback_id
+        else:
+            in_charge = self.policy.policy_id
+        told = self._tell(snapshot, trouble) if before != self._driven_by_fallback else None
+        return action, in_charge, "" if told else warning, told
+
+    def _ask(self, seen: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray | None, str]:
+        """What the policy says, see `_act`, and how long it took to say it."""
+        self._asked = seen, speed
+        started = time.perf_counter()
+        found = _act(self.policy, seen, speed)
+        self.policy_times.append(time.perf_counter() - started)
+        return found
+
+    def warm_up(self) -> None:
+        """Ask the policy again what it was asked last, for nothing.
+
+        After 25 ms the policy has left the processor's cache; asked just before the next state
+        comes, it answers that one sooner.
+        """
+        if self._asked is not None and self.policy_times[-1] < QUICK:
+            _act(self.policy, *self._asked)
+
+    @property
+    def driving(self) -> str:
+        """Id of what drives instead of the policy; empty where that drives itself."""
+        return self._fallback_id if self._driven_by_fallback else ""
+
+    def safety_facts(self) -> dict[str, int]:
+        """What the safety layer has done so far, by name."""
+        if self.safety is None:
+            return {}
+        return {
+            "hand-overs": int(self.safety.hand_overs[0]),
+            "commands cut in their change": int(self.safety.limited[0]),
+        }
+
+    @property
+    def _fallback_id(self) -> str:
+        return self.fallback.policy_id if self.fallback else "none"
+
+    @property
+    def _driven_by_fallback(self) -> bool:
+        """Whether the safety layer keeps the policy out."""
+        return self.safety is not None and (
+            bool(self.safety.reason[0]) or self._stopped_for is not None
+        )
+
+    def _judge(
+        self, safety: Safety, snapshot: BicycleState, seen: np.ndarray, speed: np.ndarray
+    ) -> bool:
+        """Whether the policy may answer a state."""
+        if self.policy is not self._judged:
+            self._judged = self.policy
+            safety.reset()
+        goal = self.tracker.active
+        if self._stopped_for is not None and goal and goal.goal_id != self._stopped_for:
+            self._stopped_for = None
+        reason = safety.judge(seen, speed, np.array([_lateness(snapshot)]))[0]
+        return not reason and self._stopped_for is None
+
+    def _tell(self, snapshot: BicycleState, trouble: str) -> ControllerSwitch:
+        """What has just changed, and the end of the ride to the goal where a stop is wanted."""
+        assert self.safety is not None
+        reason = Reason(int(self.safety.reason[0]))
+        policy, fallback = self.policy.policy_id, self._fallback_id
+        text = f"calm again: policy {policy} drives"
+        if reason:
+            what = f"policy {policy} {trouble}" if trouble else self.safety.explain()
+            text = f"{what}: {fallback} takes over from policy {policy}"
+            if trouble:
+                text = f"{what}: {fallback} takes over"
+        if reason and self.safety.config.stop:
+            goal = self.tracker.active
+            self._stopped_for = goal.goal_id if goal else 0
+            self.tracker.cancel("the safety layer stops the bicycle")
+            text += ", rides straight on and slows down: send a new goal to go on"
+        return ControllerSwitch(
+            episode=snapshot.episode,
+            step=snapshot.step,
+            reason=reason,
+            stop=self._stopped_for is not None,
+            policy=fallback if reason else policy,
+            count=int(self.safety.hand_overs[0]),
+            message=text,
+        )
+
+
+def _lateness(snapshot: BicycleState) -> float:
+    """Steps that the command which led to a state was late by; infinite where none did."""
+    if snapshot.command_source == CommandSource.ZERO:
+        return np.inf
+    if snapshot.command_source == CommandSource.INITIAL:
+        return 0.0
+    return float(snapshot.step - 1 - snapshot.command_step)
+
+
+def _act(policy: Controller, seen: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray | None, str]:
+    """A policy's action, shape (3,), or None and what was wrong with it."""
+    try:
+        action = np.asarray(policy.act(seen, speed), dtype=np.float64)
+    except Exception as error:
+        return None, f"fails with {type(error).__name__}"
+    if action.shape != (1, 3):
+        return None, f"gives an action of shape {action.shape}"
+    if not all(map(math.isfinite, action[0].tolist())):
+        return None, "gives an action that is not finite"
+    return action[0], ""
+
+
+def _pose(snapshot: BicycleState, simulated_time: float) -> Pose:
+    """What the goal tracker must know."""
+    return Pose(
+        episode=snapshot.episode,
+        time=simulated_time,
+        x=snapshot.rear_x,
+        y=snapshot.rear_y,
+        heading=snapshot.heading,
+        fallen=snapshot.fallen,
+    )

@@ -1,0 +1,28 @@
+"""What every controller is: something that answers observations with actions."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+
+class Controller(Protocol):
+    """A learned actor, the LQR, or anything else that rides N bicycles at once."""
+
+    @property
+    def policy_id(self) -> str:
+        """Names the controller and its parameters; every command carries it."""
+        ...
+
+    def act(self, observation: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """The action for each bicycle, without memory of earlier calls.
+
+        Args:
+            observation: (N, 6), see `bicycle_sim.task.task.OBSERVATION_FIELDS`.
+            speed: (N,) m/s.
+
+        Returns:
+            (N, 3) in physical units, see `bicycle_sim.task.task.ACTION_FIELDS`: N m, m, N.
+        """
+        ...

@@ -1,0 +1,256 @@
+"""A layer between policy and bicycle: it hands over to the fallback while that can still save.
+
+What is watched is above all the extrapolated lean: the lean from which a bicycle at rest with a
+straight handlebar would fall alike. It is the state's share in the unstable mode of the
+linearised bicycle, as the extrapolated centre of mass (Hof et al. 2005) is a walker's, and it
+grows from steering too, so it warns before the lean itself does. `ENVELOPE` lies between what
+ordinary rides of the shipped actors come to and what the LQR recovers from, at every speed.
+
+Everything is for N bicycles at once, so that one code rides in the node and is measured over
+thousands of rides (`tests/benchmarks/bench_safety.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from bicycle_common.validation import require
+from bicycle_sim.plants.choi.linear import continuous
+from bicycle_sim.plants.choi.parameters import Physics
+
+ENVELOPE_SPEEDS = (1.0, 1.5, 2.0, 2.5, 2.75, 3.5, 5.0)
+"""m/s, at which ENVELOPE is given; in between it is interpolated, beyond held."""
+ENVELOPE = (0.12, 0.17, 0.25, 0.38, 0.46, 0.50, 0.50)
+"""rad of extrapolated lean."""
+
+SPEEDS = np.linspace(1.0, 5.0, 81)
+"""m/s, for which the unstable mode is computed."""
+SLOWEST, SPACING = float(SPEEDS[0]), float(SPEEDS[1] - SPEEDS[0])
+MODE_ORDER = np.array([2, 3, 0, 1])
+"""Where lean, lean rate, steering and steering rate stand in an observation."""
+
+TRUST = 10.0
+"""s of riding after which a hand-over no longer counts against the next one."""
+LONGEST_HOLD = 64.0
+"""s that the fallback keeps the bicycle at most before it lets a policy try again."""
+STOP_SPEED = 1.5
+"""m/s that a commanded stop slows down to: slower, the bicycle is hard to hold upright."""
+STOP_GAIN = 200.0
+"""N of pedal force per m/s above it."""
+
+
+class Reason(IntEnum):
+    """Why the fallback drives; the numbers are those of HandOver."""
+
+    NONE = 0
+    EXTRAPOLATED_LEAN = 1
+    LEAN = 2
+    LEAN_RATE = 3
+    TOO_SLOW = 4
+    TOO_FAST = 5
+    STALE = 6
+    POLICY = 7
+
+
+WATCHED = tuple(Reason)[1:7]
+"""What `_measures` gives, in its order."""
+
+CALM = np.array([0.5, 0.7, 0.5, 0.97, 0.97, 0.5])[:, None]
+"""Share of each limit that must not be exceeded before the policy gets the bicycle back."""
+
+_WORDS = {
+    Reason.EXTRAPOLATED_LEAN: ("extrapolated lean", "rad"),
+    Reason.LEAN: ("lean", "rad"),
+    Reason.LEAN_RATE: ("lean rate", "rad/s"),
+    Reason.TOO_SLOW: ("speed", "m/s"),
+    Reason.TOO_FAST: ("speed", "m/s"),
+    Reason.STALE: ("age of the command that led to the state", "steps"),
+}
+
+
+@dataclass(frozen=True)
+class SafetyConfig:
+    """When the fallback takes over, and how fast actions may change.
+
+    Raises:
+        ValueError: on a number that is not finite and above zero.
+    """
+
+    envelope: float = 1.0
+    """Share of ENVELOPE."""
+    lean: float = 0.5
+    """rad, largest |omega|."""
+    lean_rate: float = 0.5
+    """rad/s, largest |omega dot|."""
+    slowest: float = 1.1
+    """m/s."""
+    fastest: float = 5.5
+    """m/s."""
+    oldest: float = 10.0
+    """Steps that the command which led to a state may be late by."""
+    hold: float = 1.0
+    """s that the fallback drives at least; doubled where the policy fails again within TRUST."""
+    rates: tuple[float, float, float] = (200.0, 20.0, 10000.0)
+    """N m/s, m/s and N/s, largest changes of T, d and F; by default the full range in one step."""
+    stop: bool = False
+    """Whether a hand-over ends the ride to the goal in a commanded stop."""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            for number in value if isinstance(value, tuple) else (value,):
+                require(
+                    isinstance(value, bool) or (math.isfinite(number) and number > 0),
+                    f"{name} must be finite and above zero, not {value!r}",
+                )
+
+
+class Safety:
+    """Says for every state who drives, and keeps commands from jumping.
+
+    Attributes:
+        reason: (N,) why the fallback drives, a `Reason`; 0 where the policy does.
+        hand_overs: (N,) times that it took over.
+        limited: (N,) commands whose change was cut.
+    """
+
+    def __init__(
+        self, config: SafetyConfig | None = None, physics: Physics | None = None, count: int = 1
+    ) -> None:
+        """Begin with the policy in charge of `count` bicycles of some physics."""
+        self.config = config or SafetyConfig()
+        self.physics = physics or Physics()
+        self._mode = np.array([unstable_mode(float(speed), self.physics) for speed in SPEEDS])
+        self._time_step = self.physics.constants.time_step
+        self._rates = np.array(self.config.rates) * self._time_step
+        self.reason = np.zeros(count, dtype=np.int64)
+        self.hand_overs = np.zeros(count, dtype=np.int64)
+        self.limited = np.zeros(count, dtype=np.int64)
+        fixed = self.config
+        limits = (0.0, fixed.lean, fixed.lean_rate, fixed.slowest, fixed.fastest, fixed.oldest)
+        self._values = np.zeros((len(WATCHED), count))
+        self._limits = np.array(limits)[:, None].repeat(count, axis=1)
+        self.reset()
+
+    def reset(self) -> None:
+        """Trust the policy again, at a new episode or with a new policy; the counts stay."""
+        count = len(self.reason)
+        self.reason = np.zeros(count, dtype=np.int64)
+        self._hold = np.full(count, self._steps(self.config.hold))
+        self._left = np.zeros(count, dtype=np.int64)
+        self._quiet = np.full(count, self._steps(TRUST))
+        self._last: np.ndarray | None = None
+
+    def _steps(self, seconds: float) -> int:
+        return max(1, round(seconds / self._time_step))
+
+    def extrapolated_lean(self, observation: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """rad, (N,): see above; its size where the unstable modes are a pair that oscillates.
+
+        Args:
+            observation: (N, 6), see `bicycle_sim.task.task.OBSERVATION_FIELDS`.
+            speed: (N,) m/s.
+        """
+        nearest = np.rint((speed - SLOWEST) / SPACING).astype(np.intp)
+        mode = self._mode.take(nearest, axis=0, mode="clip")
+        return np.asarray(np.abs((mode * observation[:, MODE_ORDER]).sum(axis=1)))
+
+    def judge(self, observation: np.ndarray, speed: np.ndarray, age: np.ndarray) -> np.ndarray:
+        """Look at new states, one step after the last ones.
+
+        Args:
+            observation: (N, 6), see `bicycle_sim.task.task.OBSERVATION_FIELDS`.
+            speed: (N,) m/s.
+            age: (N,) steps that the command which led to each state was late by.
+
+        Returns:
+            (N,) the reasons for which the fallback must answer; 0 where the policy may.
+        """
+        with np.errstate(all="ignore"):  # a state that is not finite is beyond every limit
+            shares = self._measure(observation, speed, age)
+            beyond = ~(shares <= 1.0).all(axis=0)
+            calm = (shares <= CALM).all(axis=0)
+        driving = self.reason > 0
+        if not (driving.any() or beyond.any()):
+            self._quiet += 1
+            return self.reason
+        self._left = np.maximum(self._left - 1, 0)
+        # The policy is not let in before the bicycle is calm, and has been for a moment.
+        soon = np.maximum(self._left, self._steps(0.5 * self.config.hold))
+        self._left = np.where(driving & ~calm, soon, self._left)
+        self._quiet = np.where(driving, 0, self._quiet + 1)
+        self.reason = np.where(driving & (self._left == 0), 0, self.reason)
+        worst = np.where(np.isnan(shares), np.inf, shares).argmax(axis=0) + 1
+        self._take_over(beyond & ~driving, worst)
+        return self.reason
+
+    def fail(self, failed: np.ndarray) -> np.ndarray:
+        """Take over where the policy gave no action, bool (N,); returns the reasons again."""
+        self._take_over(failed & (self.reason == 0), np.full(len(failed), int(Reason.POLICY)))
+        return self.reason
+
+    def limit(self, action: np.ndarray, steps: int = 1) -> np.ndarray:
+        """(N, 3) actions that differ from the last ones, `steps` ago, by no more than allowed."""
+        if self._last is not None:
+            reach = self._rates * steps
+            cut = np.clip(action, self._last - reach, self._last + reach)
+            self.limited += (cut != action).any(axis=1)
+            action = cut
+        self._last = action
+        return action
+
+    def explain(self, index: int = 0) -> str:
+        """Why the fallback drives bicycle `index`, in words with numbers."""
+        reason = Reason(int(self.reason[index]))
+        if reason not in _WORDS:
+            return ""
+        what, unit = _WORDS[reason]
+        row = WATCHED.index(reason)
+        value, limit = self._values[row, index], self._limits[row, index]
+        if reason is Reason.STALE and math.isinf(value):
+            return "no command led to the state"
+        return f"{what} {value:.3g} {unit} is beyond {limit:.3g} {unit}"
+
+    def _take_over(self, taken: np.ndarray, reason: np.ndarray) -> None:
+        """Let the fallback drive where `taken` (N,); longer where it had to not long ago."""
+        if not taken.any():
+            return
+        first, longest = self._steps(self.config.hold), self._steps(LONGEST_HOLD)
+        again = self._quiet < self._steps(TRUST)
+        hold = np.where(again, np.minimum(2 * self._hold, longest), first)
+        self._hold = np.where(taken, hold, self._hold)
+        self._left = np.where(taken, self._hold, self._left)
+        self.reason = np.where(taken, reason, self.reason)
+        self.hand_overs += taken
+
+    def _measure(self, observation: np.ndarray, speed: np.ndarray, age: np.ndarray) -> np.ndarray:
+        """Every one of WATCHED as a share of its limit, (6, N)."""
+        values, limits = self._values, self._limits
+        limits[0] = self.config.envelope * np.interp(speed, ENVELOPE_SPEEDS, ENVELOPE)
+        values[0] = self.extrapolated_lean(observation, speed)
+        np.abs(observation[:, 2:4].T, out=values[1:3])
+        values[3:5] = speed
+        values[5] = age
+        shares = values / limits
+        shares[3] = 1.0 / shares[3]
+        return np.asarray(shares)
+
+
+def unstable_mode(speed: float, physics: Physics) -> np.ndarray:
+    """What lean, lean rate, steering and steering rate add to the extrapolated lean.
+
+    Returns:
+        (4,) complex: the left eigenvector of the most unstable pole, with 1 for the lean.
+    """
+    a, _ = continuous(speed, physics)
+    poles, vectors = np.linalg.eig(a[:4, :4].T)
+    vector = vectors[:, poles.real.argmax()]
+    return np.asarray(vector / vector[0], dtype=np.complex128)
+
+
+def stopping_pedal(speed: float) -> float:
+    """N of pedal force that slow the bicycle down to STOP_SPEED; m/s."""
+    return STOP_GAIN * (STOP_SPEED - speed)

@@ -1,0 +1,1 @@
+"""Transitions: replay buffers, datasets, and their making from bags."""

@@ -1,0 +1,306 @@
+"""The replay memory: one packed float32 table, and the n-step returns that fill it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from bicycle_controller.config.algorithms import LearnerConfig
+
+OBSERVATIONS = 6
+"""Numbers per observation of the actor."""
+
+
+@dataclass(frozen=True)
+class Batch:
+    """B transitions, all float32; observations raw, actions normalised."""
+
+    observation: Tensor
+    """(B, 6), and to the right of that what only the critic sees."""
+    action: Tensor
+    """(B, actions), within [-1, 1]."""
+    next_observation: Tensor
+    """The same n steps later; meaningless where `discount` is 0."""
+    reward: Tensor
+    """(B,), discounted sum of up to n rewards, and of all that follow a fall that absorbs."""
+    discount: Tensor
+    """(B,), factor of the next observation's value: gamma^(actual n), 0 where none follows."""
+    terminated: Tensor
+    """(B,), 1 where the goal was reached."""
+    truncated: Tensor
+    """(B,), 1 where the step limit was."""
+    fallen: Tensor
+    """(B,), 1 where the bicycle lies afterwards."""
+    shown: Tensor | None = None
+    """(B, actions), what a teacher would have done, where the memory holds that."""
+
+    def parts(self, size: int) -> Iterator[Batch]:
+        """The batch cut into ones of `size` transitions, in order."""
+        for first in range(0, len(self.reward), size):
+            rows = slice(first, first + size)
+            columns = vars(self).values()
+            cut: list[Any] = [column if column is None else column[rows] for column in columns]
+            yield Batch(*cut)
+
+
+class ReplayBuffer:
+    """A ring of transitions, one row each, on any device.
+
+    Attributes:
+        table: (capacity, width) float32.
+        size: rows that hold a transition.
+        position: row that the next transition goes to.
+    """
+
+    def __init__(
+        self,
+        capacity: int,
+        actions: int,
+        device: torch.device | str = "cpu",
+        observations: int = OBSERVATIONS,
+        shown: bool = False,
+    ) -> None:
+        """Make an empty memory for `capacity` transitions of so many numbers.
+
+        With `shown` each has a second action to its right, the teacher's.
+        """
+        self.capacity = capacity
+        self.actions = actions
+        self.columns = [observations, actions, observations, 1, 1, 1, 1, 1] + [actions] * shown
+        self.table = torch.zeros((capacity, sum(self.columns)), device=device)
+        self._rows = self.table.numpy() if self.table.device.type == "cpu" else None
+        self.size = 0
+        self.position = 0
+
+    def add(self, rows: np.ndarray) -> None:
+        """Store transitions (M, width), M up to the capacity, in the order of `Batch`'s fields.
+
+        Raises:
+            ValueError: when a row has the wrong width, a value is not finite, or there are
+                more rows than the memory holds.
+        """
+        count = len(rows)
+        if count == 0:
+            return
+        if rows.shape != (count, self.table.shape[1]) or count > self.capacity:
+            raise ValueError(
+                f"the replay memory takes up to {self.capacity} rows of {self.table.shape[1]}"
+                f" numbers, not an array of shape {rows.shape}"
+            )
+        if not np.isfinite(rows).all():
+            raise ValueError("a transition holds a value that is not finite")
+        first = min(count, self.capacity - self.position)
+        self._put(self.position, rows[:first])
+        if first < count:
+            self._put(0, rows[first:])
+        self.position = (self.position + count) % self.capacity
+        self.size = min(self.size + count, self.capacity)
+
+    def _put(self, position: int, rows: np.ndarray) -> None:
+        if self._rows is not None:
+            self._rows[position : position + len(rows)] = rows
+            return
+        source = torch.from_numpy(np.ascontiguousarray(rows, dtype=np.float32))
+        self.table[position : position + len(rows)] = source.to(self.table.device)
+
+    def sample(self, count: int, generator: torch.Generator) -> Batch:
+        """`count` transitions drawn evenly, with repetition; one gather for several updates.
+
+        Raises:
+            ValueError: when the memory is empty.
+        """
+        if self.size == 0:
+            raise ValueError("cannot sample from an empty replay memory")
+        index = torch.randint(self.size, (count,), generator=generator, device=self.table.device)
+        parts = torch.split_with_sizes(self.table.index_select(0, index), self.columns, 1)
+        return Batch(*parts[:3], *(part.squeeze(1) for part in parts[3:8]), *parts[8:])
+
+    def state_dict(self) -> dict[str, Any]:
+        """The rows in use and the position."""
+        return {"rows": self.table[: self.size].clone().cpu(), "position": self.position}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from `state`.
+
+        Raises:
+            ValueError: when its rows do not fit this memory.
+        """
+        rows = state["rows"]
+        if rows.shape[1] != self.table.shape[1] or len(rows) > self.capacity:
+            raise ValueError(
+                f"a replay memory of {self.capacity} rows of {self.table.shape[1]} numbers"
+                f" cannot take {len(rows)} rows of {rows.shape[1]}"
+            )
+        self.size, self.position = len(rows), int(state["position"])
+        self.table[: self.size] = rows.to(self.table.device)
+
+
+@dataclass(frozen=True)
+class RewardShaping:
+    """What steps and falls are worth to a learner; see `learner_config` for each."""
+
+    n_step: int
+    gamma: float
+    fall_penalty: float = 0.0
+    """Taken from the reward of every step that a bicycle lies."""
+    absorbing: bool = False
+    """Whether a fall ends the episode with the value of lying for ever."""
+    cost_cap: float = 0.0
+    """Most that one step may cost; 0 caps nothing."""
+    step_cost: float = 0.0
+    """Taken from every reward after that."""
+
+    @classmethod
+    def of(cls, learner: LearnerConfig) -> RewardShaping:
+        """A learner's."""
+        return cls(
+            learner.n_step,
+            learner.gamma,
+            learner.fall_penalty,
+            learner.fall == "absorbing",
+            learner.cost_cap,
+            learner.step_cost,
+        )
+
+
+class NStepAccumulator:
+    """Turns the steps of N bicycles into n-step transitions, cut at the end of each episode.
+
+    After n steps, or at an episode's end, a transition leaves with the discounted sum of its
+    k <= n rewards and the discount gamma^k, or 0 when the goal was reached. When falls absorb,
+    the reward of a fall counts as r / (1 - gamma): what repeating it for ever is worth.
+    """
+
+    def __init__(
+        self,
+        count: int,
+        actions: int,
+        valuation: RewardShaping,
+        observations: int = OBSERVATIONS,
+        shown: bool = False,
+    ) -> None:
+        """Start with nothing pending.
+
+        Args:
+            count: N, the bicycles.
+            actions: numbers per action.
+            valuation: n, discount and what rewards become.
+            observations: numbers per observation.
+            shown: whether a teacher's action goes with each.
+        """
+        self.valuation, n_step = valuation, valuation.n_step
+        self.observation = np.zeros((n_step, count, observations), dtype=np.float32)
+        self.action = np.zeros((n_step, count, actions), dtype=np.float32)
+        self.shown = np.zeros((n_step, count, actions if shown else 0), dtype=np.float32)
+        self.sum = np.zeros((n_step, count))
+        self.age = np.zeros((n_step, count), dtype=np.int64)
+        self.open = np.zeros((n_step, count), dtype=bool)
+        self.slot = 0
+
+    def push(
+        self,
+        observation: np.ndarray,
+        action: np.ndarray,
+        reward: np.ndarray,
+        next_observation: np.ndarray,
+        terminated: np.ndarray,
+        truncated: np.ndarray,
+        fallen: np.ndarray,
+        shaping: np.ndarray | float = 0.0,
+        shown: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Take one step of every bicycle.
+
+        Args:
+            observation: (N, observations) before the step.
+            action: (N, actions), normalised.
+            reward: (N,) of the step.
+            next_observation: the same after it, before any reset.
+            terminated: bool (N,), the goal was reached.
+            truncated: bool (N,), the step limit was.
+            fallen: bool (N,), the bicycle lies afterwards.
+            shaping: (N,), added to the reward after `cost_cap`.
+            shown: (N, actions), a teacher's answer to the observation, where it is kept.
+
+        Returns:
+            The transitions that are complete now, (M, width) float32, for `ReplayBuffer.add`.
+        """
+        reward, final = self._worth(reward, terminated, fallen, shaping)
+        self.observation[self.slot], self.action[self.slot] = observation, action
+        if shown is not None:
+            self.shown[self.slot] = shown
+        ends = (terminated, truncated, fallen)
+        if self.valuation.n_step == 1:
+            self.sum[0], self.age[0] = reward + 0.0, 1
+            discount = np.where(final, 0.0, self.valuation.gamma)
+            kept = observation, action, next_observation
+            return self._rows(kept, (self.sum[0], discount, *ends), self.shown[0])
+        return self._push(reward, final, next_observation, ends)
+
+    def _worth(
+        self,
+        reward: np.ndarray,
+        terminated: np.ndarray,
+        fallen: np.ndarray,
+        shaping: np.ndarray | float,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What the learner is told of a step's reward (N,), and whether nothing follows it."""
+        worth = self.valuation
+        if worth.cost_cap > 0:
+            reward = np.maximum(reward, -worth.cost_cap)
+        reward = reward + shaping - worth.step_cost - worth.fall_penalty * fallen
+        if not worth.absorbing:
+            return reward, terminated
+        return np.where(fallen, reward / (1.0 - worth.gamma), reward), terminated | fallen
+
+    def _push(
+        self,
+        reward: np.ndarray,
+        final: np.ndarray,
+        next_observation: np.ndarray,
+        ends: tuple[np.ndarray, np.ndarray, np.ndarray],
+    ) -> np.ndarray:
+        """Add a step's reward to what is pending; the transitions that are complete with it."""
+        n_step, gamma = self.valuation.n_step, self.valuation.gamma
+        self.sum[self.slot], self.age[self.slot], self.open[self.slot] = 0.0, 0, True
+        self.sum += np.where(self.open, gamma**self.age * reward, 0.0)
+        self.age += self.open
+        ready = self.open & (final | ends[1] | (self.age == n_step))
+        slots, who = np.nonzero(ready)
+        discount = np.where(final[who], 0.0, gamma ** self.age[slots, who])
+        self.open &= ~ready
+        self.slot = (self.slot + 1) % n_step
+        kept = self.observation[slots, who], self.action[slots, who], next_observation[who]
+        columns = (self.sum[slots, who], discount, *(end[who] for end in ends))
+        return self._rows(kept, columns, self.shown[slots, who])
+
+    @staticmethod
+    def _rows(
+        kept: tuple[np.ndarray, ...], columns: tuple[np.ndarray, ...], shown: np.ndarray
+    ) -> np.ndarray:
+        """Transitions side by side, (M, width) float32."""
+        count = len(shown)
+        blocks = [*kept, *columns, shown]
+        widths = [1 if block.ndim == 1 else block.shape[1] for block in blocks]
+        rows = np.empty((count, sum(widths)), dtype=np.float32)
+        at = 0
+        for block, width in zip(blocks, widths, strict=True):
+            rows[:, at : at + width] = block.reshape(count, width)
+            at += width
+        return rows
+
+    def state_dict(self) -> dict[str, Any]:
+        """What is pending."""
+        names = ("observation", "action", "shown", "sum", "age", "open")
+        return {name: getattr(self, name).copy() for name in names} | {"slot": self.slot}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from `state`."""
+        for name in ("observation", "action", "shown", "sum", "age", "open"):
+            getattr(self, name)[...] = state[name]
+        self.slot = int(state["slot"])

@@ -1,0 +1,1 @@
+"""Rollouts of a controller and their scores, tables and model cards."""

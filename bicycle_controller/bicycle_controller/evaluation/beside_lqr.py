@@ -1,0 +1,60 @@
+"""A trained policy beside the classical controller, on the starts that the training used."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bicycle_controller.config.run import RunConfig
+from bicycle_controller.evaluation.score import Score, score
+
+WORSE_SHARE = 0.01
+"""Of the rides: so many fewer goals, or more falls, are told."""
+SLOWER = 1.1
+"""Times the classical controller's median time: more is told."""
+
+
+def lqr_score(config: RunConfig) -> Score | None:
+    """What the LQR that may use the scenario's actions makes of a run's fixed starts.
+
+    Args:
+        config: of the run.
+
+    Returns:
+        Its score over far goals; None where there is no LQR for that bicycle.
+    """
+    # Imported here: it needs scipy, which training does without.
+    from bicycle_controller.control.lqr import fitting
+
+    fixed = replace(config.evaluation, near_episodes=0, shake=0.0)
+    try:
+        controller = fitting(config.scenario.action_limits, config.physics)
+        return score(controller, config.scenario, config.physics, fixed)
+    except (ValueError, ArithmeticError, np.linalg.LinAlgError):
+        return None
+
+
+def warning(best: Score, lqr: Score | None) -> str:
+    """One line where a policy rides clearly worse than the LQR; else empty.
+
+    Args:
+        best: of the policy that a run has kept.
+        lqr: over the same starts; None where there is none.
+    """
+    if lqr is None or lqr.median_time_s is None:
+        return ""
+    slow = best.median_time_s is None or best.median_time_s > SLOWER * lqr.median_time_s
+    fewer = best.reach_rate < lqr.reach_rate - WORSE_SHARE
+    falls = best.fall_rate > lqr.fall_rate + WORSE_SHARE
+    if not (slow or fewer or falls):
+        return ""
+    return (
+        f"over the same starts the LQR reaches {_shown(lqr)}, this policy {_shown(best)}: "
+        "train longer, or try another --seed"
+    )
+
+
+def _shown(found: Score) -> str:
+    time = "" if found.median_time_s is None else f" in {found.median_time_s:.1f} s (median)"
+    return f"{found.reach_rate:.1%} of its goals{time}, with {found.fall_rate:.1%} falls"

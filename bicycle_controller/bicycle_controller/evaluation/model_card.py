@@ -1,0 +1,93 @@
+"""The card of a policy: a Markdown page beside the weights, all of it from recorded facts."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import Any
+
+from bicycle_common.observation import ACTION_FIELDS, OBSERVATION_FIELDS
+from bicycle_controller.evaluation.table import as_markdown
+from bicycle_controller.policy.policy import Policy
+from bicycle_sim.plants.choi.parameters import Physics
+
+UNITS = ("rad", "rad/s", "rad", "rad/s", "rad/s^2", "rad", "N m", "m", "N")
+
+
+def card(policy: Policy, evaluations: list[dict[str, Any]] | None = None) -> str:
+    """The page.
+
+    Args:
+        policy: its metadata are the source.
+        evaluations: summaries as `bicycle evaluate --json` prints them.
+
+    Returns:
+        Markdown.
+    """
+    info = policy.info
+    parts = [
+        f"# {info.name}",
+        f"A bicycle's controller, `{policy.policy_id}`: a network from the six states of the paper"
+        f" to its actions, {' - '.join(map(str, widths(policy)))}.",
+        "## Use",
+        f"```sh\nbicycle evaluate {info.name} --episodes 1000\n```",
+        "## Inputs and outputs",
+        _scaling(policy),
+        "## Trained on",
+        _facts(asdict(info.scenario)),
+        f"Physics: {physics_name(info.physics)}, {info.physics.constants.time_step} s a step.",
+        "## Training",
+        _facts(info.trained) if info.trained else "Not recorded.",
+    ]
+    for item in evaluations or []:
+        parts += [_heading(item), as_markdown(item)]
+    return "\n\n".join(parts) + "\n"
+
+
+def widths(policy: Policy) -> list[int]:
+    """Inputs, hidden units and outputs of the network."""
+    count = sum(name.startswith("layer.") for name in policy.tensors) // 2
+    return [6, *(len(policy.tensors[f"layer.{index}.bias"]) for index in range(count))]
+
+
+def physics_name(physics: Physics) -> str:
+    """`faithful`, `corrected`, or what differs from faithful."""
+    for name in ("faithful", "corrected"):
+        if physics == Physics.named(name):
+            return name
+    plain, own = (json.loads(item.to_json()) for item in (Physics(), physics))
+    return ", ".join(f"{name} {value}" for name, value in own.items() if value != plain[name])
+
+
+def _scaling(policy: Policy) -> str:
+    """A table of the observation's scale and the action's limits."""
+    info = policy.info
+    lines = ["| | divided by | |", "| --- | --- | --- |"]
+    for name, scale, unit in zip(OBSERVATION_FIELDS, info.observation_scale, UNITS, strict=False):
+        lines.append(f"| {name} | {scale:g} | {unit} |")
+    lines += ["", "| | at most | |", "| --- | --- | --- |"]
+    for name, limit, unit in zip(ACTION_FIELDS, info.action_limits, UNITS[6:], strict=True):
+        lines.append(f"| {name} | {limit:g} | {unit} |")
+    return "\n".join(lines)
+
+
+def _facts(data: dict[str, Any]) -> str:
+    """One line for every entry."""
+    return "\n".join(f"- {name}: `{_plain(value)}`" for name, value in data.items())
+
+
+def _plain(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _heading(summary: dict[str, Any]) -> str:
+    """What an evaluation was ridden on, where it differs from plain."""
+    disturbed = {k: v for k, v in summary["disturbance"].items() if k != "kick_time" and _on(v)}
+    physics = physics_name(Physics.from_json(json.dumps(summary["physics"])))
+    extra = "".join(f", {name} {_plain(value)}" for name, value in disturbed.items())
+    seed = summary["seed"]
+    return f"## Evaluation: {summary['scenario']['name']}, {physics} physics, seed {seed}{extra}"
+
+
+def _on(value: Any) -> bool:
+    return any(value) if isinstance(value, (list, tuple)) else bool(value)

@@ -1,0 +1,116 @@
+"""How well a policy rides, as the training loop asks: batched calls on fixed starts."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+
+from bicycle_controller.config.run import EvaluationConfig
+from bicycle_controller.control.controller import Controller
+from bicycle_controller.control.exploration_noise import Noise, NoiseConfig
+from bicycle_controller.evaluation.evaluate import evaluate
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import Region, Scenario
+from bicycle_sim.task.task import BicycleTask
+
+NEAR_STEPS = 1_200
+"""Step limit of a ride to a near goal: half a minute, several times what it takes."""
+SHAKEN = 128
+"""Bicycles that ride with exploration noise, for as many steps."""
+SHAKE_THETA = 0.15
+"""Pull of that noise towards zero per step (Table 3)."""
+
+
+@dataclass(frozen=True)
+class Score:
+    """Shares of the rides, and the median time of those that reached their goal."""
+
+    reach_rate: float
+    fall_rate: float
+    orbit_rate: float
+    median_time_s: float | None
+    near_reach_rate: float | None = None
+    """The same for goals near the start; None where they were not ridden."""
+    near_fall_rate: float | None = None
+    near_median_time_s: float | None = None
+    mean_return: float | None = None
+    """Mean sum of rewards of the rides that are not to near goals."""
+    shaken_fall_rate: float | None = None
+    """Share that falls within half a minute of exploration noise; None where it was not tried."""
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """What the best policy has most of: goals less falls, then the shorter time.
+
+        Falls under noise count too, where they were tried: a policy that is a little sooner at
+        its goals but falls when it explores is no better.
+        """
+        worth = self.reach_rate - self.fall_rate
+        time = _or_infinite(self.median_time_s)
+        if self.near_reach_rate is not None and self.near_fall_rate is not None:
+            worth = 0.5 * (worth + self.near_reach_rate - self.near_fall_rate)
+            time += _or_infinite(self.near_median_time_s)
+        return (worth - (self.shaken_fall_rate or 0.0), -time)
+
+
+def score(
+    policy: Controller, scenario: Scenario, physics: Physics, fixed: EvaluationConfig
+) -> Score:
+    """Ride the fixed starts to their end."""
+    scenario = dataclasses.replace(scenario, max_steps=fixed.max_steps or scenario.max_steps)
+    far = evaluate(policy, scenario, physics, fixed.episodes, fixed.seed).summary()
+    names = ("reach_rate", "fall_rate", "orbit_rate", "median_time_s")
+    values = {name: far[name] for name in (*names, "mean_return")}
+    if fixed.near_episodes > 0:
+        near_goals = near(scenario, fixed.near_distance)
+        found = evaluate(policy, near_goals, physics, fixed.near_episodes, fixed.seed).summary()
+        values |= {f"near_{name}": found[name] for name in names if name != "orbit_rate"}
+    if fixed.shake > 0:
+        steps = min(NEAR_STEPS, fixed.max_steps or NEAR_STEPS)
+        values["shaken_fall_rate"] = shaken(
+            policy, scenario, physics, fixed.shake, fixed.seed, steps
+        )
+    return Score(**values)
+
+
+def shaken(
+    policy: Controller,
+    scenario: Scenario,
+    physics: Physics,
+    sigma: float,
+    seed: int,
+    steps: int = NEAR_STEPS,
+) -> float:
+    """Share of SHAKEN bicycles that falls within `steps` of Ornstein-Uhlenbeck noise.
+
+    The noise is what the controller explores with: `sigma` is a share of each action's limit.
+    """
+    start, source = (np.random.default_rng((seed, use)) for use in (0, 1))
+    task = BicycleTask(scenario, physics, SHAKEN, start)
+    noise = Noise(NoiseConfig("ou", sigma, SHAKE_THETA), SHAKEN, 3, source)
+    limits = scenario.action_limits
+    observation = task.observation()
+    for _ in range(steps):
+        action = policy.act(observation, task.state.speed) + noise.sample() * limits
+        made = task.step(action)
+        observation = made.observation
+        if made.terminated.any():
+            task.reset(made.terminated)
+            observation = task.observation()
+    return float(task.fallen.mean())
+
+
+def near(scenario: Scenario, distance: float) -> Scenario:
+    """The scenario with goals in a square of half width `distance`, m, about the start."""
+    return dataclasses.replace(
+        scenario,
+        start=Region.point(0.0, 0.0),
+        goal=Region((-distance, -distance), (distance, distance)),
+        max_steps=NEAR_STEPS,
+    )
+
+
+def _or_infinite(seconds: float | None) -> float:
+    return float("inf") if seconds is None else seconds

@@ -1,0 +1,114 @@
+"""Load a policy, or make a fallback, beside the control loop."""
+
+from __future__ import annotations
+
+import contextlib
+import queue
+import threading
+from collections.abc import Callable, Iterator
+
+from bicycle_msgs.srv import LoadPolicy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+from bicycle_common.nodes import topics
+from bicycle_controller.control.controller import Controller
+from bicycle_controller.policy.policy import PolicyError, load_controller
+
+Made = Controller | Exception | None
+"""What a thread made, or why it could not."""
+
+LAST_LOAD = 1.0
+"""s that the end waits for a load under way."""
+
+
+class Making:
+    """Controllers made in threads of their own; the loop's thread picks up what is ready."""
+
+    def __init__(self) -> None:
+        self._ready: queue.SimpleQueue[Made] = queue.SimpleQueue()
+
+    def begin(self, make: Callable[[], Controller | None]) -> None:
+        """Make one; what cannot be computed is ready as the exception that says so."""
+
+        def work() -> None:
+            try:
+                self._ready.put(make())
+            except (ValueError, ArithmeticError, TypeError) as error:
+                self._ready.put(error)
+
+        threading.Thread(target=work, daemon=True).start()
+
+    def ready(self) -> Iterator[Made]:
+        """All that is ready and was not picked up yet."""
+        while not self._ready.empty():
+            yield self._ready.get()
+
+
+class PolicyLoader:
+    """Answers `bicycle/load_policy` on a node and in a thread of its own, beside the loop."""
+
+    def __init__(
+        self, node: Node, present: Callable[[], str], swap: Callable[[Controller], str]
+    ) -> None:
+        """Begin to answer.
+
+        Args:
+            node: of the loop.
+            present: the id of the policy in charge.
+            swap: puts a policy in charge and gives what must be known of it; called in the
+                loader's thread.
+        """
+        self._present, self._swap = present, swap
+        self._node = Node(
+            f"{node.get_name()}_loader",
+            namespace=node.get_namespace(),
+            use_global_arguments=False,
+            start_parameter_services=False,
+        )
+        name = node.resolve_service_name(topics.LOAD_POLICY.name)
+        self._node.create_service(topics.LOAD_POLICY.type, name, self._on_load)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._thread = threading.Thread(target=self._serve, name="loader", daemon=True)
+        self._thread.start()
+
+    def _serve(self) -> None:
+        with contextlib.suppress(ExternalShutdownException):
+            self._executor.spin()
+
+    def close(self) -> None:
+        """Answer no more; waits for a load that is under way, but not for long."""
+        self._executor.shutdown(timeout_sec=LAST_LOAD)
+        self._thread.join(LAST_LOAD)
+        self._node.destroy_node()
+
+    def _on_load(
+        self, request: LoadPolicy.Request, response: LoadPolicy.Response
+    ) -> LoadPolicy.Response:
+        try:
+            policy = load(request.path)
+            told = self._swap(policy)
+            response.success, response.message = True, f"{policy.policy_id} is in charge"
+            if told:
+                response.message += f"; {told}"
+        except PolicyError as error:
+            kept = self._present()
+            response.success, response.message = False, f"{error}; {kept} stays in charge"
+        response.policy = self._present()
+        self._node.get_logger().info(response.message)
+        return response
+
+
+def load(name: str) -> Controller:
+    """A controller by its name or its file.
+
+    Raises:
+        PolicyError: one line with the remedy, whatever is wrong.
+    """
+    try:
+        return load_controller(name)
+    except PolicyError:
+        raise
+    except Exception as error:
+        raise PolicyError(f"cannot load policy {name}: {type(error).__name__}: {error}") from None

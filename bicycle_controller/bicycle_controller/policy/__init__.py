@@ -1,0 +1,1 @@
+"""Trained actors: their files, their inference, their exports."""

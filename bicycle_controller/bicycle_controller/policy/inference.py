@@ -1,0 +1,190 @@
+"""An actor's forward pass for one bicycle, as fast as the control loop wants it.
+
+`inference.cpp` needs one call. Between two states, 25 ms apart, numpy's dozen calls would leave
+the processor's cache; they serve where the library was not built. It is built with the package,
+not at first use as `agents/native.cpp` is: where a bicycle rides there may be no compiler.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import math
+from collections.abc import Sequence
+from importlib.machinery import EXTENSION_SUFFIXES
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+Layer = tuple[np.ndarray, ...]
+"""Weight (out, in), bias (out, 1) and, where there is a norm, its weight and bias (out, 1)."""
+
+LIBRARY = "_inference"
+"""Its file beside this one, less the suffix of Python's extensions."""
+LINE = 64
+"""Bytes of a line of the processor's cache."""
+
+
+class Forward(Protocol):
+    """A network for a single observation; it must not be asked in two threads at once."""
+
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        """(1, 3) actions of one observation (1, 6), both in physical units."""
+        ...
+
+
+def forward_pass(
+    layers: Sequence[Layer], scale: np.ndarray, limits: np.ndarray, epsilon: float
+) -> Forward:
+    """The fastest way there is here.
+
+    Args:
+        layers: of the network; weights and biases that a norm follows are centred.
+        scale: (6,) that observations are divided by.
+        limits: (3,) that the last layer's hyperbolic tangent is multiplied by.
+        epsilon: added to the variance in layer normalisation.
+    """
+    weights = [layer[0].astype(np.float64) for layer in layers]
+    weights[0] = weights[0] / scale
+    scaled = [
+        (weight.astype(np.float32), *(column[:, 0] for column in layer[1:]))
+        for weight, layer in zip(weights, layers, strict=True)
+    ]
+    kind = NumpyForward if load() is None else NativeForward
+    return kind(scaled, limits, epsilon)
+
+
+class NumpyForward:
+    """Few calls, each into memory that is there already; biases are columns that meet a one."""
+
+    def __init__(self, layers: Sequence[Layer], limits: np.ndarray, epsilon: float) -> None:
+        """Prepare memory; see `forward_pass`, but `layers` hold the scale and (out,) vectors."""
+        self._matrices = [
+            np.ascontiguousarray(np.column_stack(layer[:2]), dtype=np.float32) for layer in layers
+        ]
+        self._inputs = [np.ones(matrix.shape[1], dtype=np.float32) for matrix in self._matrices]
+        self._norms = [(*layer[2:], np.empty_like(layer[1])) for layer in layers[:-1]]
+        self._last = np.empty(len(limits), dtype=np.float32)
+        self._limits = limits
+        self._epsilon = epsilon
+
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        """See `Forward`."""
+        self._inputs[0][:-1] = observation[0]
+        for index, norm in enumerate(self._norms):
+            values = self._inputs[index + 1][:-1]
+            np.dot(self._matrices[index], self._inputs[index], out=values)
+            if len(norm) == 3:
+                gain, offset, gained = norm
+                variance = float(np.dot(values, values)) / len(values)
+                np.multiply(gain, 1.0 / math.sqrt(variance + self._epsilon), out=gained)
+                np.multiply(values, gained, out=values)
+                np.add(values, offset, out=values)
+            np.maximum(values, 0.0, out=values)
+        np.dot(self._matrices[-1], self._inputs[-1], out=self._last)
+        return (np.tanh(self._last) * self._limits)[None]
+
+
+class _Layer(ctypes.Structure):
+    """`Layer` of inference.cpp."""
+
+    _fields_ = (
+        ("blocks", ctypes.c_int),
+        ("inputs", ctypes.c_int),
+        ("outputs", ctypes.c_int),
+        ("weights", ctypes.c_void_p * 2),
+        ("bias", ctypes.c_void_p),
+        ("gain", ctypes.c_void_p),
+        ("offset", ctypes.c_void_p),
+    )
+
+
+class NativeForward:
+    """One call of inference.cpp.
+
+    A symmetric actor's second layer is two halves that are not connected, and alike: their zeros
+    are left out, and they share their memory.
+    """
+
+    def __init__(self, layers: Sequence[Layer], limits: np.ndarray, epsilon: float) -> None:
+        """Prepare memory; see `NumpyForward`.
+
+        Raises:
+            RuntimeError: when the library was not built.
+        """
+        library = load()
+        if library is None:
+            raise RuntimeError("the native forward pass was not built: call ros2_ws/setup.sh")
+        blocks = [_blocks(layer[0]) for layer in layers]
+        vectors = [[_aligned(vector) for vector in layer[1:]] for layer in layers]
+        widest = max(max(layer[0].shape) for layer in layers)
+        widest += -widest % LINE
+        memory = _aligned(np.zeros(2 * widest))
+        self._observation = np.empty((1, layers[0][0].shape[1]))
+        self._action = np.empty((1, len(limits)))
+        table = (_Layer * len(layers))(*map(_layer, blocks, vectors))
+        self._keep = blocks, vectors, memory, limits, table
+        self._call = functools.partial(
+            library.actor_forward,
+            ctypes.byref(table),
+            ctypes.c_int(len(layers)),
+            ctypes.c_float(epsilon),
+            _pointer(self._observation),
+            _pointer(limits),
+            _pointer(memory),
+            ctypes.c_int(widest),
+            _pointer(self._action),
+        )
+
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        """See `Forward`."""
+        self._observation[:] = observation
+        self._call()
+        return self._action.copy()
+
+
+@functools.cache
+def load() -> ctypes.PyDLL | None:
+    """The library that was built with the package, or None where there is none that loads."""
+    for suffix in EXTENSION_SUFFIXES:
+        path = Path(__file__).parent / f"{LIBRARY}{suffix}"
+        try:
+            # Keeps the interpreter's lock: to take it again would cost more than the call.
+            library = ctypes.PyDLL(str(path))
+        except OSError:  # not there, or made for another machine
+            continue
+        library.actor_forward.restype = None
+        return library
+    return None
+
+
+def _blocks(weight: np.ndarray) -> list[np.ndarray]:
+    """The (in, out) matrices that are the weight (out, in): it, or two unconnected halves."""
+    rows, columns = weight.shape[0] // 2, weight.shape[1] // 2
+    first, second = weight[:rows, :columns], weight[rows:, columns:]
+    across = weight[:rows, columns:], weight[rows:, :columns]
+    if first.shape != second.shape or any(part.any() for part in across):
+        return [_aligned(weight.T)]
+    upper = _aligned(first.T)
+    return [upper, upper if (first == second).all() else _aligned(second.T)]
+
+
+def _aligned(array: np.ndarray) -> np.ndarray:
+    """A single-precision copy, row by row, that begins with a line of the cache."""
+    memory = np.empty(array.size + LINE, dtype=np.float32)
+    first = -memory.ctypes.data % LINE // memory.itemsize
+    copy = memory[first : first + array.size].reshape(array.shape)
+    copy[...] = array
+    return copy
+
+
+def _layer(blocks: list[np.ndarray], vectors: list[np.ndarray]) -> _Layer:
+    inputs, outputs = blocks[0].shape
+    weights = (ctypes.c_void_p * 2)(*(block.ctypes.data for block in blocks))
+    pointers = [vector.ctypes.data for vector in vectors]
+    return _Layer(len(blocks), inputs, outputs, weights, *pointers)
+
+
+def _pointer(array: np.ndarray) -> ctypes.c_void_p:
+    return ctypes.c_void_p(array.ctypes.data)

@@ -1,0 +1,292 @@
+"""The deterministic actor as the control loop needs it: no torch, a few microseconds.
+
+An observation in SI units is divided by the policy's scale, passed through fully connected
+layers (relu, with layer normalisation before it where the file has one; tanh at the end) in
+single precision, and the outputs are multiplied by the action limits (errata row 35).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from functools import cached_property
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from bicycle_common.validation import nearest
+from bicycle_controller.policy.inference import forward_pass
+from bicycle_controller.policy.policy_file import (
+    MAX_FILE_BYTES,
+    PolicyError,
+    PolicyInfo,
+    Tensors,
+    check_tensors,
+    decode,
+    encode,
+)
+from bicycle_sim.plants.choi.parameters import Physics
+
+if TYPE_CHECKING:
+    from bicycle_controller.control.controller import Controller
+
+__all__ = [
+    "DEFAULT_POLICY",
+    "LQR",
+    "Policy",
+    "PolicyError",
+    "PolicyInfo",
+    "load_controller",
+    "load_policy",
+    "save_policy",
+    "shipped_policies",
+]
+
+DEFAULT_POLICY = "fixed-speed"
+"""The shipped policy that rides when none is named."""
+
+LQR = ("lqr", "lqr-displacement", "lqr-pedal", "lqr-displacement-pedal", "lqr-20cm")
+"""Names of the classical controller, by what it uses beside the handlebar.
+
+The displacement is 2 cm at most, but for the last, which needs a scenario that allows 20.
+"""
+
+SUFFIX = ".safetensors"
+BEST = "best.safetensors"
+"""The policy that a training run leaves in its folder."""
+CHUNK = 256
+"""Bicycles that pass through the network together: both hidden layers stay in the cache."""
+NORM_EPSILON = 1e-5
+"""Added to the variance in layer normalisation, as torch does."""
+
+
+class Policy:
+    """A deterministic actor; its buffers are reused, so one thread at a time may call `act`.
+
+    Attributes:
+        info: scenario, physics, scaling and origin.
+        tensors: the weights by their names in the file, float32.
+    """
+
+    def __init__(self, info: PolicyInfo, tensors: Tensors, digest: str | None = None) -> None:
+        """Build the network.
+
+        Args:
+            info: what the weights mean.
+            tensors: see `policy_file`.
+            digest: sha256 of the file they came from; of the file they would make if None.
+
+        Raises:
+            PolicyError: when the tensors do not make a network for `info`.
+        """
+        self.info = info
+        self.tensors = tensors
+        self._digest = digest
+        count = check_tensors(info, tensors)
+        self._layers = [_layer(tensors, index) for index in range(count)]
+        # Rows of zeros for the actions that are not driven make the output (T, d, F) at once.
+        driven = np.array(info.action_limits) > 0
+        self._layers[-1] = tuple(_rows(array, driven) for array in self._layers[-1])
+        self._scale = np.array(info.observation_scale)[:, None]
+        self._limits = np.array(info.action_limits)
+        widths = [6, *(layer[0].shape[0] for layer in self._layers)]
+        self._memory = [np.zeros(width * CHUNK, dtype=np.float32) for width in widths]
+        self._one = forward_pass(self._layers, self._scale[:, 0], self._limits, NORM_EPSILON)
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """A policy is copied and sent to other processes as what it was made of."""
+        return Policy, (self.info, self.tensors, self._digest)
+
+    @property
+    def name(self) -> str:
+        """The policy's short name."""
+        return self.info.name
+
+    @cached_property
+    def policy_id(self) -> str:
+        """`NAME@DIGEST`, with the first ten hexadecimal digits of the file's sha256."""
+        digest = self._digest or hashlib.sha256(encode(self.info, self.tensors)).hexdigest()
+        return f"{self.info.name}@{digest[:10]}"
+
+    def act(self, observation: np.ndarray, speed: np.ndarray | None = None) -> np.ndarray:
+        """Choose the actions of N bicycles.
+
+        Rows do not depend on each other, but their last digits depend on how many there are.
+
+        Args:
+            observation: (N, 6) SI units, see OBSERVATION_FIELDS.
+            speed: ignored: the paper's six states leave the speed out.
+
+        Returns:
+            (N, 3) N m, m and N, see ACTION_FIELDS; within the limits, or NaN for an observation
+            with NaN.
+
+        Raises:
+            ValueError: when the shape is not (N, 6).
+        """
+        if observation.ndim != 2 or observation.shape[1] != 6:
+            raise ValueError(f"observation must have shape (N, 6), not {observation.shape}")
+        count = len(observation)
+        if count == 1:
+            return self._one(observation)
+        action = np.empty((count, 3))
+        for first in range(0, count, CHUNK):
+            rows = observation[first : first + CHUNK]
+            action[first : first + CHUNK] = self._forward(rows, self._buffers(len(rows)))
+        return action
+
+    def _buffers(self, count: int) -> list[np.ndarray]:
+        """The input and every layer's output for `count` bicycles, (width, count) each."""
+        return [flat[: flat.size // CHUNK * count].reshape(-1, count) for flat in self._memory]
+
+    def _forward(self, observation: np.ndarray, buffers: list[np.ndarray]) -> np.ndarray:
+        """(n, 3) actions; bicycles are columns."""
+        inputs = np.divide(observation.T, self._scale, out=buffers[0], casting="same_kind")
+        for layer, outputs in zip(self._layers, buffers[1:], strict=True):
+            np.dot(layer[0], inputs, out=outputs)
+            np.add(outputs, layer[1], out=outputs)
+            if layer is self._layers[-1]:
+                break
+            if len(layer) == 4:
+                _normalise(outputs, layer[2], layer[3])
+            np.maximum(outputs, 0.0, out=outputs)
+            inputs = outputs
+        return np.tanh(outputs).T * self._limits
+
+
+def _layer(tensors: Tensors, index: int) -> tuple[np.ndarray, ...]:
+    """Weight (out, in), bias (out, 1) and, where there is a norm, its weight and bias (out, 1)."""
+    names = (f"layer.{index}.bias", f"norm.{index}.weight", f"norm.{index}.bias")
+    columns = [tensors[name][:, None] for name in names if name in tensors]
+    weight = np.ascontiguousarray(tensors[f"layer.{index}.weight"])
+    if len(columns) == 1:
+        return weight, columns[0]
+    # The mean that the norm takes off is linear in the inputs, so it is taken off here once.
+    return _centred(weight), _centred(columns[0]), *columns[1:]
+
+
+def _centred(array: np.ndarray) -> np.ndarray:
+    """`array` less the mean of its rows, worked out in double precision."""
+    return (array - array.mean(axis=0, dtype=np.float64)).astype(np.float32)
+
+
+def _rows(array: np.ndarray, driven: np.ndarray) -> np.ndarray:
+    """`array` in the rows where `driven` holds, zeros in the others."""
+    whole = np.zeros((len(driven), array.shape[1]), dtype=np.float32)
+    whole[driven] = array
+    return whole
+
+
+def _normalise(values: np.ndarray, weight: np.ndarray, bias: np.ndarray) -> None:
+    """Layer normalisation of every column of (width, n), whose mean is zero already, in place."""
+    variance = np.einsum("ij,ij->j", values, values) / len(values)
+    values *= 1.0 / np.sqrt(variance + np.float32(NORM_EPSILON))
+    values *= weight
+    values += bias
+
+
+def shipped_policies() -> list[str]:
+    """Names of the policies that come with this package."""
+    folder = resources.files("bicycle_controller") / "models"
+    if not folder.is_dir():
+        return []
+    found = (item.name for item in folder.iterdir())
+    return sorted(name.removesuffix(SUFFIX) for name in found if name.endswith(SUFFIX))
+
+
+def load_controller(name_or_path: str | Path, physics: Physics | None = None) -> Controller:
+    """A classical controller by one of the names LQR, or what `load_policy` takes.
+
+    Args:
+        name_or_path: see there.
+        physics: what a classical controller is designed for; faithful by default.
+
+    Raises:
+        PolicyError: as `load_policy`.
+    """
+    if name_or_path not in LQR:
+        return load_policy(name_or_path)
+    # Imported here: it needs scipy, which a policy does without.
+    from bicycle_controller.control.lqr import TUNED, LqrController
+
+    return LqrController(TUNED[str(name_or_path)], physics)
+
+
+def load_policy(name_or_path: str | Path = DEFAULT_POLICY) -> Policy:
+    """A shipped policy by its name, any policy file, or the best of a training run's folder.
+
+    Raises:
+        PolicyError: one line with the remedy, whatever is wrong with the name or the file.
+    """
+    text = os.fspath(name_or_path)
+    shipped = shipped_policies()
+    if text in shipped:
+        item = resources.files("bicycle_controller") / "models" / f"{text}{SUFFIX}"
+        data = item.read_bytes()
+    else:
+        best = Path(text, BEST)
+        data = _read(best if _is_file(best) else Path(text), shipped)
+    try:
+        info, tensors = decode(data)
+    except PolicyError as error:
+        raise PolicyError(f"cannot load policy {text!r}: {error}") from None
+    return Policy(info, tensors, hashlib.sha256(data).hexdigest())
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a name too long, or with a null byte
+        return False
+
+
+def _read(path: Path, shipped: list[str]) -> bytes:
+    """The bytes of a file that is small enough to be a policy, or PolicyError."""
+    name, choices = repr(str(path)), f"shipped policies: {', '.join(shipped) or 'none'}"
+    try:
+        if not path.is_file():
+            what = "is not a file" if path.exists() else "does not exist"
+            hint = nearest(str(path), [*shipped, *LQR])
+            raise PolicyError(f"policy {name} {what}{hint}; give a {SUFFIX} file; {choices}")
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE_BYTES + 1)
+    except (OSError, ValueError) as error:
+        if isinstance(error, PolicyError):
+            raise
+        reason = getattr(error, "strerror", None) or error
+        raise PolicyError(f"cannot read policy {name}: {reason}; {choices}") from None
+    if len(data) > MAX_FILE_BYTES:
+        raise PolicyError(f"{name} is too large for a policy: {MAX_FILE_BYTES} bytes; {choices}")
+    return data
+
+
+def save_policy(policy: Policy, path: str | Path) -> None:
+    """Write a policy file so that a reader sees the old one or the new one, never a part.
+
+    Raises:
+        OSError: when the file cannot be written.
+    """
+    write_atomically(Path(path), encode(policy.info, policy.tensors))
+
+
+def write_atomically(path: Path, data: bytes) -> None:
+    """Write to a temporary name beside `path`, then rename.
+
+    Raises:
+        OSError: when that fails; the temporary file is gone then.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise

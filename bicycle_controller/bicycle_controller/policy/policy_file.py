@@ -1,0 +1,257 @@
+"""The policy file: safetensors with one actor's weights and all that is needed to use them.
+
+Tensors, float32: `layer.{i}.weight` (out, in), `layer.{i}.bias` (out,), and for a hidden layer
+with layer normalisation `norm.{i}.weight` and `norm.{i}.bias` (out,). The metadata are strings;
+all but the first three hold JSON:
+
+    format              "bicycle-policy"
+    version             "1"
+    name                a short word, the first half of the policy's id
+    observation_fields  must equal `bicycle_sim.task.task.OBSERVATION_FIELDS`
+    observation_scale   the observation is divided by it, one positive number per field
+    action_fields       must equal `bicycle_sim.task.task.ACTION_FIELDS`
+    action_limits       the network's outputs, in -1..1, are multiplied by those above zero
+    scenario, physics   what the policy was trained on
+    time_step           s between two actions
+    trained             algorithm, seed, command, commit, steps, ...
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+
+from bicycle_common.observation import ACTION_FIELDS, OBSERVATION_FIELDS
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import Scenario
+
+FORMAT = "bicycle-policy"
+VERSION = "1"
+MAX_HEADER_BYTES = 256 * 1024
+MAX_FILE_BYTES = 64 * 1024 * 1024
+
+Tensors = dict[str, np.ndarray]
+"""Weights by the names above, float32."""
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+
+
+class PolicyError(ValueError):
+    """A policy that cannot be used; the message is one line and ends with the remedy."""
+
+
+@dataclass(frozen=True)
+class PolicyInfo:
+    """What a policy file says about its weights.
+
+    Raises:
+        PolicyError: on a name, scale or limits that cannot be.
+    """
+
+    name: str
+    scenario: Scenario
+    physics: Physics
+    observation_scale: tuple[float, ...]
+    """Six numbers above zero in the units of OBSERVATION_FIELDS."""
+    action_limits: tuple[float, ...]
+    """Largest |T| (N m), |d| (m) and |F| (N); zero where the policy does not act."""
+    trained: dict[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        _check(
+            isinstance(self.name, str) and _NAME.fullmatch(self.name) is not None,
+            f"name {self.name!r} is not a word of letters, digits, '.', '_' and '-'",
+        )
+        for name, size in (("observation_scale", 6), ("action_limits", 3)):
+            numbers = _numbers(name, getattr(self, name), size)
+            object.__setattr__(self, name, numbers)
+        _check(min(self.observation_scale) > 0, "observation_scale must be above zero")
+        _check(
+            min(self.action_limits) >= 0 and max(self.action_limits) > 0,
+            "action_limits must be zero or more, and not all zero",
+        )
+
+    @property
+    def outputs(self) -> int:
+        """How many actions the network chooses: the limits above zero."""
+        return sum(limit > 0 for limit in self.action_limits)
+
+
+def _check(condition: bool, problem: str) -> None:
+    if not condition:
+        raise PolicyError(f"{problem}; write the file again with 'bicycle export'")
+
+
+def _numbers(name: str, values: Any, size: int) -> tuple[float, ...]:
+    """`size` finite floats, or PolicyError."""
+    try:
+        numbers = tuple(float(value) for value in values)
+    except (TypeError, ValueError, OverflowError):
+        numbers = ()
+    good = len(numbers) == size and all(math.isfinite(number) for number in numbers)
+    _check(good, f"{name} must be {size} finite numbers")
+    return numbers
+
+
+def metadata(info: PolicyInfo) -> dict[str, str]:
+    """The file's metadata, see the top of this module."""
+    return {
+        "format": FORMAT,
+        "version": VERSION,
+        "name": info.name,
+        "observation_fields": json.dumps(OBSERVATION_FIELDS),
+        "observation_scale": json.dumps(info.observation_scale),
+        "action_fields": json.dumps(ACTION_FIELDS),
+        "action_limits": json.dumps(info.action_limits),
+        "scenario": info.scenario.to_json(),
+        "physics": info.physics.to_json(),
+        "time_step": json.dumps(info.physics.constants.time_step),
+        "trained": json.dumps(info.trained, sort_keys=True),
+    }
+
+
+def encode(info: PolicyInfo, tensors: Tensors) -> bytes:
+    """The file's bytes, the same for the same policy.
+
+    Raises:
+        PolicyError: when the tensors do not make a network for `info`.
+    """
+    check_tensors(info, tensors)
+    ordered = {name: np.ascontiguousarray(tensors[name]) for name in sorted(tensors)}
+    return _ordered_header(save(ordered, metadata(info)))
+
+
+def _ordered_header(data: bytes) -> bytes:
+    """The same file with its header's keys in order: the library writes them in random order."""
+    size = int.from_bytes(data[:8], "little")
+    header = json.dumps(json.loads(data[8 : 8 + size]), sort_keys=True).encode()
+    header += b" " * (-len(header) % 8)
+    _check(len(header) <= MAX_HEADER_BYTES, f"metadata exceed {MAX_HEADER_BYTES} bytes")
+    return len(header).to_bytes(8, "little") + header + data[8 + size :]
+
+
+def decode(data: bytes) -> tuple[PolicyInfo, Tensors]:
+    """Read a policy file's bytes; nothing in them is run, and memory stays near their size.
+
+    Raises:
+        PolicyError: on anything but a whole policy of this version for this bicycle.
+    """
+    header = _header(data)
+    info = _info(header.pop("__metadata__", None))
+    kinds = {entry.get("dtype") for entry in header.values() if isinstance(entry, dict)}
+    _check(kinds == {"F32"}, "its tensors are not all float32")
+    try:
+        tensors: Tensors = load(data)
+    except (SafetensorError, ValueError, MemoryError) as error:
+        raise PolicyError(f"it is damaged or cut short ({_line(error)}); copy it again") from None
+    check_tensors(info, tensors)
+    return info, tensors
+
+
+def _header(data: bytes) -> dict[str, Any]:
+    """The JSON header of safetensors bytes."""
+    size = int.from_bytes(data[:8], "little")
+    _check(len(data) > 8, "it is empty or cut short")
+    if size > MAX_HEADER_BYTES and data.startswith((b"PK\x03\x04", b"\x80")):
+        raise PolicyError(
+            "it is a pickle or a PyTorch checkpoint, which is never opened; give the "
+            ".safetensors file that 'bicycle train' writes beside it"
+        )
+    _check(0 < size <= MAX_HEADER_BYTES, "it is not a safetensors file, or its header is too big")
+    _check(8 + size <= len(data), "it is cut short")
+    try:
+        header = json.loads(data[8 : 8 + size])
+    except (ValueError, RecursionError):
+        header = None
+    _check(isinstance(header, dict), "its header is damaged")
+    return dict(header)
+
+
+def _info(metadata: Any) -> PolicyInfo:
+    """What the metadata of a file say, or PolicyError."""
+    _check(
+        isinstance(metadata, dict) and metadata.get("format") == FORMAT,
+        "it is a safetensors file, but not a bicycle policy",
+    )
+    version = metadata.get("version")
+    if version != VERSION:
+        raise PolicyError(f"its format is version {version!r}, not {VERSION!r}; update bicycle")
+    for name, expected in (
+        ("observation_fields", OBSERVATION_FIELDS),
+        ("action_fields", ACTION_FIELDS),
+    ):
+        found = _json(metadata, name)
+        _check(found == list(expected), f"its {name} are {found}, not {list(expected)}")
+    trained = _json(metadata, "trained")
+    _check(isinstance(trained, dict), "its 'trained' is not a mapping")
+    info = PolicyInfo(
+        name=metadata.get("name", ""),
+        scenario=_config(metadata, "scenario", Scenario),
+        physics=_config(metadata, "physics", Physics),
+        observation_scale=_json(metadata, "observation_scale"),
+        action_limits=_json(metadata, "action_limits"),
+        trained=trained,
+    )
+    step = info.physics.constants.time_step
+    _check(_json(metadata, "time_step") == step, f"its time_step is not its physics' {step} s")
+    return info
+
+
+def _json(metadata: dict[str, Any], name: str) -> Any:
+    try:
+        return json.loads(metadata[name])
+    except (KeyError, TypeError, ValueError, RecursionError):
+        raise PolicyError(
+            f"its {name} are missing or damaged; write the file again with 'bicycle export'"
+        ) from None
+
+
+def _config(metadata: dict[str, Any], name: str, kind: Any) -> Any:
+    """The Scenario or Physics of that name, or PolicyError."""
+    try:
+        return kind.from_json(metadata[name])
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        raise PolicyError(
+            f"its {name} cannot be read ({_line(error)}); write the file again with "
+            "'bicycle export'"
+        ) from None
+
+
+def check_tensors(info: PolicyInfo, tensors: Tensors) -> int:
+    """How many layers the network has.
+
+    Raises:
+        PolicyError: when names, types, shapes or values do not make a network for `info`.
+    """
+    count = sum(name.startswith("layer.") and name.endswith(".weight") for name in tensors)
+    _check(count > 0, "it has no layer.0.weight")
+    width, expected = 6, {}
+    for index in range(count):
+        weight = tensors.get(f"layer.{index}.weight")
+        good = weight is not None and weight.ndim == 2 and weight.shape[1] == width
+        _check(good, f"layer.{index}.weight must have shape (outputs, {width})")
+        assert weight is not None
+        width = weight.shape[0]
+        expected[f"layer.{index}.weight"] = weight.shape
+        expected[f"layer.{index}.bias"] = (width,)
+        if index < count - 1 and f"norm.{index}.weight" in tensors:
+            expected[f"norm.{index}.weight"] = expected[f"norm.{index}.bias"] = (width,)
+    _check(width == info.outputs, f"it has {width} outputs for {info.outputs} actions")
+    _check(set(tensors) == set(expected), f"its tensors are not {sorted(expected)}")
+    for name, shape in expected.items():
+        tensor = tensors[name]
+        _check(tensor.shape == shape, f"{name} has shape {tensor.shape}, not {shape}")
+        _check(tensor.dtype == np.float32, f"{name} is {tensor.dtype}, not float32")
+        _check(bool(np.isfinite(tensor).all()), f"{name} holds a value that is not finite")
+    return count
+
+
+def _line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]

@@ -1,0 +1,87 @@
+"""Whether a controller rides the bicycle that it was trained on, or designed for."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import fields, is_dataclass
+from typing import TYPE_CHECKING, Any
+
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import Scenario
+
+if TYPE_CHECKING:
+    from bicycle_controller.control.controller import Controller
+
+UNLIKE = "rides unlike it was trained"
+"""Name of the value in the controller's diagnostics that tells so; "no" where it does not."""
+NOISE = ("displacement_noise",)
+"""Fields of the physics that disturb a bicycle, but make no other one of it."""
+SPEED_TOLERANCE = 0.05
+"""Share of the trained speed by which another one counts as the same."""
+
+
+def differences(trained: Physics, ridden: Physics) -> list[str]:
+    """What makes two bicycles different ones, one line each, such as `wheelbase 1.2, not 1.11`.
+
+    Args:
+        trained: what a controller knows.
+        ridden: what it rides; named first.
+    """
+    return list(_differences(trained, ridden))
+
+
+def _differences(trained: Any, ridden: Any) -> Iterator[str]:
+    if type(trained) is not type(ridden):
+        yield f"{type(ridden).__name__}, not {type(trained).__name__}"
+        return
+    for item in fields(trained):
+        old, new = getattr(trained, item.name), getattr(ridden, item.name)
+        if item.name in NOISE or old == new:
+            continue
+        if is_dataclass(old):
+            yield from _differences(old, new)
+        else:
+            yield f"{item.name} {_shown(new)}, not {_shown(old)}"
+
+
+def _shown(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value).lower()
+
+
+def unlike_training(
+    controller: Controller, physics: Physics, scenario: Scenario | None = None
+) -> list[str]:
+    """In what a ride differs from those that a controller was trained on, or designed for.
+
+    Args:
+        controller: any; one that does not say what it was made for differs in nothing.
+        physics: of the bicycle that is ridden.
+        scenario: of the ride; its start speed is looked at.
+    """
+    info = getattr(controller, "info", None)
+    known = info.physics if info is not None else getattr(controller, "physics", None)
+    found = [] if known is None else differences(known, physics)
+    if info is not None and scenario is not None:
+        low, high = _speeds(info.scenario)
+        slack = SPEED_TOLERANCE * info.scenario.start_speed
+        if not low - slack <= scenario.start_speed <= high + slack:
+            range_ = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
+            found.append(f"start speed {scenario.start_speed:.3g} m/s, not {range_}")
+    return found
+
+
+def _speeds(trained: Scenario) -> tuple[float, float]:
+    """Least and largest speed of a scenario, m/s."""
+    if trained.pedal_limit > 0 and trained.speed_limits is not None:
+        return trained.speed_limits
+    return trained.start_speed, trained.start_speed
+
+
+def warning(policy_id: str, found: list[str]) -> str:
+    """One line about such differences, with the remedy; empty without any."""
+    if not found:
+        return ""
+    return (
+        f"policy {policy_id} was made for another ride ({'; '.join(found)}): it may fall, and "
+        "what is known of it does not hold here; train one for this, or ride what it was made for"
+    )

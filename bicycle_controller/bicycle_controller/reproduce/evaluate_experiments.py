@@ -1,0 +1,179 @@
+"""The rides of an experiment: controllers that are scored, and the ways and states of some."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bicycle_common.observation import ACTION_FIELDS, OBSERVATION_FIELDS
+from bicycle_controller.evaluation.evaluate import evaluate
+from bicycle_controller.policy.policy import load_controller
+from bicycle_controller.reproduce.experiment import Experiment, Variant
+from bicycle_controller.reproduce.tables import Row
+from bicycle_controller.reproduce.training import Run
+from bicycle_controller.training.run_folder import RunFolder
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import Scenario
+from bicycle_sim.task.task import BicycleTask
+
+if TYPE_CHECKING:
+    from bicycle_controller.control.controller import Controller
+
+SEED = 2019
+"""Of the starts that controllers are scored on; training chooses its best by others."""
+WAY_POINTS = 25
+"""Points kept of each way."""
+
+
+@dataclass(frozen=True)
+class Ridden:
+    """A controller on one variant."""
+
+    name: str
+    role: str
+    variant: Variant
+    seed: int
+    """Of its training; 0 where it was not trained here."""
+    controller: Controller
+
+    @property
+    def about(self) -> Row:
+        """The columns that name it."""
+        return {
+            "rider": self.name,
+            "role": self.role,
+            "variant": self.variant.name,
+            "seed": self.seed,
+        }
+
+
+def riders(experiment: Experiment, mode: str, runs: list[Run]) -> Iterator[Ridden]:
+    """Every controller on every variant: the best policy of each run, then what was there."""
+    physics = Physics.named(mode)
+    for variant in experiment.variants:
+        for run in runs:
+            files = RunFolder(run.job.folder)
+            path = files.best if files.best.exists() else files.last
+            mine = not experiment.train_variants or run.variant == variant
+            if mine and path.exists():
+                controller = load_controller(str(path), physics)
+                yield Ridden(run.arm.name, run.arm.role, variant, run.job.seed, controller)
+        for rider in experiment.riders:
+            if not rider.variants or variant.name in rider.variants:
+                controller = load_controller(rider.controller, physics)
+                yield Ridden(rider.name, rider.role, variant, 0, controller)
+
+
+def scored(experiment: Experiment, mode: str, ridden: Ridden, rides: int) -> Row:
+    """What `rides` rides without noise came to; every controller meets the same starts."""
+    scenario, physics = experiment.ridden(ridden.variant), Physics.named(mode)
+    found = evaluate(
+        ridden.controller, scenario, physics, rides, SEED, disturbance=ridden.variant.trial
+    )
+    summary, made = found.summary(), found.rides
+    steps = np.where(made.reached, made.steps, scenario.max_steps)
+    return ridden.about | {
+        "rides": rides,
+        "reached": int(made.reached.sum()),
+        "fallen": int(made.fallen.sum()),
+        "orbits": int(found.orbits.sum()),
+        "median_time_s": summary["median_time_s"],
+        "steps": float(steps.mean()),
+        "path_ratio": summary["path_ratio_mean"],
+        "peak_lean": summary["peak_lean"],
+        "speed": summary["mean_speed"],
+        "return": summary["mean_return"],
+    }
+
+
+@dataclass(frozen=True)
+class Trace:
+    """N rides step by step: arrays of shape (steps + 1, N) or (steps + 1, N, 6 or 3)."""
+
+    x: np.ndarray
+    """m, of the rear contact."""
+    y: np.ndarray
+    speed: np.ndarray
+    """m/s."""
+    observation: np.ndarray
+    action: np.ndarray
+    """As chosen after each state, within the limits."""
+    length: np.ndarray
+    """(N,), steps ridden."""
+    reached: np.ndarray
+    """bool, (N,)."""
+    fallen: np.ndarray
+    """bool, (N,)."""
+
+
+def trace(
+    controller: Controller, scenario: Scenario, physics: Physics, count: int, seed: int = SEED
+) -> Trace:
+    """Ride `count` bicycles to their ends and keep every step."""
+    task = BicycleTask(scenario, physics, count, np.random.default_rng((seed, 0, 0)))
+    limits = scenario.action_limits
+    going = np.ones(count, dtype=bool)
+    length = np.zeros(count, dtype=np.int64)
+    reached = np.zeros(count, dtype=bool)
+    fallen = np.zeros(count, dtype=bool)
+    kept: list[tuple[np.ndarray, ...]] = []
+    observation = task.observation()
+    while True:
+        action = np.clip(controller.act(observation, task.state.speed), -limits, limits)
+        state = task.state
+        kept.append((state.rear_x, state.rear_y, state.speed, observation, action))
+        if not going.any():
+            break
+        step = task.step(action)
+        observation = step.observation
+        length += going
+        reached |= going & step.terminated
+        fallen |= going & step.fallen
+        going &= ~(step.terminated | step.truncated | step.fallen)
+    x, y, speed, seen, acted = (np.stack(values) for values in zip(*kept, strict=True))
+    return Trace(x, y, speed, seen, acted, length, reached, fallen)
+
+
+def ways(ridden: Ridden, made: Trace) -> list[Row]:
+    """Points of each ride's way."""
+    rows: list[Row] = []
+    for ride, length in enumerate(made.length):
+        points = np.unique(np.linspace(0, int(length), WAY_POINTS).astype(int))
+        for point in points:
+            where = {"x": round(float(made.x[point, ride]), 2)}
+            where["y"] = round(float(made.y[point, ride]), 2)
+            about: dict[str, Any] = {"rider": ridden.name, "variant": ridden.variant.name}
+            rows.append(about | {"ride": ride, "reached": int(made.reached[ride])} | where)
+    return rows
+
+
+def states(ridden: Ridden, made: Trace, physics: Physics) -> list[Row]:
+    """Every step of the first ride that reached its goal, or of the first."""
+    ride = int(np.argmax(made.reached))
+    rows: list[Row] = []
+    for step in range(int(made.length[ride]) + 1):
+        row: Row = ridden.about | {"reached": int(made.reached[ride]), "step": step}
+        row["time"] = step * physics.constants.time_step
+        row |= dict(zip(OBSERVATION_FIELDS, made.observation[step, ride].tolist(), strict=True))
+        row |= dict(zip(ACTION_FIELDS, made.action[step, ride].tolist(), strict=True))
+        rows.append(row)
+    return rows
+
+
+def profile(ridden: Ridden, made: Trace, every: int = 4) -> list[Row]:
+    """Speed and size of the heading error by step, over the rides still under way."""
+    rows: list[Row] = []
+    for step in range(0, int(made.length.max()) + 1, every):
+        going = made.length >= step
+        if going.sum() < max(2, 0.1 * len(going)):
+            break  # the mean of the last few says nothing about all
+        speed, error = made.speed[step, going], np.abs(made.observation[step, going, 5])
+        low, high = np.quantile(speed, [0.025, 0.975])
+        row: Row = {"rider": ridden.name, "variant": ridden.variant.name, "step": step}
+        row |= {"riding": int(going.sum()), "speed": float(speed.mean())}
+        row |= {"speed_low": float(low), "speed_high": float(high)}
+        rows.append(row | {"heading_error": float(error.mean())})
+    return rows

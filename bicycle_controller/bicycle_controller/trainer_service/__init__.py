@@ -1,0 +1,1 @@
+"""The learning process of the trainer node, and its client."""

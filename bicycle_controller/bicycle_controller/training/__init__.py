@@ -1,0 +1,1 @@
+"""Training runs: collecting, learning, checkpoints, logs and sweeps."""

@@ -1,0 +1,250 @@
+"""N bicycles that ride with exploration noise and fill the memory."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bicycle_controller.agents.base import Chooser, Memory
+from bicycle_controller.config.algorithms import DdpgConfig, LearnerConfig
+from bicycle_controller.config.run import RunConfig
+from bicycle_controller.control.exploration_noise import Noise
+from bicycle_controller.data.replay_buffer import OBSERVATIONS, NStepAccumulator, RewardShaping
+from bicycle_controller.policy.policy import load_controller
+from bicycle_controller.training.episode_log import EpisodeLog
+from bicycle_controller.training.starts import restart, ride_on, training_scenario
+from bicycle_controller.training.tensor_dynamics import TensorDynamics
+from bicycle_sim.plants.choi.dynamics import State
+from bicycle_sim.task.task import BicycleTask, Step
+
+FAR = 20.0
+"""m from which on a goal is as far as any for a critic that sees the distance."""
+
+
+def driven(limits: np.ndarray) -> np.ndarray:
+    """Indices of the actions that a policy chooses: those whose limit is above zero."""
+    return np.flatnonzero(limits > 0)
+
+
+def observations(learner: LearnerConfig) -> int:
+    """Numbers per observation in the memory: the actor's, and what only the critic sees."""
+    return OBSERVATIONS + len(_extras(learner))
+
+
+def _extras(learner: LearnerConfig) -> tuple[str, ...]:
+    return learner.critic_sees if isinstance(learner, DdpgConfig) else ()
+
+
+def teaches(learner: LearnerConfig) -> bool:
+    """Whether the memory holds what a teacher would have done."""
+    return isinstance(learner, DdpgConfig) and learner.bc_to == "teacher"
+
+
+class Collector:
+    """The bicycles, their noise and the transitions still pending.
+
+    Attributes:
+        steps: environment steps made, over all bicycles.
+        rounds: steps of all bicycles made.
+    """
+
+    def __init__(self, config: RunConfig, replay: Memory, device: str = "cpu") -> None:
+        """Start all bicycles; three generators are spawned from the run's seed.
+
+        Args:
+            config: of the run.
+            replay: where transitions go.
+            device: where the bicycles are stepped, as torch names it.
+        """
+        self.config, self.replay = config, replay
+        seeds = np.random.SeedSequence(config.seed).spawn(3)
+        task_rng, noise_rng, self.warm_rng = map(np.random.default_rng, seeds)
+        scenario = training_scenario(config.scenario, config.starts)
+        advance = None if device == "cpu" else TensorDynamics(device)
+        self.task = BicycleTask(scenario, config.physics, config.bicycles, task_rng, advance)
+        self.limits = scenario.action_limits
+        self.driven = driven(self.limits)
+        self._spread = self.limits[self.driven]
+        learner, actions = config.learner, len(self.driven)
+        self.noise = Noise(config.noise, config.bicycles, actions, noise_rng)
+        teacher, spread = config.teacher, np.arange(config.bicycles + 1) * config.teacher.share
+        self.taught = np.flatnonzero(np.diff(np.floor(spread)))
+        self.teacher = (
+            load_controller(teacher.controller, config.physics) if teacher.share else None
+        )
+        self.absorbing = learner.fall == "absorbing"
+        self.returns = NStepAccumulator(
+            config.bicycles,
+            actions,
+            RewardShaping.of(learner),
+            observations(learner),
+            teaches(learner),
+        )
+        self.top_speed = (scenario.speed_limits or (0.0, scenario.start_speed))[1]
+        self.steps = self.rounds = 0
+        self.episode_return = np.zeros(config.bicycles)
+        self.totals = {"episodes": 0.0, "return": 0.0, "goals": 0.0, "falls": 0.0}
+        restart(self.task, np.ones(config.bicycles, dtype=bool), config.starts)
+        self.observation = self.task.observation()
+        record = config.record
+        self.log = EpisodeLog(record, self.task) if record.episodes else None
+
+    def step(self, agent: Chooser) -> None:
+        """Step every bicycle once and store the transitions that are complete."""
+        shown = self._shown()
+        action = self._chosen(agent, shown)
+        physical = np.zeros((self.config.bicycles, 3))
+        physical[:, self.driven] = action * self._spread
+        before = self._seen(self.observation)
+        step = self.task.step(physical)
+        self.replay.add(
+            self.returns.push(
+                before,
+                action,
+                step.reward - self._spared(step),
+                self._seen(step.observation),
+                step.terminated,
+                step.truncated,
+                step.fallen,
+                self._progress(step),
+                shown if teaches(self.config.learner) else None,
+            )
+        )
+        self.steps += self.config.bicycles
+        self.rounds += 1
+        self.observation = self._after(step)
+
+    def _seen(self, observation: np.ndarray) -> np.ndarray:
+        """The observation (N, 6) with what only the critic sees to its right."""
+        extras = _extras(self.config.learner)
+        if not extras:
+            return observation
+        values = {
+            "speed": self.task.state.speed,
+            "goal_distance": np.minimum(self.task.goal_distance(), FAR),
+        }
+        return np.column_stack([observation, *(values[name] for name in extras)])
+
+    def _spared(self, step: Step) -> np.ndarray | float:
+        """The part of equation 20 that training does without, (N,)."""
+        share = self.config.shaping.heading_share
+        return 0.0 if share == 1.0 else (1.0 - share) * step.terms["heading_error"]
+
+    def _progress(self, step: Step) -> np.ndarray | float:
+        """What is taken off for progress missed, (N,), see `ShapingConfig`."""
+        if self.config.shaping.progress == 0.0:
+            return 0.0
+        nearer = self.task.state.speed * np.cos(step.observation[:, 5])
+        return self.config.shaping.progress * (nearer / self.top_speed - 1.0)
+
+    def _shown(self) -> np.ndarray | None:
+        """What the teacher would do with every bicycle, normalised, (N, actions)."""
+        if self.teacher is None:
+            return None
+        action = self.teacher.act(self.observation, self.task.state.speed)
+        return np.clip(action[:, self.driven] / self._spread, -1.0, 1.0)
+
+    def _chosen(self, agent: Chooser, shown: np.ndarray | None) -> np.ndarray:
+        """Normalised actions (N, actions): at random in the warm-up, else the noisy policy's.
+
+        Where the teacher rides it is its action, with the same noise.
+        """
+        size = (self.config.bicycles, len(self.driven))
+        if self.steps < self.config.warm_up:
+            noise, action = np.zeros(size), self.warm_rng.uniform(-1.0, 1.0, size)
+        else:
+            noise = self.noise.sample()
+            action = agent.act(self.observation) + noise
+        if shown is not None:
+            action[self.taught] = shown[self.taught] + noise[self.taught]
+        return self._finite(np.minimum(np.maximum(action, -1.0), 1.0))
+
+    def _finite(self, action: np.ndarray) -> np.ndarray:
+        """The actions as they are.
+
+        Raises:
+            RuntimeError: when one is not finite.
+        """
+        if not np.isfinite(action).all():
+            raise RuntimeError(
+                f"training has diverged after {self.steps} steps (the actor gives numbers that are"
+                f" not finite): lower the learning rates or {self.config.algorithm}.reward_scale"
+            )
+        return action
+
+    def _after(self, step: Step) -> np.ndarray:
+        """Start again what has ended; the observation (N, 6) to act on next."""
+        self.episode_return += step.reward
+        ended = step.terminated | step.truncated | (step.fallen & self.absorbing)
+        if self.log is not None:
+            self.log.add(self.task, step, ended, self.steps)
+        if not ended.any():
+            return step.observation
+        self.totals["episodes"] += float(ended.sum())
+        self.totals["return"] += float(self.episode_return[ended].sum())
+        self.totals["goals"] += float((ended & step.terminated).sum())
+        self.totals["falls"] += float((ended & step.fallen).sum())
+        self.episode_return[ended] = 0.0
+        goes_on = np.zeros_like(ended)
+        if self.config.starts.ride_on > 0:
+            chosen = self.task.rng.random(len(ended)) < self.config.starts.ride_on
+            goes_on = ended & ~step.fallen & chosen
+        restart(self.task, ended & ~goes_on, self.config.starts)
+        ride_on(self.task, goes_on, self.config.starts)
+        self.noise.reset(ended)
+        if self.log is not None:
+            self.log.begin(self.task, ended)
+        return self.task.observation()
+
+    def metrics(self) -> dict[str, float]:
+        """Episodes, mean return, goal and fall rate since the last call."""
+        totals, episodes = self.totals, max(self.totals["episodes"], 1.0)
+        self.totals = dict.fromkeys(totals, 0.0)
+        return {
+            "episodes": totals["episodes"],
+            "return": totals["return"] / episodes,
+            "goal_rate": totals["goals"] / episodes,
+            "fall_rate": totals["falls"] / episodes,
+        }
+
+    def flush(self, folder: Path) -> None:
+        """Put the episodes that have ended on the disk, where they are recorded."""
+        if self.log is not None:
+            self.log.flush(folder)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Bicycles, noise, generators, pending transitions and counters."""
+        task = self.task
+        arrays = ("steps", "fallen", "goal_x", "goal_y", "_frozen_reward")
+        return {
+            "state": dataclasses.asdict(task.snapshot()),
+            "task": {name: getattr(task, name).copy() for name in arrays},
+            "task_rng": task.rng.bit_generator.state,
+            "warm_rng": self.warm_rng.bit_generator.state,
+            "noise": self.noise.state_dict(),
+            "returns": self.returns.state_dict(),
+            "observation": self.observation.copy(),
+            "episode_return": self.episode_return.copy(),
+            "counters": {"steps": self.steps, "rounds": self.rounds},
+            "totals": dict(self.totals),
+            "log": None if self.log is None else self.log.state_dict(),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from `state`, to the bit."""
+        self.task.state = State(**state["state"])
+        for name, value in state["task"].items():
+            setattr(self.task, name, value)
+        self.task.rng.bit_generator.state = state["task_rng"]
+        self.warm_rng.bit_generator.state = state["warm_rng"]
+        self.noise.load_state_dict(state["noise"])
+        self.returns.load_state_dict(state["returns"])
+        self.observation = state["observation"]
+        self.episode_return = state["episode_return"]
+        self.steps, self.rounds = state["counters"]["steps"], state["counters"]["rounds"]
+        self.totals = dict(state["totals"])
+        if self.log is not None and state.get("log") is not None:
+            self.log.load_state_dict(state["log"])

@@ -1,0 +1,116 @@
+"""What a run tells: JSON lines always, TensorBoard where it is installed, and a progress bar."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from tqdm import tqdm
+
+
+class Logger:
+    """`log.jsonl` of a run folder and, where TensorBoard is installed, its event files."""
+
+    def __init__(self, folder: Path, keep: int, first_step: int, tensorboard: bool) -> None:
+        """Open it.
+
+        Args:
+            folder: the run folder.
+            keep: bytes of the log that the checkpoint knows; what follows them is cut off.
+            first_step: environment steps made so far; events from there on are hidden.
+            tensorboard: whether to write event files too.
+        """
+        self._file = (folder / "log.jsonl").open("ab")
+        self._file.truncate(keep)
+        self._writer = _event_writer(folder, first_step) if tensorboard else None
+
+    def __enter__(self) -> Logger:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._file.close()
+        if self._writer is not None:
+            self._writer.close()
+
+    def write(self, kind: str, step: int, values: dict[str, Any]) -> None:
+        """Add one line; `kind` is `train` or `evaluation`."""
+        row = {"kind": kind, "step": step} | {k: _json_number(v) for k, v in values.items()}
+        self._file.write(json.dumps(row).encode() + b"\n")
+        self._file.flush()
+        if self._writer is not None:
+            for name, value in values.items():
+                if isinstance(value, (int, float)) and math.isfinite(value):
+                    self._writer.add_scalar(f"{kind}/{name}", value, step)
+
+    def sync(self) -> int:
+        """Put all lines on the disk; how many bytes they are."""
+        self._file.flush()
+        os.fsync(self._file.fileno())
+        return self._file.seek(0, os.SEEK_END)
+
+
+def _event_writer(folder: Path, first_step: int) -> Any:
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        return None
+    return SummaryWriter(str(folder / "tensorboard"), purge_step=first_step)
+
+
+def _json_number(value: Any) -> Any:
+    """JSON has no infinity and no NaN."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+class Progress:
+    """A bar over environment steps, with their rate, the updates' rate and the time left."""
+
+    def __init__(self, total: int, done: int, shown: bool, unit: str = "step") -> None:
+        """Draw it on standard error if `shown`; `unit` names what is counted."""
+        self._bar = tqdm(
+            total=total,
+            initial=done,
+            unit=unit,
+            unit_scale=True,
+            dynamic_ncols=True,
+            disable=not shown,
+            mininterval=0.5,
+        )
+        self._shown: dict[str, str] = {}
+        self._last: tuple[float, float] | None = None
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bar.close()
+
+    def advance(self, steps: int) -> None:
+        """Count steps, or what `unit` names."""
+        self._bar.update(steps)
+
+    def show(self, updates: int | None = None, **values: float) -> None:
+        """Write values behind the bar; from the second count of `updates` on also their rate."""
+        if updates is not None:
+            now = time.monotonic()
+            if self._last is not None:
+                rate = (updates - self._last[0]) / max(now - self._last[1], 1e-9)
+                self._shown["updates/s"] = f"{rate:.0f}"
+            self._last = (updates, now)
+        self._shown |= {name: f"{value:.3g}" for name, value in values.items()}
+        self._bar.set_postfix(self._shown, refresh=False)

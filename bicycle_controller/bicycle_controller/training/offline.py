@@ -1,0 +1,188 @@
+"""A run that learns from recorded rides alone: a fixed budget of updates, the best actor kept."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bicycle_controller.config.run import RunConfig
+from bicycle_controller.data import dataset
+from bicycle_controller.data.dataset import Dataset
+from bicycle_controller.data.dataset_report import report
+from bicycle_controller.data.replay_buffer import ReplayBuffer
+from bicycle_controller.evaluation.score import Score
+from bicycle_controller.policy.policy import write_atomically
+from bicycle_controller.training.learner import CHUNK, Candidate, Learner, ddpg_of
+from bicycle_controller.training.logger import Logger, Progress
+from bicycle_controller.training.online import usable_device
+from bicycle_controller.training.run_folder import RunFolder
+from bicycle_controller.training.signals import InterruptError, StopRequest
+
+DATA = "dataset.json"
+"""Of the run's folder: the bags, what is in them, and a digest."""
+
+
+@dataclass(frozen=True)
+class Learned:
+    """How a run ended."""
+
+    status: str
+    """`finished` (all updates made), `reached` (`stop_at` was met) or `interrupted`."""
+    signal: int
+    """Number of the signal that interrupted it; 0 otherwise."""
+    updates: int
+    transitions: int
+    best: Score | None
+    """Score of `best.safetensors`; None where no candidate was kept."""
+    last: Score | None
+    """Score of the last candidate, kept or not."""
+    refused: int
+    """Candidates not kept because the mean Q of their actions was above 0."""
+    q_policy: float | None
+    """That mean at the end, in scaled reward."""
+    wall_s: float
+    """s of wall time, over all calls that the run took."""
+    cpu_s: float
+    """s of processor time, likewise."""
+
+
+def run(
+    config: RunConfig,
+    data: Dataset,
+    folder: Path,
+    progress: bool = False,
+    stop: Callable[[], bool] = lambda: False,
+) -> Learned:
+    """Learn in a new folder from checked data.
+
+    Args:
+        config: the run; its scenario and physics become those of the data.
+        data: see `dataset.check`.
+        folder: made if need be; see `run_folder`.
+        progress: whether to draw a bar on standard error.
+        stop: asked between updates.
+
+    Raises:
+        ValueError: when the folder holds a run already, or the configuration does not suit bags.
+        RuntimeError: when learning diverges.
+    """
+    return _learn(begin(config, data, folder), progress, stop)
+
+
+def begin(config: RunConfig, data: Dataset, folder: Path) -> Learner:
+    """A new run's folder and its learner, before the first update; arguments as in `run`."""
+    config = replace(config, scenario=data.scenario, physics=data.physics)
+    rows = dataset.memory_rows(data, ddpg_of(config))
+    files = RunFolder(folder)
+    files.create(config)
+    about = report(data) | {"digest": _digest(rows)}
+    write_atomically(folder / DATA, json.dumps(about, indent=2).encode() + b"\n")
+    return Learner(config, files, _memory(config, rows))
+
+
+def resume(
+    folder: Path,
+    progress: bool = False,
+    stop: Callable[[], bool] = lambda: False,
+) -> Learned:
+    """Go on with the run in `folder` from its last checkpoint, to the bit.
+
+    Raises:
+        ValueError: when there is no such run, it cannot be read, or its bags have changed.
+        RuntimeError: when learning diverges.
+    """
+    return _learn(reopen(folder), progress, stop)
+
+
+def reopen(folder: Path) -> Learner:
+    """The learner of the run in `folder` as its last checkpoint has it; see `resume`."""
+    files = RunFolder(folder)
+    if not (folder / DATA).exists():
+        raise ValueError(f"{folder} holds no run of 'bicycle learn' to resume: leave out --resume")
+    config = files.resumed_config([])
+    about: dict[str, Any] = json.loads((folder / DATA).read_text())
+    paths = list(dict.fromkeys(bag["path"] for bag in about["bags"]))
+    data = dataset.load(paths, config.scenario)
+    rows = dataset.memory_rows(data, ddpg_of(config))
+    if _digest(rows) != about["digest"]:
+        raise ValueError("the bags have changed since the run began: choose another --out")
+    learner = Learner(config, files, _memory(config, rows))
+    if files.checkpoint.exists():
+        learner.load(files.checkpoint)
+    return learner
+
+
+def _digest(rows: np.ndarray) -> str:
+    return hashlib.sha256(np.ascontiguousarray(rows).tobytes()).hexdigest()
+
+
+def _memory(config: RunConfig, rows: np.ndarray) -> ReplayBuffer:
+    """A replay memory that holds exactly `rows`."""
+    actions = int((config.scenario.action_limits > 0).sum())
+    memory = ReplayBuffer(len(rows), actions, usable_device(config.device))
+    memory.add(rows)
+    return memory
+
+
+def _learn(learner: Learner, progress: bool, stop: Callable[[], bool]) -> Learned:
+    """The loop: until the budget is spent, the goal rate is met or somebody stops it."""
+    config, budget = learner.config, learner.config.offline_updates
+    status, last, saved = "finished", None, time.monotonic()
+    log = Logger(learner.files.path, learner.log_bytes, learner.updates, config.tensorboard)
+    bar = Progress(budget, learner.updates, progress, "update")
+    with log, bar, StopRequest() as interrupt:
+        while learner.evaluation_due or learner.updates < budget:
+            if not learner.evaluation_due:
+                count = min(CHUNK, budget - learner.updates)
+                learner.advance(log, count, learner.updates / budget)
+                learner.evaluation_due |= learner.updates >= budget
+                bar.advance(count)
+            if learner.evaluation_due and not interrupt.signal:
+                candidate = _try_now(learner, log, interrupt)
+                last = candidate or last
+                if candidate is not None and _met(config, candidate, bar):
+                    status = "reached"
+                    break
+            if interrupt.signal or stop():
+                status = "interrupted"
+                break
+            if time.monotonic() - saved >= config.save_every:
+                learner.save(log, {})
+                saved = time.monotonic()
+        learner.save(log, {})
+    return Learned(
+        status,
+        interrupt.signal,
+        learner.updates,
+        learner.replay.size,
+        learner.best,
+        None if last is None else last.score,
+        learner.refused,
+        learner.q_policy,
+        *learner.time(),
+    )
+
+
+def _try_now(learner: Learner, log: Logger, interrupt: StopRequest) -> Candidate | None:
+    """The next candidate, or None when a signal came while it was riding."""
+    try:
+        with interrupt.at_once():
+            return learner.evaluate(log)
+    except InterruptError:
+        learner.evaluation_due = True
+        return None
+
+
+def _met(config: RunConfig, candidate: Candidate, bar: Progress) -> bool:
+    """Show a candidate; whether the run may end with it."""
+    found, limits = candidate.score, config.evaluation
+    bar.show(reach=found.reach_rate, falls=found.fall_rate, q=candidate.q_policy or 0.0)
+    good = found.reach_rate >= limits.stop_at and found.fall_rate <= limits.stop_falls
+    return limits.stop_at > 0 and good and not candidate.dreams

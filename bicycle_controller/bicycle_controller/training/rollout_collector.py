@@ -1,0 +1,22 @@
+"""N bicycles that ride by PPO's own random policy."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bicycle_controller.agents.base import Chooser
+from bicycle_controller.agents.ppo import Ppo
+from bicycle_controller.training.collector import Collector
+
+
+class RolloutCollector(Collector):
+    """A collector without noise of its own.
+
+    What is stored is the action as it was drawn, which the probability ratio needs; the task
+    clips it to the limits as it is applied.
+    """
+
+    def _chosen(self, agent: Chooser, shown: np.ndarray | None) -> np.ndarray:
+        """Normalised actions (N, actions), drawn and not clipped."""
+        assert isinstance(agent, Ppo)
+        return self._finite(agent.sample(self.observation))

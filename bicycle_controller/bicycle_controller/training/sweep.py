@@ -1,0 +1,284 @@
+"""Many training runs, as Ray tasks: presets x scenarios x seeds.
+
+Each run has its own folder, `OUT/PRESET/SCENARIO/seed-N`, as `bicycle train` makes it, with a
+`result.json` once it is done. A sweep that is started again skips what is done and goes on with
+the rest from its checkpoints.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import sys
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from bicycle_controller.config import loading
+from bicycle_controller.config.run import RunConfig
+from bicycle_controller.policy.policy import load_policy, write_atomically
+from bicycle_controller.training.run_folder import RunFolder
+
+STORE_BYTES = 100 * 1024 * 1024
+"""Ray's shared memory: results are small, and containers give little of it."""
+STARTS = 4
+"""How often Ray is started before that is given up."""
+CONNECT_SECONDS = 5.0
+STOP_SECONDS = 60.0
+"""s that interrupted runs get to write their checkpoints."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run of a sweep."""
+
+    preset: str
+    scenario: str
+    seed: int
+    config: RunConfig
+    folder: Path
+
+    @property
+    def result(self) -> Path:
+        """Written when the run is done."""
+        return self.folder / "result.json"
+
+
+def plan(
+    out: Path,
+    presets: Iterable[str],
+    scenarios: Iterable[str],
+    seeds: Iterable[int],
+    overrides: Iterable[str] = (),
+) -> list[Job]:
+    """Every run of a sweep, those of the same seed together.
+
+    Raises:
+        ValueError: on an unknown name or value, or when a folder holds a run of another kind.
+    """
+    jobs = []
+    for seed in seeds:
+        for preset in presets:
+            for scenario in scenarios:
+                changes = [f"scenario={scenario}", f"seed={seed}", *overrides]
+                config = loading.preset(preset, changes)
+                folder = out / preset / scenario / f"seed-{seed}"
+                _check_same(folder, config)
+                jobs.append(Job(preset, scenario, seed, config, folder))
+    return jobs
+
+
+def _check_same(folder: Path, config: RunConfig) -> None:
+    """Refuse to mix runs with different settings in one sweep."""
+    files = RunFolder(folder)
+    if files.config.exists() and loading.load(files.config) != config:
+        raise ValueError(
+            f"{folder} holds a run with other settings: give the same ones, or another --out"
+        )
+
+
+def run_job(
+    job: Job, episodes: int, command: list[str], progress: bool = False
+) -> tuple[dict[str, Any], bytes]:
+    """Train, or go on training, and score the best policy; this is what a Ray worker does.
+
+    Args:
+        job: what to train.
+        episodes: rides of the final score, on starts that training did not choose by.
+        command: the sweep's own command line, for the record.
+        progress: whether to draw a bar on standard error.
+
+    Returns:
+        The result and the policy file's bytes. The status is that of `train.Result`, or
+        `failed` with an `error` when training itself gave up.
+    """
+    from bicycle_controller.evaluation.evaluate import evaluate
+    from bicycle_controller.training import online
+
+    sys.argv = command
+    about = {"preset": job.preset, "scenario": job.scenario, "seed": job.seed}
+    files = RunFolder(job.folder)
+    try:
+        begun = files.config.exists()
+        if begun:
+            made = online.resume(job.folder, progress=progress)
+        else:
+            made = online.run(job.config, job.folder, progress)
+    except (ValueError, RuntimeError) as error:
+        return about | {"status": "failed", "error": " ".join(str(error).split())}, b""
+    path = files.best if files.best.exists() else files.last
+    result = about | asdict(made)
+    if made.status != "interrupted":
+        found = evaluate(load_policy(path), job.config.scenario, job.config.physics, episodes)
+        result["evaluation"] = found.summary()
+    return result, path.read_bytes()
+
+
+def sweep(
+    jobs: list[Job],
+    episodes: int,
+    address: str | None = None,
+    parallel: int | None = None,
+    progress: bool = False,
+) -> list[dict[str, Any]]:
+    """Run all jobs that are not done.
+
+    Args:
+        jobs: from `plan`.
+        episodes: rides of each final score.
+        address: of a Ray cluster; by default a pool of this machine's processors.
+        parallel: processors of that pool; all by default.
+        progress: whether to draw a bar on standard error.
+
+    Returns:
+        The results of all jobs that are done, in the order of the jobs.
+
+    Raises:
+        ConnectionError: when no cluster answers at `address`, or Ray does not start.
+        RuntimeError: when a worker was lost; what is done is kept.
+    """
+    left = [job for job in jobs if not job.result.exists()]
+    if left:
+        ray = _connect(address, parallel)
+        try:
+            with tqdm(total=len(jobs), initial=len(jobs) - len(left), disable=not progress) as bar:
+                _run_all(ray, left, episodes, bar)
+        finally:
+            ray.shutdown()
+    return [json.loads(job.result.read_text()) for job in jobs if job.result.exists()]
+
+
+def _connect(address: str | None, parallel: int | None) -> Any:
+    """Ray, started or joined."""
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+    import ray
+
+    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
+    if address is None:
+        own = {"num_cpus": parallel, "object_store_memory": STORE_BYTES, **quiet}
+        _start(ray, address="local", include_dashboard=False, **own)
+        return ray
+    _check_reachable(address)
+    import bicycle_controller
+    import bicycle_sim
+
+    # The cluster's machines need not have this code; they do need torch and the rest.
+    modules = [str(Path(item.__path__[0])) for item in (bicycle_sim, bicycle_controller)]
+    ray.init(address=address, runtime_env={"py_modules": modules}, **quiet)
+    return ray
+
+
+def _start(ray: Any, **options: Any) -> None:
+    """Start Ray, which gives its own processes 30 s: too little for a busy machine at times.
+
+    Raises:
+        ConnectionError: when they do not come up.
+    """
+    for _ in range(STARTS):
+        try:
+            ray.init(**options)
+            return
+        except Exception as error:  # Ray has no kind of its own for it
+            reason = (str(error).splitlines() or [type(error).__name__])[0]
+            ray.shutdown()
+    raise ConnectionError(
+        f"Ray does not start, {STARTS} times tried ({reason}): make room on this machine, or name "
+        "a running cluster with --ray-address"
+    )
+
+
+def _check_reachable(address: str) -> None:
+    """Refuse an address that nothing answers at: Ray itself would try it for many minutes.
+
+    Raises:
+        ConnectionError: when that is so.
+    """
+    if address == "auto":
+        return
+    host, _, port = address.removeprefix("ray://").rpartition(":")
+    try:
+        socket.create_connection((host, int(port)), timeout=CONNECT_SECONDS).close()
+    except (OSError, ValueError, OverflowError) as error:
+        raise ConnectionError(
+            f"no Ray cluster answers at {address!r} ({error}): give HOST:PORT of one that runs,"
+            " or leave out --ray-address"
+        ) from error
+
+
+def _run_all(ray: Any, jobs: list[Job], episodes: int, bar: Any) -> None:
+    """Start every job as a task and store each result as it comes."""
+    waiting = {}
+    for job in jobs:
+        gpus = 1 if job.config.device.startswith("cuda") else 0
+        task = ray.remote(run_job).options(
+            num_cpus=job.config.threads, num_gpus=gpus, max_retries=3
+        )
+        waiting[task.remote(job, episodes, sys.argv)] = job
+    lost = []
+    try:
+        while waiting:
+            # A time limit, so that Ctrl-C is seen at once.
+            done, _ = ray.wait(list(waiting), timeout=1.0)
+            for reference in done:
+                job = waiting.pop(reference)
+                try:
+                    store(job, *ray.get(reference))
+                except ray.exceptions.RayError as error:
+                    lost.append(f"{job.folder}: {' '.join(str(error).split())[-300:]}")
+                bar.update()
+    except KeyboardInterrupt:
+        print("stopping: each run saves its checkpoint", file=sys.stderr)
+        for reference in waiting:
+            ray.cancel(reference)
+        ray.wait(list(waiting), num_returns=len(waiting), timeout=STOP_SECONDS)
+        raise
+    if lost:
+        raise RuntimeError(f"{len(lost)} runs were lost, start the sweep again; first {lost[0]}")
+
+
+def store(job: Job, result: dict[str, Any], policy: bytes) -> None:
+    """Write what a worker, perhaps on another machine, has found."""
+    if result["status"] == "interrupted":
+        return
+    if policy and not RunFolder(job.folder).best.exists():
+        write_atomically(RunFolder(job.folder).best, policy)
+    write_atomically(job.result, json.dumps(result, indent=2).encode() + b"\n")
+
+
+def groups(results: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The results of each preset on each scenario over its seeds.
+
+    Returns:
+        For each: `preset`, `scenario`, `runs`, `failed`, and over the runs that did not fail
+        `reach_rate` and `fall_rate` as [least, median, largest], medians of `median_time_s`,
+        `cpu_s` and `wall_s`.
+    """
+    found = []
+    for preset, scenario in dict.fromkeys((item["preset"], item["scenario"]) for item in results):
+        runs = [r for r in results if (r["preset"], r["scenario"]) == (preset, scenario)]
+        good = [item for item in runs if item["status"] != "failed"]
+        scores = [item["evaluation"] for item in good]
+        times = [s["median_time_s"] for s in scores if s["median_time_s"] is not None]
+        group = {"preset": preset, "scenario": scenario, "runs": len(runs)}
+        group["failed"] = len(runs) - len(good)
+        for name in ("reach_rate", "fall_rate"):
+            group[name] = _spread([score[name] for score in scores])
+        group["median_time_s"] = _median(times)
+        for name in ("cpu_s", "wall_s"):
+            group[name] = _median([item[name] for item in good])
+        found.append(group)
+    return found
+
+
+def _spread(values: list[float]) -> list[float] | None:
+    """[least, median, largest], or None of nothing."""
+    return [min(values), float(np.median(values)), max(values)] if values else None
+
+
+def _median(values: list[float]) -> float | None:
+    return float(np.median(values)) if values else None

@@ -1,0 +1,17 @@
+"""What an episode was simulated with, as its message tells it."""
+
+from __future__ import annotations
+
+from bicycle_msgs.msg import EpisodeInfo
+
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import Scenario
+
+
+def to_setting(message: EpisodeInfo) -> tuple[Scenario, Physics]:
+    """Scenario and physics of an episode.
+
+    Raises:
+        ValueError: when the message was not written by this simulator.
+    """
+    return Scenario.from_json(message.scenario), Physics.from_json(message.physics)

@@ -1,0 +1,49 @@
+"""Is somebody else simulating a bicycle under the same name?"""
+
+from __future__ import annotations
+
+import os
+import time
+
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from bicycle_common.nodes.runner import UserError
+from bicycle_common.nodes.topics import STATE
+
+DISCOVERY = 0.5
+"""s that nodes of this machine need to find each other, with room to spare."""
+PROOF = 1.0
+"""s in which a living simulator is heard; a killed one stays listed for seconds."""
+
+
+def refuse_second_simulator(node: Node) -> None:
+    """Go on only where no other simulator is heard on this domain and namespace.
+
+    Raises:
+        UserError: when one is.
+    """
+    heard: list[bytes] = []
+    subscription = node.create_subscription(
+        STATE.type, STATE.name, heard.append, STATE.subscribe, raw=True
+    )
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    deadline = time.monotonic() + DISCOVERY
+    suspected = False
+    while not heard and time.monotonic() < deadline:
+        if not suspected and node.count_publishers(STATE.name) > 0:
+            suspected = True
+            deadline = time.monotonic() + PROOF
+        executor.spin_once(timeout_sec=0.02)
+    executor.remove_node(node)
+    executor.shutdown()
+    if heard:
+        others = {info.node_name for info in node.get_publishers_info_by_topic(STATE.name)}
+        raise UserError(
+            f"another simulator ({', '.join(sorted(others)) or 'unknown'}) publishes "
+            f"{node.resolve_topic_name(STATE.name)} on ROS_DOMAIN_ID="
+            f"{os.environ.get('ROS_DOMAIN_ID', '0')}: stop it with ros2_ws/stop.sh, or start this "
+            "one with another ROS_DOMAIN_ID or namespace"
+        )
+    node.destroy_subscription(subscription)

@@ -1,0 +1,112 @@
+"""The simulator's diagnostics."""
+
+from __future__ import annotations
+
+import time
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from bicycle_common.nodes.diagnostics import ERROR, OK, WARN, percentiles, status
+from bicycle_sim.runtime.loop import Loop, StepResult
+
+_MODES = {
+    "riding": "riding",
+    "paused": "paused",
+    "held": "held until the next command",
+    "fallen": "fallen: reset it",
+}
+
+
+class SimReport:
+    """Collects steps and says once a period how loop, commands and bicycle are."""
+
+    def __init__(self, name: str, loop: Loop) -> None:
+        self._name = name
+        self._loop = loop
+        self._made: list[StepResult] = []
+        self._since = time.monotonic()
+        self._late = self._dropped = 0
+
+    def add(self, made: StepResult) -> None:
+        """Count one step in."""
+        self._made.append(made)
+
+    def statuses(self, simulators: int) -> list[DiagnosticStatus]:
+        """The entries since the last call; `simulators` publish this bicycle's state."""
+        made, self._made = self._made, []
+        now = time.monotonic()
+        elapsed, self._since = now - self._since, now
+        return [self._timing(made, elapsed), self._commands(made), self._bicycle(simulators)]
+
+    def _timing(self, made: list[StepResult], elapsed: float) -> DiagnosticStatus:
+        pacer = self._loop.pacer
+        late, dropped = pacer.late - self._late, pacer.dropped - self._dropped
+        self._late, self._dropped = pacer.late, pacer.dropped
+        level, text = OK, "punctual"
+        if self._loop.lockstep:
+            text = "lock-step"
+        elif dropped:
+            level, text = WARN, f"{dropped} steps dropped: this machine is too slow or too busy"
+        elif late:
+            level, text = WARN, f"{late} steps late"
+        values: dict[str, object] = {
+            "rate (Hz)": len(made) / elapsed,
+            "late steps": pacer.late,
+            "dropped steps": pacer.dropped,
+            **percentiles([one.timing.lateness for one in made], "lateness"),
+            **percentiles([one.latency for one in made], "state to command"),
+        }
+        return status(f"{self._name}: loop", level, text, values)
+
+    def _commands(self, made: list[StepResult]) -> DiagnosticStatus:
+        loop, gate = self._loop, self._loop.gate
+        held = loop.held or loop.paused or loop.snapshot.fallen
+        level, text = OK, "waiting" if held else f"from {gate.owner!r}"
+        if loop.starved:
+            held_now = loop.options.on_timeout == "pause"
+            what = "the bicycle is held" if held_now else "zero input is applied"
+            level, text = ERROR, f"no valid command for {gate.silence():.2f} s: {what}"
+        values: dict[str, object] = {
+            "accepted": gate.accepted,
+            "silence (s)": gate.silence(),
+            "controller": gate.owner or "",
+            **{reason.value: count for reason, count in gate.rejected.items()},
+            "steps by input": ", ".join(_sources(made)),
+        }
+        return status(f"{self._name}: commands", level, text, values)
+
+    def _bicycle(self, simulators: int) -> DiagnosticStatus:
+        loop, snapshot = self._loop, self._loop.snapshot
+        level, mode = OK, self._mode()
+        text = _MODES[mode]
+        if snapshot.fallen:
+            level = WARN
+        if simulators > 1:
+            level, text = (
+                ERROR,
+                f"{simulators} nodes publish this bicycle's state: stop all but one",
+            )
+        values: dict[str, object] = {
+            "mode": mode,
+            "paused": loop.paused,
+            "episode": snapshot.episode,
+            "step": snapshot.step,
+            "total steps": loop.total_steps,
+            "seed": loop.simulator.seed,
+        }
+        return status(f"{self._name}: bicycle", level, text, values)
+
+    def _mode(self) -> str:
+        """A key of `_MODES`."""
+        loop = self._loop
+        if loop.snapshot.fallen:
+            return "fallen"
+        if loop.paused:
+            return "paused"
+        return "held" if loop.held else "riding"
+
+
+def _sources(made: list[StepResult]) -> list[str]:
+    """How many steps each kind of input made."""
+    names = [one.snapshot.command_source.name.lower() for one in made]
+    return [f"{names.count(name)} {name}" for name in sorted(set(names))]

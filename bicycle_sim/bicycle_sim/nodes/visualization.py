@@ -1,0 +1,153 @@
+"""The bicycle as other tools want to see it: odometry, joints and a drawing."""
+
+from __future__ import annotations
+
+import math
+
+from geometry_msgs.msg import Point, Pose, PoseWithCovariance, Twist, TwistWithCovariance, Vector3
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import JointState
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from bicycle_common.conventions import mirror
+from bicycle_common.nodes.convert import to_header, to_point, to_quaternion, yaw_of
+from bicycle_common.nodes.topics import BASE_FRAME
+from bicycle_common.types import BicycleState
+from bicycle_sim.plants.choi.parameters import Constants
+
+JOINTS = ("steer", "front_wheel", "rear_wheel", "crank")
+WHEEL_SEGMENTS = 24
+
+_TYRE = ColorRGBA(r=0.1, g=0.1, b=0.1, a=1.0)
+_FRAME = ColorRGBA(r=0.8, g=0.1, b=0.1, a=1.0)
+_RIDER = ColorRGBA(r=0.1, g=0.3, b=0.8, a=1.0)
+_GOAL = ColorRGBA(r=0.1, g=0.7, b=0.2, a=0.5)
+
+
+def odometry(snapshot: BicycleState, nanoseconds: int, constants: Constants) -> Odometry:
+    """Pose of the rear contact, with the lean as roll, and the twist in the bicycle's frame."""
+    yaw_rate = snapshot.speed * math.sin(snapshot.steer_angle) / constants.wheelbase
+    roll = mirror("lean_angle", snapshot.lean_angle)
+    pose = Pose(
+        position=to_point((snapshot.rear_x, snapshot.rear_y)),
+        orientation=to_quaternion(yaw_of(snapshot), roll),
+    )
+    twist = Twist(
+        linear=Vector3(x=float(snapshot.speed)),
+        angular=Vector3(x=-float(snapshot.lean_rate), z=float(yaw_rate)),
+    )
+    return Odometry(
+        header=to_header(nanoseconds),
+        child_frame_id=BASE_FRAME,
+        pose=PoseWithCovariance(pose=pose),
+        twist=TwistWithCovariance(twist=twist),
+    )
+
+
+class Joints:
+    """Joint angles; those of the wheels and the crank are counted up from the start."""
+
+    def __init__(self, constants: Constants) -> None:
+        self._constants = constants
+        self._wheel = 0.0
+
+    def advance(self, snapshot: BicycleState) -> None:
+        """Turn the wheels by one step."""
+        self._wheel += snapshot.speed * self._constants.time_step / self._constants.tyre_radius
+
+    def message(self, snapshot: BicycleState, nanoseconds: int) -> JointState:
+        """Angles in rad and rates in rad/s of JOINTS."""
+        k = self._constants
+        ratio = k.sprocket / k.chain_wheel
+        rate = snapshot.speed / k.tyre_radius
+        return JointState(
+            header=to_header(nanoseconds),
+            name=list(JOINTS),
+            position=[float(snapshot.steer_angle), self._wheel, self._wheel, self._wheel * ratio],
+            velocity=[float(snapshot.steer_rate), rate, rate, rate * ratio],
+        )
+
+
+class _Plane:
+    """Points of the leaning bicycle: `along` its frame's direction, `up` in its own plane."""
+
+    def __init__(self, snapshot: BicycleState) -> None:
+        self._yaw = yaw_of(snapshot)
+        self._lean = snapshot.lean_angle
+        self._steer = snapshot.steer_angle
+        self._rear = (snapshot.rear_x, snapshot.rear_y)
+        self._front = (snapshot.front_x, snapshot.front_y)
+
+    def at(self, front: bool, along: float, up: float) -> Point:
+        """A point `along` and `up`, m, from the front or the rear contact."""
+        x, y = self._front if front else self._rear
+        direction = self._yaw + (self._steer if front else 0.0)
+        sideways = up * math.sin(self._lean)
+        return Point(
+            x=x + along * math.cos(direction) - sideways * math.sin(self._yaw),
+            y=y + along * math.sin(direction) + sideways * math.cos(self._yaw),
+            z=up * math.cos(self._lean),
+        )
+
+    def wheel(self, front: bool, radius: float) -> list[Point]:
+        """A circle that stands on the contact."""
+        angles = (2.0 * math.pi * i / WHEEL_SEGMENTS for i in range(WHEEL_SEGMENTS + 1))
+        return [self.at(front, radius * math.sin(a), radius * (1.0 - math.cos(a))) for a in angles]
+
+
+def markers(
+    snapshot: BicycleState, nanoseconds: int, constants: Constants, goal_radius: float
+) -> MarkerArray:
+    """Two wheels, a frame, the rider's mass, and the goal with its radius."""
+    plane, r = _Plane(snapshot), constants.tyre_radius
+    frame = [
+        plane.at(False, 0.0, r),
+        plane.at(False, 0.35, 0.75),
+        plane.at(False, 0.9, 0.8),
+        plane.at(True, 0.0, r),
+        plane.at(True, -0.1, 0.95),
+        plane.at(True, 0.1, 0.95),
+    ]
+    lines = (
+        ("front wheel", plane.wheel(True, r), _TYRE),
+        ("rear wheel", plane.wheel(False, r), _TYRE),
+        ("frame", frame, _FRAME),
+    )
+    made = [_line(name, points, colour, nanoseconds) for name, points, colour in lines]
+    made.append(_rider(plane, constants, nanoseconds))
+    made.append(_goal(snapshot, goal_radius, nanoseconds))
+    return MarkerArray(markers=made)
+
+
+def _marker(name: str, kind: int, nanoseconds: int) -> Marker:
+    marker = Marker(header=to_header(nanoseconds), ns=name, type=int(kind), action=Marker.ADD)
+    marker.pose.orientation.w = 1.0
+    return marker
+
+
+def _line(name: str, points: list[Point], colour: ColorRGBA, nanoseconds: int) -> Marker:
+    marker = _marker(name, Marker.LINE_STRIP, nanoseconds)
+    marker.points, marker.color = points, colour
+    marker.scale.x = 0.05
+    return marker
+
+
+def _rider(plane: _Plane, constants: Constants, nanoseconds: int) -> Marker:
+    marker = _marker("rider", Marker.SPHERE, nanoseconds)
+    height = constants.mass_height + constants.rider_above_mass
+    marker.pose.position = plane.at(False, constants.wheelbase - constants.front_to_mass, height)
+    marker.scale = Vector3(x=0.3, y=0.3, z=0.6)
+    marker.color = _RIDER
+    return marker
+
+
+def _goal(snapshot: BicycleState, radius: float, nanoseconds: int) -> Marker:
+    marker = _marker("goal", Marker.CYLINDER, nanoseconds)
+    if snapshot.goal is None:
+        marker.action = Marker.DELETE
+        return marker
+    marker.pose.position = to_point(snapshot.goal)
+    marker.scale = Vector3(x=2.0 * radius, y=2.0 * radius, z=0.05)
+    marker.color = _GOAL
+    return marker

@@ -1,0 +1,1 @@
+"""One bicycle in time: simulator, loop, pacing, and what is let in."""

@@ -1,0 +1,187 @@
+"""One bicycle, step by step, that can be rebuilt to the bit from what a bag holds.
+
+The paper's signs and symbols throughout. A bicycle is a batch of one, stepped by the same
+`dynamics.step` as the thousands in training, so that what is learned there holds here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+
+from bicycle_common.observation import goal_bearing
+from bicycle_common.types import BicycleState, Command, CommandSource, InitialPose
+from bicycle_common.validation import require
+from bicycle_sim.plants.choi import dynamics
+from bicycle_sim.plants.choi.dynamics import State
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import Scenario
+from bicycle_sim.task.task import BicycleTask
+
+
+class Simulator:
+    """One bicycle on one scenario.
+
+    Episodes are counted from 1 and steps from 0. A fallen bicycle stays as it lies: its steps
+    count on, its state does not change (errata row 25).
+    """
+
+    def __init__(self, scenario: Scenario, physics: Physics | None = None, seed: int = 0) -> None:
+        """Make a simulator whose first episode is still to be started by `reset`.
+
+        Args:
+            scenario: limits, start speed, goal radius and fall angle.
+            physics: constants and corrections; faithful by default.
+            seed: of the first episode, unless `reset` names another; not negative.
+        """
+        self.scenario = scenario
+        self.physics = physics or Physics()
+        self.seed = _checked_seed(seed) - 1
+        self._state: State
+        self._noise: np.random.Generator
+        self.snapshot = self._place(InitialPose(0.0, 0.0, 0.0, scenario.start_speed), episode=0)
+
+    @property
+    def time_step(self) -> float:
+        """s (dt)."""
+        return self.physics.constants.time_step
+
+    def reset(self, start: InitialPose | None = None, seed: int | None = None) -> BicycleState:
+        """Begin the next episode.
+
+        Args:
+            start: where; None draws one from the scenario with this episode's seed.
+            seed: of the episode; None takes the one after the last episode's.
+
+        Returns:
+            The state at step 0.
+
+        Raises:
+            ValueError: on a negative seed or a speed outside the scenario's limits.
+        """
+        seed = self.seed + 1 if seed is None else _checked_seed(seed)
+        start = self._draw(seed) if start is None else start
+        limits = self.scenario.speed_limits
+        if limits is not None and not limits[0] <= start.speed <= limits[1]:
+            raise ValueError(
+                f"the start's speed {start.speed:g} m/s is outside the scenario's limits "
+                f"{limits[0]:g} to {limits[1]:g} m/s"
+            )
+        self.seed = seed
+        self.snapshot = self._place(start, self.snapshot.episode + 1)
+        return self.snapshot
+
+    @classmethod
+    def restore(
+        cls, snapshot: BicycleState, scenario: Scenario, physics: Physics, seed: int
+    ) -> Simulator:
+        """A simulator that goes on from `snapshot` as the one did that made it, to the bit.
+
+        Args:
+            snapshot: any state of an episode, as a message gives it.
+            scenario: of that episode.
+            physics: of that episode.
+            seed: of that episode, so that displacement noise goes on where it was.
+        """
+        made = cls(scenario, physics, seed)
+        made.seed = seed
+        made.snapshot = snapshot
+        made._state = State(
+            **{item.name: np.array([getattr(snapshot, item.name)]) for item in fields(State)}
+        )
+        made._noise = _noise(seed, snapshot.step)
+        return made
+
+    def step(self, command: Command | None, push: float = 0.0) -> BicycleState:
+        """One time step under a command, or under zero input.
+
+        Args:
+            command: newest valid one; applied as it is, so check it with `CommandValidator` first.
+            push: rad/s added to the lean rate before the step (`push.PushGate` checks it).
+
+        Returns:
+            The state dt later.
+        """
+        before = self.snapshot
+        if not before.fallen:
+            torque, displacement, pedal = command.action if command else (0.0, 0.0, 0.0)
+            spread = self.physics.displacement_noise
+            if spread > 0:
+                displacement += spread * (2.0 * float(self._noise.random()) - 1.0)
+            begun = self._state
+            if push:
+                begun = replace(begun, lean_rate=begun.lean_rate + push)
+            self._state = dynamics.step(
+                begun,
+                np.array([torque]),
+                np.array([displacement]),
+                np.array([pedal]),
+                self.physics,
+                self.scenario.speed_limits,
+            )
+        self.snapshot = self._observe(before.episode, before.step + 1, command)
+        return self.snapshot
+
+    def _observe(self, episode: int, step: int, command: Command | None) -> BicycleState:
+        """The present state as plain numbers, with the goal of the command that led to it."""
+        state = self._state
+        numbers = {item.name: float(getattr(state, item.name)[0]) for item in fields(State)}
+        goal = command.goal if command else None
+        error, distance = goal_bearing(numbers, goal)
+        if step == 0:
+            source = CommandSource.INITIAL
+        elif command is None:
+            source = CommandSource.ZERO
+        else:
+            source = CommandSource.FRESH if command.step == step - 1 else CommandSource.HELD
+        lies = dynamics.fallen(numbers["lean_angle"], self.scenario.fall_angle)
+        return BicycleState(
+            episode=episode,
+            step=step,
+            **numbers,
+            fallen=bool(lies),
+            goal=goal,
+            heading_error=error,
+            goal_distance=distance,
+            command_source=source,
+            command_step=command.step if command else -1,
+            controller=command.controller if command else "",
+            action=command.action if command else (0.0, 0.0, 0.0),
+        )
+
+    def _place(self, start: InitialPose, episode: int) -> BicycleState:
+        """Put the bicycle at `start`."""
+        where = (np.array([start.x]), np.array([start.y]), np.array([start.heading]))
+        speed = np.array([start.speed])
+        self._state = dynamics.upright(*where, speed, self.physics.constants)
+        self._noise = _noise(self.seed)
+        return self._observe(episode, 0, None)
+
+    def _draw(self, seed: int) -> InitialPose:
+        """A start of the scenario's distribution, as the task draws it."""
+        drawn = BicycleTask(self.scenario, self.physics, rng=np.random.default_rng([seed, 1]))
+        state = drawn.state
+        return InitialPose(
+            x=float(state.rear_x[0]),
+            y=float(state.rear_y[0]),
+            heading=float(state.heading[0]),
+            speed=self.scenario.start_speed,
+        )
+
+
+def _checked_seed(seed: int) -> int:
+    """The seed.
+
+    Raises:
+        ValueError: when it is negative.
+    """
+    require(seed >= 0, f"a seed must be zero or more, not {seed}")
+    return seed
+
+
+def _noise(seed: int, drawn: int = 0) -> np.random.Generator:
+    """Source of displacement noise, one draw a step, after so many draws."""
+    bits = np.random.PCG64([max(seed, 0), 0])
+    bits.advance(drawn)
+    return np.random.Generator(bits)

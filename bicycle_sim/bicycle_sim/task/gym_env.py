@@ -1,0 +1,303 @@
+"""The bicycle as a Gymnasium environment, one at a time or many at once.
+
+Importing this module registers `BicycleGoal-v0`; so does its long name:
+
+    gymnasium.make("bicycle_sim.task.gym_env:BicycleGoal-v0", scenario="learned-speed")
+    gymnasium.make_vec("bicycle_sim.task.gym_env:BicycleGoal-v0", num_envs=64)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.spaces import Box
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from bicycle_common.observation import ACTION_FIELDS
+from bicycle_common.validation import require
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import Scenario, named
+from bicycle_sim.task.task import BicycleTask, Step
+
+ENV_ID = "BicycleGoal-v0"
+
+AUTHORS_SCALE = (math.pi / 2, 1.0, math.pi / 6, 1.0, 1.0, 1.0)
+"""What the paper's authors divided the observation by (errata row 35)."""
+
+FALLS = ("freeze", "terminate")
+
+_METADATA: dict[str, Any] = {"render_modes": [], "render_fps": 40}
+
+
+class _Face:
+    """Spaces, units and information that both environments share."""
+
+    def __init__(
+        self,
+        scenario: str | Scenario,
+        physics: str | Physics,
+        fall: str,
+        observation_scale: Sequence[float] | None,
+        count: int,
+    ) -> None:
+        require(fall in FALLS, f"fall must be one of {', '.join(FALLS)}, not {fall!r}")
+        scale = np.ones(6) if observation_scale is None else np.asarray(observation_scale, float)
+        require(
+            scale.shape == (6,) and bool(np.isfinite(scale).all() and (scale > 0).all()),
+            f"observation_scale must be six numbers above zero, not {observation_scale!r}",
+        )
+        chosen = named(scenario) if isinstance(scenario, str) else scenario
+        model = Physics.named(physics) if isinstance(physics, str) else physics
+        self.ends_at_fall = fall == "terminate"
+        self.task = BicycleTask(chosen, model, count, np.random.default_rng(0))
+        self._scale = scale
+        self._driven = np.flatnonzero(chosen.action_limits)
+        require(len(self._driven) > 0, f"scenario {chosen.name} allows no action at all")
+        self.action_names = tuple(ACTION_FIELDS[index] for index in self._driven)
+        self.action_space = Box(-1.0, 1.0, (len(self._driven),), np.float32)
+        stop = model.constants.steer_stop
+        self._bounds = np.array([stop, 1e4, math.pi, 1e3, 1e4, math.pi])
+        high = (self._bounds / scale).astype(np.float32)
+        self.observation_space = Box(-high, high, dtype=np.float32)
+
+    def observe(self, observation: np.ndarray) -> np.ndarray:
+        """(N, 6) float32 inside the space from (N, 6) in SI units."""
+        scaled = (np.clip(observation, -self._bounds, self._bounds) / self._scale).astype("f4")
+        high = self.observation_space.high
+        return np.clip(scaled, -high, high)
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, Step, np.ndarray]:
+        """Observation (N, 6), the task's step and whether each episode terminated (N,)."""
+        physical = np.zeros((self.task.count, 3))
+        limits = self.task.scenario.action_limits[self._driven]
+        physical[:, self._driven] = np.clip(action, -1.0, 1.0) * limits
+        step = self.task.step(physical)
+        ended = step.terminated | step.fallen if self.ends_at_fall else step.terminated
+        return self.observe(step.observation), step, ended
+
+    def info(self, step: Step | None = None) -> dict[str, np.ndarray]:
+        """What is known beside the observation, arrays of shape (N,); see `BicycleEnv`."""
+        found = {
+            "fallen": self.task.fallen.copy(),
+            "goal_distance": self.task.goal_distance(),
+            "speed": self.task.state.speed.copy(),
+        }
+        for name in ("lean_angle", "lean_rate", "lean_acceleration", "heading_error"):
+            value = np.zeros(self.task.count) if step is None else step.terms[name] + 0.0
+            found[f"reward_{name}"] = value
+        return found
+
+
+class BicycleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """Balance a bicycle and ride it to a goal (Choi, Le et al. 2019).
+
+    ## Action space
+
+    `Box(-1, 1, (k,), float32)`: one number for each action that the scenario allows, in this
+    order, as a share of its limit. A scenario with a limit of zero lacks that action.
+
+    | action       | symbol | limit (either way)          | unit |
+    | ------------ | ------ | --------------------------- | ---- |
+    | torque       | T      | 2                           | N m  |
+    | displacement | d      | 0.2 or 0.02, by scenario    | m    |
+    | pedal force  | F      | 100; none at a fixed speed  | N    |
+
+    ## Observation space
+
+    `Box((6,), float32)`, in the paper's signs: lean and steering positive to the left, the
+    heading error positive when the goal lies to the right. With `observation_scale` each
+    number is divided by one of six. Values beyond the bounds are clipped to them.
+
+    | observation       | symbol         | min     | max    | unit    |
+    | ----------------- | -------------- | ------- | ------ | ------- |
+    | steer angle       | theta          | -1.3963 | 1.3963 | rad     |
+    | steer rate        | theta dot      | -1e4    | 1e4    | rad/s   |
+    | lean angle        | omega          | -pi     | pi     | rad     |
+    | lean rate         | omega dot      | -1e3    | 1e3    | rad/s   |
+    | lean acceleration | omega dot dot  | -1e4    | 1e4    | rad/s^2 |
+    | heading error     | psi_g          | -pi     | pi     | rad     |
+
+    ## Reward
+
+    -(omega^2 + 0.1 omega_dot^2 + 0.01 omega_dot_dot^2 + 2 psi_g^2) (eq. 20), never positive.
+
+    ## Starting state
+
+    Upright, straight, at the scenario's speed; place, heading and goal drawn as it says.
+
+    ## Episode end
+
+    Terminated: the rear contact is within 1 m of the goal, upright. Truncated: the scenario's
+    `max_steps`; do not also wrap it in a `TimeLimit`. A fall, |omega| > pi/6, ends nothing:
+    the state freezes and its reward repeats (errata row 25). With `fall="terminate"` a fall
+    terminates too; since no reward is positive, that invites an agent to fall early.
+
+    ## Information
+
+    | key                        | meaning                                        | unit |
+    | -------------------------- | ---------------------------------------------- | ---- |
+    | fallen                     | whether the bicycle lies                       | bool |
+    | goal_distance              | rear contact to goal                           | m    |
+    | speed                      | v                                              | m/s  |
+    | reward_lean_angle, ...     | the four terms of the reward; zero after reset | -    |
+
+    Version history: v0 is the first.
+    """
+
+    metadata: dict[str, Any] = _METADATA
+
+    def __init__(
+        self,
+        scenario: str | Scenario = "random-start-random-goal",
+        physics: str | Physics = "faithful",
+        fall: str = "freeze",
+        observation_scale: Sequence[float] | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        """Make one bicycle.
+
+        Args:
+            scenario: a name of `bicycle_sim.task.scenario.SCENARIOS`, or a scenario.
+            physics: `faithful`, `corrected`, or any physics.
+            fall: `freeze` or `terminate`.
+            observation_scale: six divisors, such as AUTHORS_SCALE; SI units by default.
+            render_mode: None; there is no picture.
+
+        Raises:
+            ValueError: on an unknown name or value.
+        """
+        require(render_mode is None, f"render_mode must be None, not {render_mode!r}")
+        self.render_mode = None
+        self._face = _Face(scenario, physics, fall, observation_scale, 1)
+        self.action_space = self._face.action_space
+        self.observation_space = self._face.observation_space
+
+    @property
+    def task(self) -> BicycleTask:
+        """The task inside, a batch of one."""
+        return self._face.task
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """Which action each number of the action space drives."""
+        return self._face.action_names
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode; there are no options."""
+        super().reset(seed=seed)
+        self.task.rng = self.np_random
+        self.task.reset()
+        return self._face.observe(self.task.observation())[0], _only(self._face.info())
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """One time step, 0.025 s.
+
+        Raises:
+            ValueError: when the action is not finite.
+        """
+        observation, step, ended = self._face.step(np.asarray(action)[None])
+        truncated = bool(step.truncated[0] and not ended[0])
+        info = _only(self._face.info(step))
+        return observation[0], float(step.reward[0]), bool(ended[0]), truncated, info
+
+
+class BicycleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """N bicycles in one array program; each as `BicycleEnv` says.
+
+    An episode that ended is begun anew by the next step, whose action for it is ignored and
+    whose reward is zero (Gymnasium's next-step autoreset). All bicycles share one seed.
+    """
+
+    metadata: dict[str, Any] = _METADATA | {"autoreset_mode": AutoresetMode.NEXT_STEP}
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        scenario: str | Scenario = "random-start-random-goal",
+        physics: str | Physics = "faithful",
+        fall: str = "freeze",
+        observation_scale: Sequence[float] | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        """Make `num_envs` bicycles; for the rest see `BicycleEnv`.
+
+        Raises:
+            ValueError: on an unknown name or value.
+        """
+        require(render_mode is None, f"render_mode must be None, not {render_mode!r}")
+        self.render_mode = None
+        self.num_envs = num_envs
+        self._face = _Face(scenario, physics, fall, observation_scale, num_envs)
+        self.single_action_space = self._face.action_space
+        self.single_observation_space = self._face.observation_space
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._ended = np.zeros(num_envs, dtype=bool)
+
+    @property
+    def task(self) -> BicycleTask:
+        """The task inside, a batch of N."""
+        return self._face.task
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """Which action each number of an action drives."""
+        return self._face.action_names
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode for every bicycle; there are no options."""
+        super().reset(seed=seed)
+        self.task.rng = self.np_random
+        self._ended = np.zeros(self.num_envs, dtype=bool)
+        self.task.reset()
+        return self._face.observe(self.task.observation()), _masked(self._face.info())
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """One time step for every bicycle that rides, a new start for every one that ended.
+
+        Raises:
+            ValueError: when an action is not finite.
+        """
+        fresh = self._ended
+        observation, step, ended = self._face.step(actions)
+        truncated = step.truncated & ~ended
+        reward, info = step.reward + 0.0, self._face.info(step)
+        if fresh.any():
+            self.task.reset(fresh)
+            observation = self._face.observe(self.task.observation())
+            ended, truncated = ended & ~fresh, truncated & ~fresh
+            reward[fresh] = 0.0
+            begun = self._face.info()
+            info = {name: np.where(fresh, begun[name], value) for name, value in info.items()}
+        self._ended = ended | truncated
+        return observation, reward, ended, truncated, _masked(info)
+
+
+def _only(info: dict[str, np.ndarray]) -> dict[str, Any]:
+    """Plain numbers from arrays of one."""
+    return {name: value[0].item() for name, value in info.items()}
+
+
+def _masked(info: dict[str, np.ndarray]) -> dict[str, Any]:
+    """The same with Gymnasium's masks, which say for which bicycles a key holds: for all."""
+    masks = {f"_{name}": np.ones(len(value), dtype=bool) for name, value in info.items()}
+    return info | masks
+
+
+if ENV_ID not in gymnasium.registry:
+    gymnasium.register(
+        id=ENV_ID,
+        entry_point=f"{__name__}:BicycleEnv",
+        vector_entry_point=f"{__name__}:BicycleVectorEnv",
+    )

@@ -1,0 +1,308 @@
+"""One step of `BicycleTask` in one call of `native_task.cpp`, to the bit as numpy makes it.
+
+For one bicycle numpy's hundred calls cost a hundred times what they compute; for many, one pass
+over blocks of bicycles stays in the processor's cache. Sine, arc tangent and the like differ in
+their last bits between libraries and processors, so the library calls numpy's own inner loops,
+which every ufunc holds in public (`PyUFuncObject` of numpy's C API). Where the library was not
+built, or numpy's ufuncs look otherwise, the task steps in numpy.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import functools
+import operator
+from importlib.machinery import EXTENSION_SUFFIXES
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from bicycle_sim.plants.choi.dynamics import State
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.scenario import Scenario
+
+if TYPE_CHECKING:
+    from bicycle_sim.task.task import BicycleTask
+
+LIBRARY = "_native_task"
+"""Its file beside this one, less the suffix of Python's extensions."""
+LOOPS = ("sin", "cos", "arctan", "arcsin", "arctan2", "maximum", "minimum")
+"""The ufuncs whose loops the library calls, in the order of `Model`."""
+STATES = 11
+"""Fields of a State, the first rows of a result."""
+ROWS = 24
+"""Of a result (ROWS, N): State's fields, six observations, the reward, its four terms, the
+distance to the goal, and the steps as whole numbers."""
+OBSERVED, REWARD, TERMS, DISTANCE, STEPS = 11, 17, 18, 22, 23
+"""Where each begins."""
+POOL = 64
+"""Results of one bicycle that are made at once."""
+
+
+class _Ufunc(ctypes.Structure):
+    """The beginning of `PyUFuncObject`."""
+
+    _fields_ = (
+        ("head", ctypes.c_char * object.__basicsize__),
+        ("inputs", ctypes.c_int),
+        ("outputs", ctypes.c_int),
+        ("arguments", ctypes.c_int),
+        ("identity", ctypes.c_int),
+        ("functions", ctypes.POINTER(ctypes.c_void_p)),
+        ("data", ctypes.POINTER(ctypes.c_void_p)),
+        ("types", ctypes.c_int),
+        ("reserved", ctypes.c_int),
+        ("name", ctypes.c_char_p),
+    )
+
+
+class _Loop(ctypes.Structure):
+    """`Loop` of native_task.cpp."""
+
+    _fields_ = (("call", ctypes.c_void_p), ("data", ctypes.c_void_p))
+
+
+_NUMBERS = (
+    *("time_step", "pedal", "mass_height", "tyre_radius", "tyre_spin", "wheelbase"),
+    *("mass_offset", "tyres", "turning", "gravity", "lean_inertia", "coupling"),
+    *("steer_inertia", "steer_stop", "drift", "speed_low", "speed_high", "fall_angle"),
+    "goal_radius",
+)
+_SWITCHES = ("most_steps", "limit_speed", "chord_follows_steering", "stop_absorbs_steering")
+
+
+class _Model(ctypes.Structure):
+    """`Model` of native_task.cpp."""
+
+    _fields_ = (
+        *((name, _Loop) for name in LOOPS),
+        ("lowest", ctypes.c_double * 3),
+        ("highest", ctypes.c_double * 3),
+        *((name, ctypes.c_double) for name in _NUMBERS),
+        ("weights", ctypes.c_double * 4),
+        *((name, ctypes.c_int64) for name in _SWITCHES),
+    )
+
+
+_ACTION, _NOISE, _STATE, _GOAL_X, _GOAL_Y, _STEPS, _FALLEN, _FROZEN, _RESULT, _ENDS = range(10)
+"""Places in `Arrays` of native_task.cpp."""
+_ARRAYS = 10
+_GIVEN: dict[int, tuple[str, type]] = {
+    _GOAL_X: ("goal_x", np.float64),
+    _GOAL_Y: ("goal_y", np.float64),
+    _STEPS: ("steps", np.int64),
+    _FALLEN: ("fallen", np.bool_),
+    _FROZEN: ("_frozen_reward", np.float64),
+}
+"""Arrays (N,) of a task that others may replace between steps."""
+
+
+class NativeStep:
+    """Steps the bicycles of one task, and remembers where their last result lies.
+
+    Attributes:
+        result: (ROWS, N) float64 of the last step, in memory of its own.
+        wholes: the same memory as whole numbers.
+        ends: (3, N) bool: terminated, truncated, fallen.
+    """
+
+    def __init__(self, scenario: Scenario, physics: Physics) -> None:
+        """Prepare what does not change from step to step.
+
+        Raises:
+            RuntimeError: when the library cannot be used.
+        """
+        library = load()
+        if library is None:
+            raise RuntimeError("the native step was not built: call ros2_ws/setup.sh")
+        self._made_of = scenario, physics
+        self._model = _model(scenario, physics)
+        self._size = ctypes.c_long(0)
+        arrays = np.zeros(_ARRAYS, dtype=np.uintp)
+        self._at = arrays.data
+        self._known: tuple[np.ndarray | None, ...]
+        self._views: tuple[np.ndarray, ...]
+        self._results: np.ndarray
+        self._results_at = self._ends_at = self._next = 0
+        self._call = functools.partial(
+            library.task_step,
+            ctypes.byref(self._model),
+            ctypes.c_void_p(_address(arrays)),
+            ctypes.byref(self._size),
+        )
+        self._resize(0)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A stepper is copied and sent to other processes as what it was made of."""
+        return NativeStep, self._made_of
+
+    def state(self) -> State:
+        """The bicycles after the last step, as views of its result."""
+        self._views = tuple(self.result[:STATES])
+        return State(*self._views)
+
+    def step(
+        self, task: BicycleTask, state: State | None, action: np.ndarray, noise: np.ndarray | None
+    ) -> bool:
+        """Step the bicycles of `task`.
+
+        Args:
+            task: with its goals, steps, falls and frozen rewards.
+            state: of its bicycles; None where nobody has asked for it since the last step.
+            action: (N, 3) float64.
+            noise: (N,) added to the displacement, if any.
+
+        Returns:
+            False, with nothing done, when an action is not finite.
+        """
+        if task.count != self._count:
+            self._resize(task.count)
+        if self._next == len(self._results):
+            self._refill()
+        at, number, count = self._at, self._next, self._count
+        self._action[:] = action
+        if state is not None:
+            self._take(state)
+        if not self._follows(task):
+            self._meet(task)
+        at[_NOISE] = 0 if noise is None else _address(noise)
+        at[_RESULT] = result = self._results_at + number * 8 * ROWS * count
+        at[_ENDS] = ends = self._ends_at + number * 3 * count
+        if self._call():
+            return False
+        self._next = number + 1
+        self.result, self.wholes = self._results[number], self._wholes[number]
+        self.ends, self._views = self._ends[number], ()
+        at[_STATE], at[_STEPS] = result, result + STEPS * 8 * count
+        at[_FROZEN], at[_FALLEN] = result + REWARD * 8 * count, ends + 2 * count
+        return True
+
+    def follow(self, task: BicycleTask) -> None:
+        """Remember that the task's arrays are where `Arrays` says."""
+        self._known = task.steps, task.fallen, task._frozen_reward, task.goal_x, task.goal_y
+
+    def _follows(self, task: BicycleTask) -> bool:
+        """Whether the task's arrays are still those of the last step."""
+        steps, fallen, frozen, goal_x, goal_y = self._known
+        return (
+            task.steps is steps
+            and task.fallen is fallen
+            and task._frozen_reward is frozen
+            and task.goal_x is goal_x
+            and task.goal_y is goal_y
+        )
+
+    def _take(self, state: State) -> None:
+        """Copy the bicycles, unless they are the last result."""
+        values = vars(state).values()
+        if len(self._views) == STATES and all(map(operator.is_, values, self._views)):
+            return
+        for row, array in zip(self._rows, values, strict=True):
+            row[:] = array
+        self._at[_STATE] = self._input_at
+
+    def _meet(self, task: BicycleTask) -> None:
+        """Find the task's arrays where somebody has put others in their place."""
+        for place, (name, kind) in _GIVEN.items():
+            array: np.ndarray = np.ascontiguousarray(getattr(task, name), kind)
+            setattr(task, name, array)
+            self._at[place] = _address(array)
+        self.follow(task)
+
+    def _resize(self, count: int) -> None:
+        """Work for `count` bicycles from now on."""
+        self._count = self._size.value = count
+        self._action, self._input = np.zeros((count, 3)), np.zeros((STATES, count))
+        self._rows, self._input_at = list(self._input), _address(self._input)
+        self._at[_ACTION] = _address(self._action)
+        self._known, self._views = (None,) * 5, ()
+        self._results = np.empty((0, ROWS, count))
+        self._next = 0
+
+    def _refill(self) -> None:
+        """Make memory for further results; what was made before is the callers'."""
+        pooled = max(1, POOL // self._count)
+        self._results = np.empty((pooled, ROWS, self._count))
+        self._wholes: np.ndarray = self._results.view(np.int64)
+        self._ends: np.ndarray = np.empty((pooled, 3, self._count), dtype=bool)
+        self._results_at, self._ends_at = _address(self._results), _address(self._ends)
+        self._next = 0
+
+
+def _address(array: np.ndarray) -> int:
+    return int(array.__array_interface__["data"][0])
+
+
+def _model(scenario: Scenario, physics: Physics) -> _Model:
+    """Every number as dynamics.py, reward.py and task.py work it out."""
+    k, weights = physics.constants, scenario.reward
+    limits = scenario.action_limits.tolist()
+    low, high = scenario.speed_limits or (0.0, 0.0)
+    coupling = k.tyre_spin_inertia if physics.gyroscopic_correction else -k.tyre_lean_inertia
+    return _Model(
+        **_loops(),
+        lowest=(ctypes.c_double * 3)(*(-limit for limit in limits)),
+        highest=(ctypes.c_double * 3)(*limits),
+        time_step=k.time_step,
+        pedal=k.pedal_gain / k.driven_mass,
+        mass_height=k.mass_height,
+        tyre_radius=k.tyre_radius,
+        tyre_spin=k.tyre_spin_inertia,
+        wheelbase=k.wheelbase,
+        mass_offset=k.wheelbase - k.front_to_mass,
+        tyres=k.tyre_mass * k.tyre_radius,
+        turning=k.mass * k.mass_height,
+        gravity=k.mass * k.mass_height * k.gravity,
+        lean_inertia=k.lean_inertia,
+        coupling=coupling,
+        steer_inertia=k.tyre_steer_inertia,
+        steer_stop=k.steer_stop,
+        drift=k.wheelbase_tolerance,
+        speed_low=low,
+        speed_high=high,
+        fall_angle=scenario.fall_angle,
+        goal_radius=scenario.goal_radius,
+        weights=(ctypes.c_double * 4)(
+            weights.lean_angle, weights.lean_rate, weights.lean_acceleration, weights.heading_error
+        ),
+        most_steps=scenario.max_steps,
+        limit_speed=scenario.speed_limits is not None,
+        chord_follows_steering=physics.chord_follows_steering,
+        stop_absorbs_steering=physics.stop_absorbs_steering,
+    )
+
+
+@functools.cache
+def _loops() -> dict[str, _Loop]:
+    """numpy's inner loops for doubles, as it chose them for this processor.
+
+    Raises:
+        LookupError: when a ufunc does not look as numpy's C API says.
+    """
+    found = {}
+    for name in LOOPS:
+        ufunc = getattr(np, name)
+        raw = _Ufunc.from_address(id(ufunc))
+        kind = "d" * ufunc.nin + "->d"
+        shape = (raw.inputs, raw.outputs, raw.arguments, raw.types)
+        if shape != (ufunc.nin, 1, ufunc.nin + 1, len(ufunc.types)) or raw.name != name.encode():
+            raise LookupError(f"numpy.{name} is laid out in another way")
+        index = ufunc.types.index(kind)
+        found[name] = _Loop(raw.functions[index], raw.data[index] if raw.data else None)
+    return found
+
+
+@functools.cache
+def load() -> ctypes.PyDLL | None:
+    """The library that was built with the package, or None where there is none that works."""
+    for suffix in EXTENSION_SUFFIXES:
+        path = Path(__file__).parent / f"{LIBRARY}{suffix}"
+        try:
+            # Keeps the interpreter's lock: to take it again would cost more than the call.
+            library = ctypes.PyDLL(str(path))
+            _loops()
+        except (OSError, LookupError, ValueError):  # not there, or made for another machine
+            continue
+        return library
+    return None

@@ -1,0 +1,257 @@
+"""N bicycles that ride to N goals: starts, observations, rewards and ends of episodes.
+
+The task knows neither Gymnasium nor ROS. It never resets by itself, so the caller sees the
+last observation of every episode.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bicycle_common.geometry import heading_between, heading_error, wrap_angle
+from bicycle_sim.plants.choi import dynamics
+from bicycle_sim.plants.choi.dynamics import State
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task import native_task
+from bicycle_sim.task.native_task import DISTANCE, OBSERVED, REWARD, STEPS, TERMS, NativeStep
+from bicycle_sim.task.reward import reward_terms
+from bicycle_sim.task.scenario import Scenario
+
+TERM_FIELDS = ("lean_angle", "lean_rate", "lean_acceleration", "heading_error")
+"""The terms of the reward, equation 20, in the order in which they are added."""
+
+NOT_FINITE = "action holds a value that is not finite"
+
+
+@dataclass(frozen=True)
+class Step:
+    """What one step of the task gives; arrays of shape (N,) unless said otherwise."""
+
+    observation: np.ndarray
+    """(N, 6), see OBSERVATION_FIELDS."""
+    reward: np.ndarray
+    """Equation 20."""
+    terminated: np.ndarray
+    """bool: the goal was reached in this step."""
+    truncated: np.ndarray
+    """bool: the step limit was reached, the goal not."""
+    fallen: np.ndarray
+    """bool: the bicycle lies; its state is frozen and its reward repeats (row 25)."""
+    terms: dict[str, np.ndarray]
+    """The reward by named term."""
+    distance: np.ndarray
+    """m from each rear contact to its goal."""
+
+
+class BicycleTask:
+    """N independent bicycles on one scenario.
+
+    `state`, `goal_x`, `goal_y`, `steps` and `fallen` may be read at any time; tests and
+    disturbances may also write to them between steps.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        physics: Physics | None = None,
+        count: int = 1,
+        rng: np.random.Generator | None = None,
+        advance: Callable[..., State] | None = None,
+    ) -> None:
+        """Place `count` bicycles at their first start.
+
+        Args:
+            scenario: starts, goals, limits and ends.
+            physics: faithful by default.
+            count: N.
+            rng: source of starts, goals and displacement noise; unseeded by default.
+            advance: what moves the bicycles, with the arguments and the bits of
+                `dynamics.step`; by default `native_task` where it was built, which makes the
+                whole step of the task, else `dynamics.step`.
+
+        Raises:
+            ValueError: when `count` is below 1.
+        """
+        if count < 1:
+            raise ValueError(f"a task needs at least one bicycle, not {count}")
+        self.scenario = scenario
+        self.physics = physics or Physics()
+        self.count = count
+        self.rng = rng if rng is not None else np.random.default_rng()
+        self.advance = advance or dynamics.step
+        self._native: NativeStep | None = None
+        self._state: State | None = None
+        if advance is None and native_task.load() is not None:
+            self._native = NativeStep(scenario, self.physics)
+        self.steps = np.zeros(count, dtype=np.int64)
+        self.fallen = np.zeros(count, dtype=bool)
+        self.goal_x = np.zeros(count)
+        self.goal_y = np.zeros(count)
+        self._frozen_reward = np.zeros(count)
+        zero = np.zeros(count)
+        self.state = dynamics.upright(zero, zero, zero, zero + 1.0, self.physics.constants)
+        self.reset()
+
+    @property
+    def state(self) -> State:
+        """The bicycles as they are."""
+        if self._state is None:
+            assert self._native is not None
+            self._state = self._native.state()
+        return self._state
+
+    @state.setter
+    def state(self, state: State) -> None:
+        self._state = state
+
+    def reset(self, mask: np.ndarray | None = None) -> None:
+        """Draw new starts, headings and goals for the bicycles of `mask` (N,), or for all."""
+        mask = np.ones(self.count, dtype=bool) if mask is None else mask
+        number = int(mask.sum())
+        if number == 0:
+            return
+        scenario, rng = self.scenario, self.rng
+        start = scenario.start.draw(number, rng)
+        goal = scenario.goal.draw(number, rng)
+        turn = rng.uniform(-scenario.heading_spread, scenario.heading_spread, number)
+        if scenario.facing_away:
+            turn = turn + heading_between(goal[:, 0], goal[:, 1], start[:, 0], start[:, 1])
+        self.place(mask, start[:, 0], start[:, 1], wrap_angle(turn), goal[:, 0], goal[:, 1])
+
+    def place(
+        self,
+        mask: np.ndarray,
+        rear_x: np.ndarray,
+        rear_y: np.ndarray,
+        heading: np.ndarray,
+        goal_x: np.ndarray,
+        goal_y: np.ndarray,
+    ) -> None:
+        """Put the M bicycles of `mask` (N,) upright at (M,) places with (M,) goals; m, rad."""
+        speed = np.full(len(rear_x), self.scenario.start_speed)
+        fresh = dynamics.upright(rear_x, rear_y, heading, speed, self.physics.constants)
+        placed = np.flatnonzero(mask)
+        for name, values in vars(fresh).items():
+            old = getattr(self.state, name).copy()
+            old[placed] = values
+            setattr(self.state, name, old)
+        self.goal_x[placed] = goal_x
+        self.goal_y[placed] = goal_y
+        self.steps[placed] = 0
+        # New arrays: the last Step still holds the old ones.
+        self.fallen = self.fallen & ~mask
+        self._frozen_reward = np.where(mask, 0.0, self._frozen_reward)
+
+    def keep(self, mask: np.ndarray) -> None:
+        """Go on with the bicycles of `mask` (N,) only; N becomes their number."""
+        self.state = State(**{name: values[mask] for name, values in vars(self.state).items()})
+        for name in ("goal_x", "goal_y", "steps", "fallen", "_frozen_reward"):
+            setattr(self, name, getattr(self, name)[mask])
+        self.count = int(mask.sum())
+
+    def step(self, action: np.ndarray) -> Step:
+        """Apply one action to every bicycle.
+
+        Args:
+            action: (N, 3) in physical units, see ACTION_FIELDS; clipped to the limits.
+
+        Raises:
+            ValueError: when the shape is not (N, 3) or a value is not finite.
+        """
+        action = np.asarray(action, dtype=np.float64)
+        if action.shape != (self.count, 3):
+            raise ValueError(f"action must have shape ({self.count}, 3), not {action.shape}")
+        noisy = self.physics.displacement_noise > 0
+        if (noisy or self._native is None) and not np.isfinite(action).all():
+            raise ValueError(NOT_FINITE)
+        noise = None
+        if noisy:
+            spread = self.physics.displacement_noise
+            noise = self.rng.uniform(-spread, spread, self.count)
+        if self._native is None:
+            return self._step(action, noise)
+        return self._step_natively(self._native, action, noise)
+
+    def _step_natively(
+        self, native: NativeStep, action: np.ndarray, noise: np.ndarray | None
+    ) -> Step:
+        """`_step` in one call."""
+        if not native.step(self, self._state, action, noise):
+            raise ValueError(NOT_FINITE)
+        self._state = None
+        result, ends = native.result, native.ends
+        reward = result[REWARD]
+        self.steps = native.wholes[STEPS]
+        self.fallen = ends[2]
+        self._frozen_reward = reward
+        native.follow(self)
+        return Step(
+            result[OBSERVED:REWARD].T,
+            reward,
+            ends[0],
+            ends[1],
+            self.fallen,
+            dict(zip(TERM_FIELDS, result[TERMS:DISTANCE], strict=True)),
+            result[DISTANCE],
+        )
+
+    def _step(self, action: np.ndarray, noise: np.ndarray | None) -> Step:
+        """One step in numpy, which is what `native_task` is held against."""
+        limits = self.scenario.action_limits
+        # Column by column, so that the dynamics works on contiguous arrays.
+        torque, displacement, pedal = (
+            np.minimum(np.maximum(wanted, -limit), limit)
+            for wanted, limit in zip(action.T, limits, strict=True)
+        )
+        if noise is not None:
+            displacement = displacement + noise
+        moved = self.advance(
+            self.state, torque, displacement, pedal, self.physics, self.scenario.speed_limits
+        )
+        was_fallen = self.fallen
+        self.state = self.state.where(was_fallen, moved) if was_fallen.any() else moved
+        self.steps = self.steps + 1
+        self.fallen = was_fallen | dynamics.fallen(self.state.lean_angle, self.scenario.fall_angle)
+        return self._outcome(was_fallen)
+
+    def _outcome(self, was_fallen: np.ndarray) -> Step:
+        """Reward and ends of the step just made; a fallen bicycle's last reward repeats."""
+        observation, distance = self.observation(), self.goal_distance()
+        error = observation[:, 5]
+        s = self.state
+        terms = reward_terms(
+            s.lean_angle, s.lean_rate, s.lean_acceleration, error, self.scenario.reward
+        )
+        fresh = terms["lean_angle"] + terms["lean_rate"] + terms["lean_acceleration"]
+        reward = np.where(was_fallen, self._frozen_reward, fresh + terms["heading_error"])
+        self._frozen_reward = reward
+        terminated = ~self.fallen & (distance <= self.scenario.goal_radius)
+        truncated = ~terminated & (self.steps >= self.scenario.max_steps)
+        return Step(observation, reward, terminated, truncated, self.fallen, terms, distance)
+
+    def observation(self) -> np.ndarray:
+        """The six states of every bicycle, (N, 6), see OBSERVATION_FIELDS."""
+        s = self.state
+        error = heading_error(s.heading, s.rear_x, s.rear_y, self.goal_x, self.goal_y)
+        columns = (
+            s.steer_angle,
+            s.steer_rate,
+            s.lean_angle,
+            s.lean_rate,
+            s.lean_acceleration,
+            error,
+        )
+        # One column after the other in memory, which is how they come and how an actor takes them.
+        return np.array(columns).T
+
+    def goal_distance(self) -> np.ndarray:
+        """m from each rear contact to its goal, (N,) (row 26)."""
+        x, y = self.goal_x - self.state.rear_x, self.goal_y - self.state.rear_y
+        return np.sqrt(x * x + y * y)
+
+    def snapshot(self) -> State:
+        """A copy of every bicycle's state."""
+        return self.state.copy()

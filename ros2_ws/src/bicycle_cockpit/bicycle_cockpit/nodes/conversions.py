@@ -1,0 +1,124 @@
+"""Messages as the page wants them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+from bicycle_msgs.msg import BicycleCommand, BicycleState, TrainerStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+
+from bicycle_cockpit.samples import REWARDED, Sample, plain, reward_columns
+from bicycle_common.nodes import convert, topics
+from bicycle_common.types import Point2D
+from bicycle_controller.policy.trained_for import UNLIKE
+from bicycle_sim.task.reward import RewardWeights
+
+
+def to_sample(
+    state: BicycleState,
+    command: BicycleCommand | None,
+    weights: RewardWeights,
+    policy: float = math.nan,
+) -> Sample:
+    """The row of one state under the newest command, which the policy of that number chose."""
+    stamp = state.header.stamp
+    rewarded = {name: getattr(state, name) for name in REWARDED}
+    acts = ("torque", "displacement", "pedal_force")
+    chosen = [getattr(command, name) if command else math.nan for name in acts]
+    return Sample(
+        stamp.sec + 1e-9 * stamp.nanosec,
+        state.episode,
+        state.step,
+        state.rear_contact.x,
+        state.rear_contact.y,
+        state.heading,
+        state.lean_angle,
+        state.lean_rate,
+        state.steer_angle,
+        state.speed,
+        state.goal_distance,
+        state.heading_error,
+        state.command_source,
+        *[*chosen, policy],
+        *reward_columns(rewarded, weights),
+    )
+
+
+def to_pose(point: Point2D, heading: float | None = None) -> PoseStamped:
+    """A goal as RViz sends it."""
+    pose = PoseStamped()
+    pose.header.frame_id = topics.ODOM_FRAME
+    pose.pose.position = convert.to_point(point)
+    pose.pose.orientation = convert.to_quaternion(heading or 0.0)
+    return pose
+
+
+def to_path(points: list[Point2D], heading: float | None = None) -> Path:
+    """Points to ride to in order, the last one in a direction."""
+    poses = [to_pose(point) for point in points[:-1]]
+    poses += [to_pose(point, heading) for point in points[-1:]]
+    path = Path(poses=poses)
+    path.header.frame_id = topics.ODOM_FRAME
+    return path
+
+
+def points_of(message: PoseStamped | Path) -> list[Point2D]:
+    """The points of a goal or a path."""
+    poses = message.poses if isinstance(message, Path) else [message]
+    return [(pose.pose.position.x, pose.pose.position.y) for pose in poses]
+
+
+def trainer_facts(status: TrainerStatus) -> dict[str, Any]:
+    """All that the trainer tells, for the page."""
+    names = [name for name in status.get_fields_and_field_types() if name != "header"]
+    values = {name: getattr(status, name) for name in names}
+    shown = {k: plain(v) if isinstance(v, float) else v for k, v in values.items()}
+    return {"type": "trainer", **shown}
+
+
+class SimulatorWord(NamedTuple):
+    """What the simulator says of itself."""
+
+    mode: str
+    """riding, paused, held or fallen."""
+    paused: bool
+    """Time stands still, whatever the mode."""
+    commands: str
+    """Its line about commands."""
+
+
+def simulator_word(array: DiagnosticArray) -> SimulatorWord | None:
+    """What the simulator says; None in others' diagnostics."""
+    by_subject = _by_subject(array)
+    if "bicycle" not in by_subject or "commands" not in by_subject:
+        return None
+    values = {pair.key: pair.value for pair in by_subject["bicycle"].values}
+    mode = values.get("mode", "riding")
+    paused = values.get("paused", str(mode == "paused")) == "True"
+    return SimulatorWord(mode, paused, str(by_subject["commands"].message))
+
+
+class ControllerWord(NamedTuple):
+    """What the controller says of itself."""
+
+    policy: str
+    """Id of the policy that it has in charge."""
+    unlike: str
+    """In what the ride is another than that was made for; empty where it is not."""
+
+
+def controller_word(array: DiagnosticArray) -> ControllerWord | None:
+    """What the controller says; None in others' diagnostics."""
+    status = _by_subject(array).get("policy")
+    values = {pair.key: pair.value for pair in status.values} if status is not None else {}
+    if not values.get("policy"):
+        return None
+    unlike = values.get(UNLIKE, "no")
+    return ControllerWord(values["policy"], "" if unlike == "no" else unlike)
+
+
+def _by_subject(array: DiagnosticArray) -> dict[str, DiagnosticStatus]:
+    return {status.name.rpartition(": ")[2]: status for status in array.status}

@@ -1,0 +1,246 @@
+"""Carries out what pages ask for: publishes goals, calls services, and answers."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import singledispatchmethod
+from typing import Any
+
+from bicycle_msgs.srv import LoadPolicy
+from bicycle_msgs.srv import Push as PushService
+from bicycle_msgs.srv import Reset as ResetService
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from bicycle_cockpit import requests
+from bicycle_cockpit.fit import Suits
+from bicycle_cockpit.nodes.conversions import to_path, to_pose
+from bicycle_cockpit.nodes.recording import Recording
+from bicycle_cockpit.policy_catalogue import PolicyCatalogue
+from bicycle_cockpit.rate_limiter import RateLimiter
+from bicycle_cockpit.ride_state import RideState
+from bicycle_common.nodes import topics
+from bicycle_common.nodes.topics import Service, advertise
+from bicycle_common.types import Point2D
+from bicycle_controller.control.arrival import approach
+
+PATIENCE = 10.0
+"""s that a service gets to answer."""
+GOAL_RATE, GOAL_BURST = 4.0, 12.0
+"""Goals that all pages together may send."""
+
+Reply = Callable[[bool, str], None]
+Words = Callable[[Any], str]
+"""What a person is told of a service's answer."""
+
+
+@dataclass
+class _Call:
+    """A service call under way."""
+
+    future: Any
+    since: float
+    reply: Reply
+    name: str
+    words: Words
+
+
+class RequestHandler:
+    """Turns requests into topics and service calls; belongs to the executor's thread.
+
+    Args:
+        node: to publish and call through.
+        live: the ride as it is known.
+        choices: controllers that may be chosen.
+        recording: the recorder that pages may start.
+
+    Attributes:
+        suits: whether the chosen controller suits the bicycle.
+    """
+
+    def __init__(
+        self, node: Node, live: RideState, choices: PolicyCatalogue, recording: Recording
+    ) -> None:
+        self._node, self._live = node, live
+        self._choices, self._recording = choices, recording
+        self.suits = Suits(choices, live)
+        self._goal_bucket = RateLimiter(GOAL_RATE, GOAL_BURST)
+        self._calls: list[_Call] = []
+        self._topics = advertise(node, topics.GOAL_POSE, topics.GOAL_PATH)
+        services = (
+            topics.PUSH,
+            topics.PAUSE,
+            topics.STEP,
+            topics.RESET,
+            topics.LOAD_POLICY,
+        )
+        self._clients = {s.name: node.create_client(s.type, s.name) for s in services}
+
+    def carry_out(self, request: requests.Request, reply: Reply) -> None:
+        """Begin what is asked for; `reply` is called once, now or later, with how it went."""
+        self._do(request, reply)
+
+    def look(self) -> None:
+        """Answer for the calls that have ended or take too long."""
+        now = time.monotonic()
+        for call in list(self._calls):
+            if call.future.done():
+                self._calls.remove(call)
+                error = call.future.exception()
+                result = None if error else call.future.result()
+                if result is None:
+                    call.reply(False, f"{call.name} failed: {error}")
+                else:
+                    call.reply(bool(result.success), call.words(result))
+            elif now - call.since > PATIENCE:
+                self._calls.remove(call)
+                call.future.cancel()
+                call.reply(False, f"{call.name} has not answered for {PATIENCE:g} s")
+
+    @singledispatchmethod
+    def _do(self, request: Any, reply: Reply) -> None:
+        reply(False, f"cannot do {type(request).__name__}")
+
+    @_do.register
+    def _(self, request: requests.SendGoal, reply: Reply) -> None:
+        bicycle = self._live.position
+        if request.heading is None or bicycle is None:
+            self._send([request.point], None, reply)
+            return
+        points = approach(request.point, request.heading, bicycle)
+        self._send(points, request.heading, reply)
+
+    @_do.register
+    def _(self, request: requests.AddWaypoints, reply: Reply) -> None:
+        points = self._live.goals.with_more(request.points)
+        if len(points) > requests.MOST_WAYPOINTS:
+            reply(False, f"more than {requests.MOST_WAYPOINTS} waypoints: ride to some first")
+            return
+        self._send(points, None, reply)
+
+    @_do.register
+    def _(self, request: requests.ClearGoals, reply: Reply) -> None:
+        self._send([], None, reply)
+
+    def _send(self, points: list[Point2D], heading: float | None, reply: Reply) -> None:
+        """Publish points in place of all goals so far."""
+        if not self._goal_bucket.take():
+            reply(False, "too many goals at once: wait a second")
+            return
+        if self._node.count_publishers(topics.COMMAND.name) == 0:
+            reply(False, "no controller runs: start ros2_ws/controller.sh")
+            return
+        self._live.goals.send(points)
+        if len(points) == 1:
+            self._topics[topics.GOAL_POSE.name].publish(to_pose(points[0], heading))
+        else:
+            self._topics[topics.GOAL_PATH.name].publish(to_path(points, heading))
+        if not points:
+            reply(True, "goals cleared")
+            return
+        (x, y), before = points[-1], len(points) - 1
+        plural = "" if before == 1 else "s"
+        many = f" by way of {before} point{plural}" if before else ""
+        reply(True, f"goal ({x:.1f}, {y:.1f}) sent{many}{self._held_up()}")
+
+    def _held_up(self) -> str:
+        """Why the bicycle does not ride to a goal at once, for the end of a line."""
+        ways = []
+        if self._live.mode == "fallen":
+            ways.append("the bicycle lies, press Reset")
+        if self._live.paused:
+            ways.append("time is paused, press Go on")
+        return f": {'; '.join(ways)}" if ways else ""
+
+    @_do.register
+    def _(self, request: requests.Push, reply: Reply) -> None:
+        question = PushService.Request(lean_rate=request.lean_rate)
+        side = "right" if request.lean_rate > 0 else "left"
+
+        def words(answer: Any) -> str:
+            if answer.success:
+                wait = f" with the next step{self._held_up()}" if self._live.paused else ""
+                return f"pushed to the {side}{wait}"
+            if self._live.mode == "fallen":
+                return "not pushed: the bicycle lies, press Reset"
+            return str(answer.message)
+
+        self._call(topics.PUSH, question, reply, words)
+
+    @_do.register
+    def _(self, request: requests.Pause, reply: Reply) -> None:
+        def words(answer: Any) -> str:
+            live = self._live
+            if not answer.success:
+                return str(answer.message)
+            live.paused = request.paused
+            if live.mode == "fallen":
+                end = "paused; the bicycle lies, press Reset" if live.paused else "goes on"
+                return end if live.paused else f"{end} after a Reset: the bicycle lies"
+            live.mode = "paused" if request.paused else "held" if live.at_start else "riding"
+            return "paused" if request.paused else "goes on"
+
+        self._call(topics.PAUSE, SetBool.Request(data=request.paused), reply, words)
+
+    @_do.register
+    def _(self, request: requests.Step, reply: Reply) -> None:
+        def words(answer: Any) -> str:
+            if answer.success:
+                return "one step made"
+            if self._live.mode == "fallen":
+                return "no step: the bicycle lies, press Reset"
+            return "no step: press Pause first, Step is for a ride that is paused"
+
+        self._call(topics.STEP, Trigger.Request(), reply, words)
+
+    @_do.register
+    def _(self, request: requests.Reset, reply: Reply) -> None:
+        question = ResetService.Request(random_start=request.random, speed=-1.0, seed=-1)
+        where = "at a random start" if request.random else "at the origin"
+
+        def words(answer: Any) -> str:
+            if not answer.success:
+                return str(answer.message)
+            then = ": time is paused, press Go on" if self._live.paused else ""
+            return f"the bicycle waits {where} for a goal{then}"
+
+        self._call(topics.RESET, question, reply, words)
+
+    @_do.register
+    def _(self, request: requests.SwitchController, reply: Reply) -> None:
+        try:
+            path = self._choices.path(request.name)
+        except KeyError:
+            reply(False, f"no controller {request.name!r} is offered: reload the page")
+            return
+        live = self._live
+
+        def words(answer: Any) -> str:
+            if not answer.success:
+                return str(answer.message)
+            policy = str(answer.policy)
+            live.names[policy] = request.name
+            live.who.put_in_charge(policy)
+            why = self.suits.misfit()
+            but = f", but it does not suit this ride: {why}" if why else ""
+            return f"{request.name} is in charge{but}"
+
+        self._call(topics.LOAD_POLICY, LoadPolicy.Request(path=path), reply, words)
+
+    @_do.register
+    def _(self, request: requests.Record, reply: Reply) -> None:
+        reply(*(self._recording.start() if request.on else self._recording.stop()))
+
+    def _call(self, service: Service, question: Any, reply: Reply, words: Words) -> None:
+        """Call a service that must be there."""
+        client = self._clients[service.name]
+        if not client.service_is_ready():
+            is_policy = service is topics.LOAD_POLICY
+            who = "controller" if is_policy else "simulator"
+            script = "controller.sh" if is_policy else "sim.sh"
+            reply(False, f"no {who} runs: start ros2_ws/{script}")
+            return
+        future = client.call_async(question)
+        self._calls.append(_Call(future, time.monotonic(), reply, service.name, words))

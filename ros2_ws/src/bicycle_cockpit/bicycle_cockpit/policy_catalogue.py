@@ -1,0 +1,52 @@
+"""Which controllers a page may choose from: the shipped ones, LQR, and a folder's policy files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bicycle_controller.policy.policy import BEST, LQR, SUFFIX, shipped_policies
+
+MOST_FILES = 100
+"""That are offered, the newest."""
+
+
+class PolicyCatalogue:
+    """Controllers by the names that pages use; a page can name no path."""
+
+    def __init__(self, folder: Path) -> None:
+        """Offer what is shipped, and the policy files in `folder` and in folders in it."""
+        self._folder = folder
+
+    def offered(self) -> list[dict[str, str]]:
+        """Name and group of each, in the order to show them."""
+        groups = {
+            **dict.fromkeys(shipped_policies(), "shipped"),
+            **dict.fromkeys(LQR, "classical"),
+        }
+        groups |= dict.fromkeys(self._files(), "trained here")
+        return [{"name": name, "group": group} for name, group in groups.items()]
+
+    def path(self, name: str) -> str:
+        """What `bicycle/load_policy` takes for a name.
+
+        Raises:
+            KeyError: when it is not offered.
+        """
+        if name in shipped_policies() or name in LQR:
+            return name
+        return str(self._files()[name].resolve())
+
+    def _files(self) -> dict[str, Path]:
+        """The best policy of each run by the run's name, other files by their own."""
+        try:
+            files = [*self._folder.glob(f"*{SUFFIX}"), *self._folder.glob(f"*/*{SUFFIX}")]
+            files += self._folder.glob(f"*/*/{BEST}")
+            files = sorted(files, key=lambda path: -path.stat().st_mtime)[:MOST_FILES]
+        except OSError:
+            return {}
+        names = {}
+        for path in files:
+            relative = path.relative_to(self._folder)
+            name = relative.parent if path.name == BEST else relative.with_suffix("")
+            names[name.as_posix()] = path
+        return names

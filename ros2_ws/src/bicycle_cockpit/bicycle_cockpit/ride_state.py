@@ -1,0 +1,211 @@
+"""What is known of the ride that goes on, and how it is told to the pages."""
+
+from __future__ import annotations
+
+import math
+import secrets
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import asdict
+from itertools import islice
+from typing import Any
+
+from bicycle_cockpit.goal_list import GoalList
+from bicycle_cockpit.loop_stats import LoopStats
+from bicycle_cockpit.rate_limiter import RateLimiter
+from bicycle_cockpit.riders import rider
+from bicycle_cockpit.rows import Rows, row_text
+from bicycle_cockpit.samples import COLUMNS, Sample, plain
+from bicycle_cockpit.who_rides import WhoRides
+from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task.reward import RewardWeights
+from bicycle_sim.task.scenario import Scenario
+
+HISTORY = 4_800
+"""Rows that a page gets when it comes: two minutes at 40 Hz."""
+PIECE = 400
+"""Rows of the history in one message: 10 s."""
+RATE = 65.0
+"""Rows a second: a ride in lock-step makes more steps than a page can draw."""
+BURST = 400.0
+"""Rows at once: what waited while this process was busy is no reason to leave a step out."""
+SILENCE = 1.0
+"""s without a state after which there is no simulator."""
+MOST_EVENTS = 200
+MOST_TRAINING = 1_000
+"""Reports of the trainer that a page gets when it comes."""
+
+
+class RideState:
+    """The newest state of everything; all methods belong to one thread.
+
+    Attributes:
+        session: names this cockpit: a page that comes back to it knows what it has already.
+        goals: which lie ahead.
+        loop: how punctual the simulator is.
+        who: which policy rides.
+        mode: the simulator's own word: riding, paused, held or fallen.
+        paused: time stands still, also under a bicycle that waits or lies.
+        weights: of the reward's terms.
+        names: by which names the policies that ride are offered, as far as is known.
+        facts: of the episode, for the page: seed, scenario, limits, ...
+        setting: bicycle and scenario; None before they are known.
+        unlike: in what the ride is another than the controller's policy was made for.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        """Begin knowing nothing; `clock` is steady, s."""
+        self._clock = clock
+        self.session = secrets.token_hex(8)
+        self.goals = GoalList()
+        self.loop = LoopStats(clock)
+        self.who = WhoRides(clock)
+        self.mode = "held"
+        self.paused = False
+        self.weights = RewardWeights()
+        self.facts: dict[str, Any] = {}
+        self.setting: tuple[Physics, Scenario] | None = None
+        self.unlike = ""
+        self.names: dict[str, str] = {}
+        self.commands_text = ""
+        self._policies: dict[str, int] = {}
+        self._ride = self._count = self._events_told = 0
+        self._rows: deque[str] = deque(maxlen=HISTORY)
+        self._new: list[str] = []
+        self._training: deque[dict[str, Any]] = deque(maxlen=MOST_TRAINING)
+        self._events: deque[dict[str, Any]] = deque(maxlen=MOST_EVENTS)
+        self._heard = -1e9
+        self._room = RateLimiter(RATE, BURST, clock)
+        self._last: Sample | None = None
+
+    @property
+    def time(self) -> float:
+        """s of simulated time."""
+        return 0.0 if self._last is None else self._last.t
+
+    @property
+    def position(self) -> tuple[float, float] | None:
+        """m, where the rear contact is; None before the first state."""
+        last = self._last
+        known = last is not None and math.isfinite(last.x) and math.isfinite(last.y)
+        return (last.x, last.y) if last is not None and known else None
+
+    @property
+    def at_start(self) -> bool:
+        """Whether no step of the episode has been made."""
+        return self._last is None or self._last.step == 0
+
+    @property
+    def hears_simulator(self) -> bool:
+        """Whether states arrive."""
+        return self._clock() - self._heard < SILENCE
+
+    def due(self) -> bool:
+        """Note that a state has come; whether it is to be turned into a row."""
+        self._heard = self._clock()
+        return self._room.take()
+
+    def add(self, sample: Sample) -> bool:
+        """Take in a state; whether it is a new step, not one that was published again."""
+        last = self._last
+        if last is not None and (sample.episode, sample.step) == (last.episode, last.step):
+            return False
+        if last is not None and sample.t < last.t:  # the simulator was started anew
+            self._ride += 1
+            self._count = 0
+            self._rows.clear()
+            self._new.clear()
+        self._last = sample
+        text = row_text(sample)
+        self._rows.append(text)
+        self._new.append(text)
+        self._count += 1
+        return True
+
+    def policy_number(self, policy: str) -> float:
+        """The number by which rows name a policy; NaN for none."""
+        return self._policies.setdefault(policy, len(self._policies)) if policy else math.nan
+
+    def riders(self) -> dict[str, Any]:
+        """The policies that rows name, in the order of their numbers."""
+        known = (rider(policy, self.names) for policy in self._policies)
+        return {"type": "riders", "riders": [asdict(one) for one in known]}
+
+    def event(self, level: str, text: str, **more: Any) -> dict[str, Any]:
+        """Note that something happened; returns what to tell the pages.
+
+        Args:
+            level: good, info, warn or bad.
+            text: one line.
+            more: such as its kind; what has a kind happened where the bicycle is, unless `x`
+                and `y` (m) say otherwise.
+        """
+        place = self.position
+        if "kind" in more and place is not None:
+            more = {"x": plain(place[0]), "y": plain(place[1]), **more}
+        made = {"type": "event", "n": self._events_told, "ride": self._ride, "level": level}
+        made |= {"text": text, "t": plain(self.time), **more}
+        self._events_told += 1
+        self._events.append(made)
+        return made
+
+    def trained(self, facts: dict[str, Any]) -> None:
+        """Keep a report of the trainer; one for each number of updates."""
+        if not self._training or facts["updates"] != self._training[-1]["updates"]:
+            self._training.append(facts)
+
+    def hello(self) -> dict[str, Any]:
+        """All that a new page must know but for the rows, which `history` has."""
+        return {
+            "type": "hello",
+            "session": self.session,
+            "ride": self._ride,
+            "next": self._count - len(self._new),
+            "columns": COLUMNS,
+            "events": list(self._events),
+            "training": list(self._training),
+            "facts": self.facts,
+        }
+
+    def history(self) -> list[Rows]:
+        """All rows but those of the next frame, in pieces, the newest first."""
+        end = self._count - len(self._new)
+        rows = tuple(islice(self._rows, max(0, len(self._rows) - len(self._new))))
+        pieces = []
+        for stop in range(len(rows), 0, -PIECE):
+            piece = rows[max(0, stop - PIECE) : stop]
+            pieces.append(Rows(self._ride, end - len(rows) + stop - len(piece), piece))
+        return pieces
+
+    def frame(self) -> Rows | None:
+        """The rows since the last call; None when there are none."""
+        rows, self._new = self._new, []
+        return Rows(self._ride, self._count - len(rows), tuple(rows)) if rows else None
+
+    def status(self, **more: Any) -> dict[str, Any]:
+        """What changes slowly; `more` is told beside it."""
+        return {
+            "type": "status",
+            "mode": self.mode if self.hears_simulator else "silent",
+            "paused": self.paused,
+            "t": plain(self.time),
+            "who": self._who(),
+            "commands": self.commands_text,
+            "goal": self.goals.active,
+            "ahead": self.goals.ahead[:200],
+            "loop": self.loop.figures(),
+            **more,
+        }
+
+    def _who(self) -> dict[str, Any]:
+        """Who rides, for the pages; see `WhoRides`."""
+        taken = self.who.hand_over
+        chosen = self.who.chosen
+        told: dict[str, Any] = {
+            "driver": asdict(rider(self.who.driver, self.names)),
+            "chosen": asdict(rider(chosen, self.names)),
+        }
+        if taken is not None:
+            told |= {"why": taken.why, "since": plain(taken.since), "stop": taken.stop}
+        return told

@@ -1,0 +1,1 @@
+"""What all packages share: types, conventions, validation, and the plumbing of nodes."""

@@ -1,0 +1,82 @@
+"""The commands that start the stack's programs, and where their files are."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from bicycle_common.validation import nearest
+
+MODULES = {
+    "recorder": "bicycle_bag.nodes.recorder_node",
+    "simulator": "bicycle_sim.nodes.sim_node",
+    "controller": "bicycle_controller.nodes.controller_node",
+}
+"""The nodes of a ride, in the order they are started."""
+
+
+CONFIGURED = ("simulator", "controller")
+"""Those that have parameters."""
+
+
+def program(name: str) -> list[str]:
+    """The program of one node, a key of `MODULES`, without arguments."""
+    return [sys.executable, "-m", MODULES[name]]
+
+
+def node_command(
+    name: str, config: Path, parameters: Sequence[str], parameter_files: Sequence[Path] = ()
+) -> list[str]:
+    """The command that starts a node which has parameters.
+
+    Args:
+        name: one of `CONFIGURED`.
+        config: folder with one parameter file per node.
+        parameters: ``NODE.name:=value``, of any node; those of others are left out.
+        parameter_files: read after the node's own.
+    """
+    ros = ["--ros-args"]
+    for file in (config / f"{name}.yaml", *parameter_files):
+        ros += ["--params-file", str(file)]
+    for entry in parameters:
+        node, _, assignment = entry.partition(".")
+        if node == name:
+            ros += ["-p", assignment]
+    return [*program(name), *ros]
+
+
+def workspace() -> Path:
+    """The workspace that the scripts belong to, or the present folder without one."""
+    return Path(os.environ.get("BICYCLE_WS", Path.cwd()))
+
+
+def config_folder() -> Path:
+    """The folder of the parameter files: beside the sources, or where colcon installed them.
+
+    Raises:
+        ValueError: when neither is there.
+    """
+    sources = Path(__file__).resolve().parents[2] / "bicycle_bringup"
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    installed = [Path(prefix) / "share" / "bicycle_bringup" for prefix in prefixes if prefix]
+    for place in (sources, *installed):
+        if (place / "config").is_dir():
+            return place / "config"
+    raise ValueError("bicycle_bringup's config folder is not found: source the workspace")
+
+
+def checked_parameter(word: str) -> str:
+    """``NODE.name:=value`` as it is.
+
+    Raises:
+        ValueError: when it names no node with parameters.
+    """
+    node, dot, _ = word.partition(":=")[0].partition(".")
+    if not dot or node not in CONFIGURED:
+        raise ValueError(
+            f"{word!r} names no node{nearest(node, CONFIGURED)}: write it as NODE.name:=value "
+            f"with {' or '.join(CONFIGURED)}"
+        )
+    return word

@@ -1,0 +1,263 @@
+"""Messages <-> the numbers that the pure code works on; the signs are those of `signs.py`.
+
+Inside, the paper's convention: lean omega > 0 to the left, heading psi counter-clockwise from
++y, psi_g > 0 for a goal to the right. In messages, REP-103: roll > 0 to the right, yaw
+counter-clockwise from +x, heading error > 0 for a goal to the left. Negation is exact, and the
+heading is taken from the contacts as the dynamics do, so a state survives the trip to the bit.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from bicycle_msgs.msg import BicycleCommand
+from bicycle_msgs.msg import BicycleState as BicycleStateMessage
+from bicycle_msgs.msg import Push as PushMessage
+from bicycle_msgs.msg import Transition as TransitionMessage
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import Point as PointMessage
+from geometry_msgs.msg import Pose, Quaternion
+from std_msgs.msg import Header
+
+from bicycle_common.conventions import mirror
+from bicycle_common.geometry import heading_between, heading_to_yaw, yaw_to_heading
+from bicycle_common.nodes.topics import GOAL_FRAMES, ODOM_FRAME
+from bicycle_common.types import (
+    BicycleState,
+    Command,
+    CommandSource,
+    InitialPose,
+    Point2D,
+    Push,
+    Transition,
+)
+
+BODY = (
+    "lean_angle",
+    "lean_rate",
+    "lean_acceleration",
+    "steer_angle",
+    "steer_rate",
+    "speed",
+)
+"""Numbers of a state that a message has under the same name, but for their signs."""
+UNIT_TOLERANCE = 1e-3
+"""How far a quaternion's length may be from one."""
+
+
+def to_stamp(nanoseconds: int) -> Time:
+    """A time in ns as a stamp."""
+    return Time(sec=int(nanoseconds // 10**9), nanosec=int(nanoseconds % 10**9))
+
+
+def to_header(nanoseconds: int, frame: str = ODOM_FRAME) -> Header:
+    """A header at a time in ns."""
+    return Header(stamp=to_stamp(nanoseconds), frame_id=frame)
+
+
+def to_point(point: Point2D | None, z: float = 0.0) -> PointMessage:
+    """A point of the plane, m; NaN where there is none."""
+    x, y = (math.nan, math.nan) if point is None else point
+    return PointMessage(x=float(x), y=float(y), z=float(z))
+
+
+def to_quaternion(yaw: float, roll: float = 0.0) -> Quaternion:
+    """First roll about the forward axis, then yaw about the vertical one, rad."""
+    cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
+    cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
+    return Quaternion(x=cy * sr, y=sy * sr, z=sy * cr, w=cy * cr)
+
+
+def to_yaw(quaternion: Quaternion) -> float:
+    """Yaw of a quaternion, rad.
+
+    Raises:
+        ValueError: when it is not finite or not of unit length.
+    """
+    x, y, z, w = (float(getattr(quaternion, name)) for name in "xyzw")
+    length = math.sqrt(x * x + y * y + z * z + w * w)
+    if not abs(length - 1.0) <= UNIT_TOLERANCE:
+        raise ValueError(
+            f"the orientation ({x:g}, {y:g}, {z:g}, {w:g}) must have length 1, not {length:g}"
+        )
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+def yaw_of(snapshot: BicycleState) -> float:
+    """REP-103 yaw of a state, rad."""
+    return float(heading_to_yaw(snapshot.heading))
+
+
+def from_snapshot(snapshot: BicycleState, nanoseconds: int) -> BicycleStateMessage:
+    """The state message at a simulated time in ns."""
+    return BicycleStateMessage(
+        header=to_header(nanoseconds),
+        episode=int(snapshot.episode),
+        step=int(snapshot.step),
+        **{name: mirror(name, float(getattr(snapshot, name))) for name in BODY},
+        heading=yaw_of(snapshot),
+        front_contact=to_point((snapshot.front_x, snapshot.front_y)),
+        rear_contact=to_point((snapshot.rear_x, snapshot.rear_y)),
+        fallen=bool(snapshot.fallen),
+        has_goal=snapshot.goal is not None,
+        goal=to_point(snapshot.goal),
+        heading_error=mirror("heading_error", float(snapshot.heading_error)),
+        goal_distance=float(snapshot.goal_distance),
+        command_source=int(snapshot.command_source),
+        command_step=int(snapshot.command_step),
+        controller=str(snapshot.controller),
+    )
+
+
+def to_snapshot(message: BicycleStateMessage) -> BicycleState:
+    """The state that a message carries; `Simulator.restore` can go on from it.
+
+    Raises:
+        ValueError: on an unknown command source.
+    """
+    front, rear = message.front_contact, message.rear_contact
+    x_b, y_b, x_f, y_f = (np.array([value]) for value in (rear.x, rear.y, front.x, front.y))
+    return BicycleState(
+        episode=int(message.episode),
+        step=int(message.step),
+        **{name: mirror(name, getattr(message, name)) for name in BODY},
+        heading=float(heading_between(x_b, y_b, x_f, y_f)[0]),
+        front_x=front.x,
+        front_y=front.y,
+        rear_x=rear.x,
+        rear_y=rear.y,
+        fallen=bool(message.fallen),
+        goal=(message.goal.x, message.goal.y) if message.has_goal else None,
+        heading_error=mirror("heading_error", message.heading_error),
+        goal_distance=message.goal_distance,
+        command_source=CommandSource(int(message.command_source)),
+        command_step=int(message.command_step),
+        controller=message.controller,
+    )
+
+
+def is_finite(snapshot: BicycleState) -> bool:
+    """Whether every number that a controller works with is finite."""
+    skipped = ("heading_error", "goal_distance")
+    return all(
+        math.isfinite(value)
+        for name, value in vars(snapshot).items()
+        if isinstance(value, float) and name not in skipped
+    )
+
+
+def from_command(command: Command, stamp: Time) -> BicycleCommand:
+    """The command message."""
+    return BicycleCommand(
+        header=Header(stamp=stamp),
+        episode=int(command.episode),
+        step=int(command.step),
+        torque=float(command.torque),
+        displacement=float(command.displacement),
+        pedal_force=float(command.pedal_force),
+        has_goal=command.goal is not None,
+        goal_id=int(command.goal_id),
+        goal=to_point(command.goal),
+        controller=str(command.controller),
+        policy=str(command.policy),
+    )
+
+
+def to_command(message: BicycleCommand) -> Command:
+    """The command that a message carries, good or bad: `CommandValidator` judges it."""
+    return Command(
+        episode=int(message.episode),
+        step=int(message.step),
+        torque=message.torque,
+        displacement=message.displacement,
+        pedal_force=message.pedal_force,
+        goal=(message.goal.x, message.goal.y) if message.has_goal else None,
+        goal_id=int(message.goal_id),
+        controller=message.controller,
+        policy=message.policy,
+    )
+
+
+def from_transition(transition: Transition, nanoseconds: int) -> TransitionMessage:
+    """The transition message, in the paper's signs."""
+    return TransitionMessage(
+        header=to_header(nanoseconds),
+        episode=int(transition.episode),
+        step=int(transition.step),
+        goal_id=int(transition.goal_id),
+        observation=[float(value) for value in transition.observation],
+        action=[float(value) for value in transition.action],
+        reward=float(transition.reward),
+        next_observation=[float(value) for value in transition.next_observation],
+        terminated=bool(transition.terminated),
+        truncated=bool(transition.truncated),
+        fallen=bool(transition.fallen),
+        speed=float(transition.speed),
+        policy=str(transition.policy),
+    )
+
+
+def to_transition(message: TransitionMessage) -> Transition:
+    """The transition that a message carries, but for its goal, which is NaN."""
+    return Transition(
+        episode=int(message.episode),
+        step=int(message.step),
+        goal=(math.nan, math.nan),
+        goal_id=int(message.goal_id),
+        observation=np.array(message.observation),
+        action=(message.action[0], message.action[1], message.action[2]),
+        reward=message.reward,
+        next_observation=np.array(message.next_observation),
+        terminated=bool(message.terminated),
+        truncated=bool(message.truncated),
+        fallen=bool(message.fallen),
+        speed=message.speed,
+        policy=message.policy,
+    )
+
+
+def from_push(push: Push, nanoseconds: int) -> PushMessage:
+    """The message about a push that acted, at the simulated time after its step in ns."""
+    return PushMessage(
+        header=to_header(nanoseconds),
+        episode=int(push.episode),
+        step=int(push.step),
+        lean_rate=mirror("lean_rate", float(push.lean_rate)),
+    )
+
+
+def to_push(message: PushMessage) -> Push:
+    """The push that a message tells of."""
+    rate = mirror("lean_rate", message.lean_rate)
+    return Push(int(message.episode), int(message.step), rate)
+
+
+def to_start(pose: Pose, speed: float) -> InitialPose:
+    """Where a pose puts the bicycle: its rear contact and its yaw; speed in m/s.
+
+    Raises:
+        ValueError: on a pose that is not finite, not a rotation, or beyond reason.
+    """
+    heading = float(yaw_to_heading(to_yaw(pose.orientation)))
+    return InitialPose(float(pose.position.x), float(pose.position.y), heading, float(speed))
+
+
+def to_goal(frame: str, position: PointMessage, farthest: float = 1e4) -> Point2D:
+    """The point of a goal; its height, orientation and stamp do not matter.
+
+    Raises:
+        ValueError: on an unknown frame, or when it is not finite or beyond `farthest` m.
+    """
+    x, y = float(position.x), float(position.y)
+    if frame not in GOAL_FRAMES:
+        raise ValueError(
+            f"its frame is {frame!r}: send it in {' or '.join(map(repr, GOAL_FRAMES))}"
+        )
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise ValueError(f"its position ({x}, {y}) is not finite: send finite metres")
+    if max(abs(x), abs(y)) > farthest:
+        raise ValueError(
+            f"its position ({x:g}, {y:g}) is beyond {farthest:g} m: send a nearer goal"
+        )
+    return x, y

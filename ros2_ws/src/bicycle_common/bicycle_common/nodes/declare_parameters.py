@@ -1,0 +1,92 @@
+"""ROS parameters from a settings class: declared with descriptors, typos refused."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import (
+    InvalidParameterTypeException,
+    InvalidParameterValueException,
+    ParameterUninitializedException,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from bicycle_common.nodes.runner import UserError
+from bicycle_common.parameters import Parameter, parameters_of
+from bicycle_common.validation import nearest
+
+Settings = TypeVar("Settings")
+
+MOST_SHOWN = 200
+"""Characters of a value in an error line."""
+_FOREIGN = ("use_sim_time", "qos_overrides.", "start_type_description_service")
+
+
+def declare(node: Node, settings: type[Settings]) -> Settings:
+    """Declare every field of `settings` as a read-only parameter and read what was given.
+
+    Raises:
+        UserError: on an unknown parameter, a wrong type, or a value out of range.
+    """
+    known = {item.name: item for item in parameters_of(settings)}
+    given: dict[str, RosParameter] = node._parameter_overrides
+    for name in given:
+        if name not in known and not name.startswith(_FOREIGN):
+            raise UserError(
+                f"unknown parameter {name!r}{nearest(name, known)}; --help lists them all"
+            )
+    return settings(**{item.name: _declare_one(node, item, given) for item in known.values()})
+
+
+def _declare_one(node: Node, item: Parameter, given: dict[str, RosParameter]) -> Any:
+    """Declare one parameter; a whole number will do for a float."""
+    override = given.get(item.name)
+    if (
+        override is not None
+        and isinstance(item.default, float)
+        and override.type_ == RosParameter.Type.INTEGER
+    ):
+        value = float(override.value)
+        given[item.name] = RosParameter(item.name, RosParameter.Type.DOUBLE, value)
+    try:
+        node.declare_parameter(item.name, item.default, _descriptor(item))
+        value = node.get_parameter(item.name).value
+        item.check(value)
+    except (InvalidParameterTypeException, ParameterUninitializedException):
+        wanted = type(item.default).__name__
+        raise UserError(
+            f"parameter {item.name} must be a {wanted}, such as {item.default!r}, "
+            f"not {_shown(given[item.name])}"
+        ) from None
+    except InvalidParameterValueException:
+        raise UserError(
+            f"parameter {item.name} is {_shown(given[item.name])}: choose {item.low:g} to "
+            f"{item.high:g}"
+        ) from None
+    except ValueError as error:
+        raise UserError(str(error)) from None
+    return value
+
+
+def _shown(given: RosParameter) -> str:
+    """A value for an error line."""
+    text = repr(given.value)
+    return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."
+
+
+def _descriptor(item: Parameter) -> ParameterDescriptor:
+    """What `ros2 param describe` shows."""
+    descriptor = ParameterDescriptor(description=item.description, read_only=True)
+    if item.choices:
+        descriptor.additional_constraints = "one of " + ", ".join(item.choices)
+    if item.low is None or item.high is None or isinstance(item.default, bool):
+        return descriptor
+    if isinstance(item.default, float):
+        bounds = FloatingPointRange(from_value=float(item.low), to_value=float(item.high))
+        descriptor.floating_point_range = [bounds]
+    elif isinstance(item.default, int):
+        bounds = IntegerRange(from_value=int(item.low), to_value=int(item.high))
+        descriptor.integer_range = [bounds]
+    return descriptor

@@ -1,0 +1,52 @@
+"""Real-time priority for the nodes of the 40 Hz loop, so that nothing else makes them wait."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from pathlib import Path
+
+from bicycle_common.parameters import parameter
+
+HOW = "allow it with `ulimit -r` or rtprio in /etc/security/limits.conf"
+_THREADS = Path("/proc/self/task")
+
+
+def priority_parameter() -> int:
+    """The parameter that nodes of the loop have for it, a dataclass field."""
+    return parameter(
+        10, "SCHED_FIFO priority in real time, where the system permits it; 0 is none", 0, 99
+    )
+
+
+class Priority:
+    """The priority of this process's threads."""
+
+    def __init__(self) -> None:
+        self._now = 0
+
+    def take(self, priority: int) -> str:
+        """Have all threads scheduled so; those they start later are too.
+
+        Args:
+            priority: 1 to 99 for SCHED_FIFO, 0 for the ordinary.
+
+        Returns:
+            What to tell the user, in one line; empty where nothing changes.
+        """
+        if priority == self._now:
+            return ""
+        policy = os.SCHED_FIFO if priority else os.SCHED_OTHER
+        self._now = priority
+        try:
+            for thread in _THREADS.iterdir():
+                with contextlib.suppress(ProcessLookupError):  # it has ended meanwhile
+                    os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority))
+        except PermissionError:
+            return (
+                f"real-time priority {priority} is not permitted, other programs may delay the "
+                f"loop: {HOW}"
+            )
+        except OSError as error:
+            return f"no real-time priority ({error.strerror}): other programs may delay the loop"
+        return f"real-time priority {priority}" if priority else "ordinary priority"

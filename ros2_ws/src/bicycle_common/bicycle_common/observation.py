@@ -1,0 +1,48 @@
+"""The six states of the paper that a policy sees, and how a goal lies to a bicycle."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bicycle_common.geometry import heading_error
+from bicycle_common.types import BicycleState, Point2D
+
+
+def observation(snapshot: BicycleState, heading_error: float) -> np.ndarray:
+    """The six states of the paper, shape (6,), with a heading error psi_g in rad."""
+    return np.array(
+        [
+            snapshot.steer_angle,
+            snapshot.steer_rate,
+            snapshot.lean_angle,
+            snapshot.lean_rate,
+            snapshot.lean_acceleration,
+            heading_error,
+        ]
+    )
+
+
+def goal_bearing(numbers: dict[str, float], goal: Point2D | None) -> tuple[float, float]:
+    """Heading error psi_g (rad) and distance (m) of a goal from a state; NaN without one."""
+    if goal is None:
+        return math.nan, math.nan
+    x, y = numbers["rear_x"], numbers["rear_y"]
+    error = heading_error(np.array([numbers["heading"]]), np.array([x]), np.array([y]), *goal)
+    return float(error[0]), float(np.hypot(goal[0] - x, goal[1] - y))
+
+
+OBSERVATION_FIELDS = (
+    "steer_angle",
+    "steer_rate",
+    "lean_angle",
+    "lean_rate",
+    "lean_acceleration",
+    "heading_error",
+)
+"""The six states in the authors' order (errata row 34): rad, rad/s, rad, rad/s, rad/s^2, rad."""
+
+
+ACTION_FIELDS = ("torque", "displacement", "pedal_force")
+"""The three actions in the authors' order: N m, m, N."""

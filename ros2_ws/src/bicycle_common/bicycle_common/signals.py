@@ -1,0 +1,84 @@
+"""Signals from a program's first moment to its last: asked to end, it ends, in no other words.
+
+Importing what a program needs takes a second, in which Python's own answer to Ctrl-C is a
+traceback from the middle of some library; and when a program has done its work Python gives the
+signals back before it is gone, so that one that comes then kills it, whatever it had to tell. So
+a program of ours begins here, with a module that imports next to nothing:
+
+    if __name__ == "__main__":
+        from bicycle_common.signals import run_module
+
+        run_module("bicycle_sim.nodes.sim_node")
+
+in front of its other imports, and as `functools.partial(run_module, ...)` in `programs.py`.
+Whoever starts one blocks the signals meanwhile (`env --block-signal`, or `block`): what comes
+before Python itself can answer waits until then.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import signal
+import sys
+from collections.abc import Callable
+from types import FrameType
+from typing import NoReturn
+
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+"""Signals that ask a program to end."""
+
+
+def on_signals(handler: Callable[[int, FrameType | None], object]) -> None:
+    """Have `handler` called when the program is asked to end, or its terminal is closed."""
+    for number in ENDING:
+        # nohup has SIGHUP ignored.
+        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+            signal.signal(number, handler)
+
+
+def block() -> None:
+    """Let signals wait: for a child between fork and exec, whose program unblocks them."""
+    signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+
+
+def run_module(name: str) -> NoReturn:
+    """Import a module and run its `main`, which takes nothing and gives an exit status.
+
+    A signal ends the program quietly, with 128 + its number, until `main` answers signals itself.
+    There SIGINT raises KeyboardInterrupt, once: the next one ends the program at once. When
+    `main` is over, its status stands, whatever comes.
+    """
+    on_signals(_leave)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
+    main = importlib.import_module(name).main
+    try:
+        signal.signal(signal.SIGINT, _interrupt)
+        status = _status_of(main)
+        for number in ENDING:
+            signal.signal(number, signal.SIG_IGN)
+    except KeyboardInterrupt:
+        _leave(signal.SIGINT)
+    sys.exit(status)
+
+
+def _status_of(main: Callable[[], int | None]) -> str | int | None:
+    try:
+        return main()
+    except SystemExit as leaving:
+        return leaving.code
+
+
+def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
+    """Raise what `main` may catch; the next signal does not wait for it."""
+    signal.signal(number, _leave)
+    raise KeyboardInterrupt
+
+
+def _leave(number: int, frame: FrameType | None = None) -> NoReturn:
+    """End the process without a word, and without Python's and C++'s long farewell."""
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(Exception):
+            stream.flush()
+    os._exit(128 + number)

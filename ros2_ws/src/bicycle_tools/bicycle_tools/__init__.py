@@ -1,0 +1,1 @@
+"""Tools around a ride: goals, reports, pictures, proofs, and a bridge to Foxglove."""

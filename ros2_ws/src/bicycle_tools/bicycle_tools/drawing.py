@@ -1,0 +1,71 @@
+"""What every picture of a ride has in common: its colours, its style, and the ride's time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bicycle_tools.ride_log import RideLog
+
+INK, FAINT, GRID = "#1f2933", "#7b8794", "#e4e7eb"
+REACHED, FAILED, LEAN, STEER, TORQUE, SHIFT = (
+    "#0b8457",
+    "#c0392b",
+    "#3a5ba0",
+    "#d1495b",
+    "#5f4b8b",
+    "#e08e0b",
+)
+STYLE: Any = {
+    "font.family": "sans-serif",
+    "font.size": 9,
+    "text.color": INK,
+    "axes.labelcolor": INK,
+    "axes.edgecolor": GRID,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.formatter.useoffset": False,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.color": GRID,
+    "grid.linewidth": 0.8,
+    "xtick.color": FAINT,
+    "ytick.color": FAINT,
+}
+
+Floats = NDArray[np.float64]
+
+
+def ride_time(log: RideLog) -> Floats:
+    """s of simulated time since the start, (n,) for the states, going on through resets."""
+    if not len(log.segment):
+        return np.empty(0)
+    elapsed = np.diff(log.states["header.stamp"])
+    elapsed[(np.diff(log.segment) != 0) | ~(elapsed >= 0)] = 0.0
+    return np.concatenate([[0.0], np.cumsum(elapsed)])
+
+
+def envelope(time: Floats, values: Floats, most: int) -> tuple[Floats, Floats]:
+    """A line with fewer points that looks the same: the extremes of each stretch.
+
+    Args:
+        time: (n,) in order.
+        values: (n,); those that are not finite are left out.
+        most: points to keep at most, about.
+
+    Returns:
+        The times and values that are left, in order.
+    """
+    if len(values) <= most:
+        return time, np.where(np.isfinite(values), values, np.nan)
+    stretch = -(-2 * len(values) // most)
+    rows = np.arange(len(values) + -len(values) % stretch).reshape(-1, stretch)
+    rows = np.minimum(rows, len(values) - 1)
+    finite = np.isfinite(values)[rows]
+    low = np.where(finite, values[rows], np.inf).argmin(axis=1)
+    high = np.where(finite, values[rows], -np.inf).argmax(axis=1)
+    picked = np.sort(np.stack([low, high], axis=1), axis=1)
+    kept = np.take_along_axis(rows, picked, axis=1).ravel()
+    return time[kept], np.where(np.isfinite(values[kept]), values[kept], np.nan)

@@ -1,0 +1,122 @@
+"""One call of a service by a tool that has nothing else to do."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Sequence
+from types import FrameType
+from typing import Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from bicycle_common.nodes.runner import start_tool
+from bicycle_common.nodes.topics import Service
+from bicycle_common.signals import on_signals
+
+PATIENCE = 10.0
+"""s for a service to be there, and again for its answer."""
+SLICE = 0.05
+LYING = 3
+"""Exit status of a tool that finds the bicycle on the ground, or sees it fall."""
+NOBODY = 4
+"""Exit status of a tool that finds nobody who would do what it asks for."""
+
+
+class CallError(Exception):
+    """Why there is no answer; its text is one line with the remedy.
+
+    Args:
+        status: exit status.
+        text: the line.
+    """
+
+    def __init__(self, status: int, text: str) -> None:
+        super().__init__(text)
+        self.status = status
+
+
+class Caller:
+    """A hidden node that calls services."""
+
+    def __init__(self, name: str) -> None:
+        self.stopped = False
+        self.node: Node = rclpy.create_node(
+            name, start_parameter_services=False, enable_rosout=False
+        )
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+
+    def on_signal(self, number: int, frame: FrameType | None) -> None:
+        """Ask to end."""
+        self.stopped = True
+
+    def spin_until(self, condition: Callable[[], Any], seconds: float) -> bool:
+        """Serve what comes until a condition holds, at most for some time; whether it held.
+
+        Raises:
+            CallError: on a signal.
+        """
+        deadline = time.monotonic() + seconds
+        while not condition():
+            if self.stopped:
+                raise CallError(130, "interrupted")
+            if time.monotonic() > deadline:
+                return False
+            self._executor.spin_once(timeout_sec=SLICE)
+        return True
+
+    def call(self, service: Service, request: Any, patience: float, remedy: str) -> Any:
+        """The answer of a service.
+
+        Args:
+            service: its name and type.
+            request: of that type.
+            patience: s to wait for the service, and again for its answer.
+            remedy: what to do where nobody offers it.
+
+        Raises:
+            CallError: when nobody offers it or answers, and on a signal.
+        """
+        client = self.node.create_client(service.type, service.name)
+        name = client.service_name
+        if not self.spin_until(client.service_is_ready, patience):
+            raise CallError(NOBODY, f"nobody offers {name} within {patience:g} s: {remedy}")
+        future = client.call_async(request)
+        if not self.spin_until(future.done, patience):
+            raise CallError(NOBODY, f"no answer of {name} within {patience:g} s: {remedy}")
+        return future.result()
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+
+
+def run_tool(name: str, ros: Sequence[str], act: Callable[[Caller], int]) -> int:
+    """Run a tool that calls services.
+
+    Args:
+        name: of the script, in front of error lines.
+        ros: ROS arguments.
+        act: does the work; returns the exit status.
+
+    Returns:
+        The exit status.
+    """
+    start_tool(name, ros)
+    caller = Caller(f"_bicycle_{name.partition('.')[0]}")
+    on_signals(caller.on_signal)
+    try:
+        return act(caller)
+    except CallError as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return error.status
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader, such as head, has seen enough
+        return 0
+    finally:
+        caller.close()
+        rclpy.try_shutdown()

@@ -1,0 +1,279 @@
+"""`goal.sh`: send one goal or a file of them, and follow what becomes of it."""
+
+from __future__ import annotations
+
+if __name__ == "__main__":
+    from bicycle_common.signals import run_module
+
+    run_module("bicycle_tools.nodes.goal")
+
+import argparse
+import math
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+
+import rclpy
+from tqdm import tqdm
+
+from bicycle_common.command_line import OneLineParser
+from bicycle_common.nodes.runner import start_tool
+from bicycle_common.signals import on_signals
+from bicycle_common.types import Point2D
+from bicycle_controller.control.goals import Status
+from bicycle_tools.course import read_waypoints
+from bicycle_tools.nodes.calling import LYING, NOBODY
+from bicycle_tools.nodes.ride_client import RideClient, progress_text
+from bicycle_tools.plan import Plan
+
+EXIT = {Status.REACHED: 0, Status.FALLEN: LYING, Status.MISSED: 4, Status.GIVEN_UP: 4}
+"""What goal.sh ends with for each end of a goal."""
+SETTLE = 0.2
+"""s for what the controller published before to arrive: it is kept for who comes later."""
+ACCEPT = 10.0
+"""s at most for a controller to appear and to answer."""
+GRACE = 0.5
+"""s in which a goal that was taken away may come back: a repeated one replaces itself."""
+REPEAT = 2.0
+"""s without an answer after which the goals are sent once more."""
+ABSENT = 10.0
+"""s without a state, or without a controller, after which nothing is waited for any more: whoever
+starts one again after a crash has done so by then."""
+LYING_FOR = 1.0
+"""s that the bicycle may lie before the controller says what became of the goal."""
+LIES = "the bicycle lies: reset.sh puts it up again"
+
+
+class ErrandError(Exception):
+    """Why there is nothing to wait for; its text is one line with the remedy.
+
+    Args:
+        status: exit status.
+        text: the line.
+    """
+
+    def __init__(self, status: int, text: str) -> None:
+        super().__init__(text)
+        self.status = status
+
+
+class GoalClient:
+    """Brings goals to the controller, and with patience to their end."""
+
+    def __init__(self, rider: RideClient, goals: list[Point2D], timeout: float) -> None:
+        self.stopped = False
+        self._rider = rider
+        self._plan = Plan(goals)
+        self._timeout = timeout
+        self._taken_away = (math.inf, "")
+        self._missing: dict[str, float] = {}
+
+    def on_signal(self, number: int, frame: FrameType | None) -> None:
+        """Ask to end."""
+        self.stopped = True
+
+    def send(self) -> None:
+        """Send the goals and wait until the controller has taken them.
+
+        Raises:
+            ErrandError: when there is no bicycle or no controller, the bicycle lies, or the
+                controller does not answer or rejects the goals.
+        """
+        patience = min(self._timeout, ACCEPT)
+        self._look(patience)
+        self._spin_until(lambda: False, SETTLE)
+        self._rider.changes.clear()
+        deadline = time.monotonic() + patience
+        while not self.stopped:
+            self._rider.send(self._plan.goals)
+            if self._spin_until(self._heard, min(REPEAT, deadline - time.monotonic())):
+                if self._rider.state is not None and self._rider.state.fallen:
+                    raise ErrandError(LYING, f"{LIES}; the goal waits until then")
+                return
+            if time.monotonic() >= deadline:
+                raise ErrandError(
+                    NOBODY, f"the controller did not answer within {patience:g} s: see its log"
+                )
+        raise ErrandError(130, "interrupted; the goal may have been sent")
+
+    def _look(self, patience: float) -> None:
+        """Wait until there is who can ride.
+
+        Raises:
+            ErrandError: when there is not, or the bicycle lies.
+        """
+        rider = self._rider
+        there = self._spin_until(
+            lambda: rider.state is not None and (rider.state.fallen or rider.controller_listens()),
+            patience,
+        )
+        if self.stopped:
+            raise ErrandError(130, "interrupted; no goal was sent")
+        if rider.state is not None and rider.state.fallen:
+            raise ErrandError(LYING, f"{LIES}; no goal was sent")
+        if there:
+            return
+        missing = [] if rider.state is not None else ["no simulator (start sim.sh)"]
+        missing += [] if rider.controller_listens() else ["no controller (start controller.sh)"]
+        raise ErrandError(NOBODY, f"{' and '.join(missing)} within {patience:g} s")
+
+    def wait(self) -> int:
+        """Wait for the end of every goal with a progress bar.
+
+        Returns:
+            The exit status of the worst one.
+
+        Raises:
+            ErrandError: when a goal takes too long, the bicycle lies, somebody else takes it
+                away, or simulator or controller are gone.
+        """
+        worst = 0
+        with tqdm(total=len(self._plan.goals), disable=None, bar_format="{desc} {elapsed}") as bar:
+            deadline = time.monotonic() + self._timeout
+            while True:
+                self._rider.spin()
+                bar.set_description_str(f"goal {self._plan.number}: {self._progress()}")
+                for status, text in self._ends():
+                    tqdm.write(text)
+                    worst = max(worst, EXIT[status])
+                    deadline = time.monotonic() + self._timeout
+                if self._plan.finished:
+                    return worst
+                if self.stopped:
+                    raise ErrandError(130, f"interrupted; {self._rider.condition()}")
+                self._check()
+                if time.monotonic() > deadline:
+                    raise ErrandError(
+                        4, f"not reached within {self._timeout:g} s; {self._rider.condition()}"
+                    )
+
+    def _check(self) -> None:
+        """Look whether there is still something to wait for.
+
+        Raises:
+            ErrandError: when there is not.
+        """
+        rider = self._rider
+        fallen = rider.state is not None and rider.state.fallen
+        if self._lasts("lying", fallen, LYING_FOR):
+            raise ErrandError(LYING, LIES)
+        if self._lasts("simulator", rider.silence() > 1.0, ABSENT):
+            raise ErrandError(NOBODY, f"no state for {rider.silence():.0f} s: start sim.sh")
+        if self._lasts("controller", not rider.controller_listens(), ABSENT):
+            raise ErrandError(NOBODY, f"no controller for {ABSENT:g} s: start controller.sh")
+
+    def _lasts(self, what: str, holds: bool, seconds: float) -> bool:
+        """Whether something has held for so long."""
+        now = time.monotonic()
+        if not holds:
+            self._missing.pop(what, None)
+            return False
+        return now - self._missing.setdefault(what, now) > seconds
+
+    def _progress(self) -> str:
+        return progress_text(self._rider.state)
+
+    def _heard(self) -> bool:
+        """Whether the controller has answered the first goal.
+
+        Raises:
+            ErrandError: when the answer is no.
+        """
+        for change in self._rider.changes:
+            # The controller's last answers to others may still arrive: they are kept for who
+            # comes later.
+            if (change.position.x, change.position.y) not in self._plan.goals:
+                continue
+            if change.status == Status.REJECTED:
+                raise ErrandError(2, f"goal rejected: {change.message}")
+            return True
+        return False
+
+    def _ends(self) -> list[tuple[Status, str]]:
+        """Goals that have ended since the last call.
+
+        Raises:
+            ErrandError: when the goals were taken away.
+        """
+        ends: list[tuple[Status, str]] = []
+        while self._rider.changes:
+            change = self._rider.changes.popleft()
+            position = (change.position.x, change.position.y)
+            status = Status(change.status)
+            if self._plan.finished or position != self._plan.remaining[0]:
+                continue
+            self._taken_away = (math.inf, "")
+            if status in (Status.REPLACED, Status.CANCELLED):
+                text = f"goal {self._plan.number} {status.name.lower()}: {change.message}"
+                self._taken_away = (time.monotonic() + GRACE, text)
+            elif (number := self._plan.take(position, status)) is not None:
+                name = f"goal {number} at ({position[0]:g}, {position[1]:g})"
+                ends.append((status, f"{name}: {change.message}"))
+            if status is Status.FALLEN:
+                self._plan.goals = self._plan.goals[: len(self._plan.results)]
+        if time.monotonic() > self._taken_away[0]:
+            raise ErrandError(4, self._taken_away[1])
+        return ends
+
+    def _spin_until(self, condition: Callable[[], bool], seconds: float) -> bool:
+        deadline = time.monotonic() + seconds
+        while not condition():
+            if self.stopped or time.monotonic() > deadline:
+                return False
+            self._rider.spin()
+        return True
+
+
+def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
+    """Read the command line; ends the program with status 2 and one line when it is wrong."""
+    parser = OneLineParser(prog="goal.sh", add_help=False)
+    add = parser.add_argument
+    add("x", type=float, nargs="?")
+    add("y", type=float, nargs="?")
+    add("--file", type=Path)
+    add("--wait", action="store_true")
+    add("--timeout", type=float)
+    # A negative coordinate is a number, not an option: argparse knows that by itself.
+    given, ros = parser.parse_with_ros(arguments)
+    if given.timeout is None:
+        given.timeout = 300.0 if given.wait else 10.0
+    if not (math.isfinite(given.timeout) and given.timeout > 0):
+        parser.error(f"--timeout is {given.timeout}: choose a positive number of seconds")
+    if given.file is not None:
+        if given.x is not None:
+            parser.error("give X Y or --file, not both")
+        try:
+            given.goals = read_waypoints(given.file)
+        except ValueError as error:
+            parser.error(str(error))
+        return given, ros
+    if given.y is None:
+        parser.error("give X and Y in metres, or --file")
+    if not (math.isfinite(given.x) and math.isfinite(given.y)):
+        parser.error(f"({given.x}, {given.y}) is not finite: give metres")
+    given.goals = [(given.x, given.y)]
+    return given, ros
+
+
+def main() -> int:
+    """Send the goals of the command line; returns the exit status."""
+    given, ros = parse(sys.argv[1:])
+    start_tool("goal.sh", ros)
+    rider = RideClient("bicycle_goal")
+    errand = GoalClient(rider, given.goals, given.timeout)
+    on_signals(errand.on_signal)
+    try:
+        errand.send()
+        if given.wait:
+            return errand.wait()
+        count = len(given.goals)
+        print("accepted" if count == 1 else f"{count} goals accepted")
+        return 0
+    except ErrandError as error:
+        print(f"goal.sh: {error}", file=sys.stderr)
+        return error.status
+    finally:
+        rider.close()
+        rclpy.try_shutdown()

@@ -1,0 +1,63 @@
+"""`push.sh`: a blow from the side."""
+
+from __future__ import annotations
+
+if __name__ == "__main__":
+    from bicycle_common.signals import run_module
+
+    run_module("bicycle_tools.nodes.push")
+
+import argparse
+import sys
+
+from bicycle_common.command_line import OneLineParser
+from bicycle_common.nodes.topics import PUSH, STATE
+from bicycle_tools.nodes.calling import LYING, PATIENCE, Caller, CallError, run_tool
+
+STRENGTH = 0.3
+"""rad/s that the lean rate jumps by, unless named: what the cockpit begins with."""
+FIRST_STATE = 1.0
+"""s for a state to tell whether the bicycle lies; one comes at least every 0.1 s."""
+
+
+def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
+    """Read the command line; ends the program with status 2 and one line when it is wrong."""
+    parser = OneLineParser(prog="push.sh", add_help=False)
+    add = parser.add_argument
+    add("side", choices=("left", "right"))
+    add("strength", type=float, nargs="?", default=STRENGTH)
+    add("--timeout", type=float, default=PATIENCE)
+    given, ros = parser.parse_with_ros(arguments)
+    if not 0.0 < given.strength < 1e6:
+        parser.error(f"the strength is {given.strength}: give rad/s above 0")
+    if not 0.0 < given.timeout < 1e6:
+        parser.error(f"--timeout is {given.timeout}: choose a positive number of seconds")
+    return given, ros
+
+
+def push(caller: Caller, given: argparse.Namespace) -> int:
+    """Push the bicycle; returns the exit status.
+
+    Raises:
+        CallError: when there is no simulator, it refuses, or the bicycle lies.
+    """
+    states: list[bool] = []
+    caller.node.create_subscription(
+        STATE.type, STATE.name, lambda state: states.append(state.fallen), 1
+    )
+    rate = given.strength if given.side == "right" else -given.strength
+    request = PUSH.type.Request(lean_rate=float(rate))
+    answer = caller.call(PUSH, request, given.timeout, "start sim.sh")
+    if answer.success:
+        print(answer.message)
+        return 0
+    caller.spin_until(lambda: states, FIRST_STATE)
+    if states and states[-1]:
+        raise CallError(LYING, "the bicycle lies: reset.sh puts it up again")
+    raise CallError(2, answer.message)
+
+
+def main() -> int:
+    """Do what the command line says; returns the exit status."""
+    given, ros = parse(sys.argv[1:])
+    return run_tool("push.sh", ros, lambda caller: push(caller, given))

@@ -1,0 +1,188 @@
+"""A node that sends goals and follows what becomes of them."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+from bicycle_msgs.msg import BicycleState, GoalStatus
+from bicycle_msgs.srv import Reset
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+from bicycle_common.nodes import topics
+from bicycle_common.nodes.topics import Topic, advertise, listen
+from bicycle_common.types import Point2D
+from bicycle_controller.policy.trained_for import UNLIKE
+
+RECORDED = (
+    topics.STATE,
+    topics.COMMAND,
+    topics.TIMING,
+    topics.TRANSITION,
+    topics.PUSHED,
+    topics.EPISODE,
+    topics.GOAL_STATUS,
+    topics.HAND_OVER,
+)
+"""What a bag of a ride must not miss the beginning of."""
+
+RECORDER = "bicycle_recorder"
+"""How the names of recorders begin."""
+
+
+STILL = 1.0
+"""s without a new step after which a bicycle is said to stand still."""
+
+
+class RideClient(Node):
+    """Sends goals, sees the bicycle's newest state, and keeps the goals' changes in order.
+
+    Attributes:
+        state: newest state; None before the first.
+        changes: changes of goals that nobody has taken yet, oldest first.
+        warnings: what the controller warned of, each line once, oldest first.
+        policy_judged: whether the controller has told, since the bicycle rides, if its policy
+            was made for it.
+    """
+
+    def __init__(self, name: str) -> None:
+        super().__init__(name)
+        self.state: BicycleState | None = None
+        self.changes: deque[GoalStatus] = deque()
+        self.warnings: list[str] = []
+        self.policy_judged = False
+        self._dead: set[bytes] = set()
+        self._heard = self._moved = time.monotonic()
+        self._goal_publishers = advertise(self, topics.GOAL_POSE, topics.GOAL_PATH)
+        listen(self, topics.STATE, self._on_state, depth=1)
+        listen(self, topics.GOAL_STATUS, lambda message: self.changes.append(message))
+        listen(self, topics.DIAGNOSTICS, self._on_diagnostics)
+        self._reset = self.create_client(topics.RESET.type, topics.RESET.name)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self)
+
+    def _on_state(self, message: BicycleState) -> None:
+        before, self.state = self.state, message
+        self._heard = time.monotonic()
+        if before is None or (before.episode, before.step) != (message.episode, message.step):
+            self._moved = self._heard
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        for status in array.status:
+            for item in status.values:
+                ridden = self.state is not None and self.state.step > 0
+                self.policy_judged |= item.key == UNLIKE and ridden
+                told = item.key == UNLIKE and item.value != "no"
+                if told and item.value not in self.warnings:
+                    self.warnings.append(item.value)
+
+    def silence(self) -> float:
+        """s since the last state, or since this node was made."""
+        return time.monotonic() - self._heard
+
+    def condition(self) -> str:
+        """What the bicycle does now, for a person."""
+        if self.state is None or self.silence() > STILL:
+            return f"no state has come for {self.silence():.0f} s"
+        if self.state.fallen:
+            return "the bicycle lies"
+        if time.monotonic() - self._moved > STILL:
+            return "the bicycle stands still: is it paused?"
+        return "the bicycle rides on"
+
+    def spin(self, timeout: float = 0.05) -> None:
+        """Serve what has come, waiting at most `timeout` seconds for it."""
+        self._executor.spin_once(timeout_sec=timeout)
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self.destroy_node()
+
+    @property
+    def time(self) -> float:
+        """s of simulated time, of the newest state."""
+        if self.state is None:
+            return 0.0
+        stamp = self.state.header.stamp
+        return float(stamp.sec + 1e-9 * stamp.nanosec)
+
+    def others(self) -> list[str]:
+        """Names of nodes that simulate or command a bicycle of this name."""
+        both = (topics.STATE, topics.COMMAND)
+        found = [self.get_publishers_info_by_topic(self._full(topic)) for topic in both]
+        return sorted({str(end.node_name) for ends in found for end in ends})
+
+    def controller_listens(self) -> bool:
+        """Whether a living controller takes goals and answers states."""
+        alive = self._controllers() - self._dead
+        return bool(alive) and self.count_publishers(topics.COMMAND.name) > 0
+
+    def controller_died(self) -> None:
+        """Stop counting on those that take goals now: a killed one stays listed for seconds."""
+        self._dead = self._controllers()
+
+    def recorder_listens(self, name: str) -> bool:
+        """Whether a recorder of that name takes all that is published and that a bag needs."""
+        return all(
+            name in self._names(self.get_subscriptions_info_by_topic(self._full(topic)))
+            for topic in RECORDED
+            if self.count_publishers(topic.name)
+        )
+
+    def send(self, goals: Sequence[Point2D]) -> None:
+        """Publish one goal, or several to be ridden to in order, in place of all older ones."""
+        poses = [_pose(goal) for goal in goals]
+        if len(poses) == 1:
+            self._goal_publishers[topics.GOAL_POSE.name].publish(poses[0])
+            return
+        path = Path(poses=poses)
+        path.header.frame_id = topics.ODOM_FRAME
+        self._goal_publishers[topics.GOAL_PATH.name].publish(path)
+
+    def reset(self, timeout: float = 5.0) -> bool:
+        """Have the simulator begin a new episode at the origin; whether it did."""
+        if not self._reset.wait_for_service(timeout_sec=timeout):
+            return False
+        request = Reset.Request(speed=-1.0, seed=-1)
+        future = self._reset.call_async(request)
+        self._executor.spin_until_future_complete(future, timeout_sec=timeout)
+        answer = future.result() if future.done() else None
+        return bool(answer is not None and answer.success)
+
+    def _controllers(self) -> set[bytes]:
+        """Ids of the subscriptions to goals, but for recorders'."""
+        found = self.get_subscriptions_info_by_topic(self._full(topics.GOAL_PATH))
+        return {bytes(end.endpoint_gid) for end in found if not end.node_name.startswith(RECORDER)}
+
+    def _full(self, topic: Topic) -> str:
+        return str(self.resolve_topic_name(topic.name))
+
+    @staticmethod
+    def _names(endpoints: Sequence[Any]) -> list[str]:
+        return [str(endpoint.node_name) for endpoint in endpoints]
+
+
+def _pose(goal: Point2D) -> PoseStamped:
+    """A goal as RViz sends it, with no direction to arrive in."""
+    pose = PoseStamped()
+    pose.header.frame_id = topics.ODOM_FRAME
+    pose.pose.position.x = float(goal[0])
+    pose.pose.position.y = float(goal[1])
+    pose.pose.orientation.w = 1.0
+    return pose
+
+
+def progress_text(state: BicycleState | None) -> str:
+    """Distance left, speed and lean, for a progress bar."""
+    if state is None:
+        return "no state yet"
+    left = f"{state.goal_distance:.1f} m left, " if math.isfinite(state.goal_distance) else ""
+    return f"{left}{state.speed:.2f} m/s, lean {math.degrees(state.lean_angle):+.1f}°"

@@ -1,0 +1,259 @@
+"""`topic.sh`: look at any topic and publish on it, for those who have no `ros2` command."""
+
+from __future__ import annotations
+
+if __name__ == "__main__":
+    from bicycle_common.signals import run_module
+
+    run_module("bicycle_tools.nodes.topic")
+
+import argparse
+import importlib
+import sys
+import time
+from collections.abc import Callable, Iterable
+from types import FrameType
+from typing import Any
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
+from bicycle_common.command_line import OneLineParser
+from bicycle_common.nodes.runner import start_tool
+from bicycle_common.signals import on_signals
+from bicycle_common.validation import nearest
+from bicycle_tools.nodes import publishing
+from bicycle_tools.nodes.filling import FillingError
+from bicycle_tools.nodes.flatten import flatten, shown
+from bicycle_tools.rates import Rate
+
+DISCOVERY = 1.0
+"""s to hear of what is there; nodes of this machine announce themselves within 0.3 s."""
+LONGEST_WAIT = 5.0
+"""s to wait for a topic that nobody publishes yet, and for its first message."""
+
+
+class TopicError(Exception):
+    """What cannot be shown; its text is one line with the remedy."""
+
+
+class Watcher:
+    """A node that looks at the graph and at messages of any type."""
+
+    def __init__(self) -> None:
+        self.stopped = False
+        # A hidden node, with no parameters and no rosout of its own.
+        self.node: Node = rclpy.create_node(
+            "_bicycle_topic", start_parameter_services=False, enable_rosout=False
+        )
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self.node)
+
+    def on_signal(self, number: int, frame: FrameType | None) -> None:
+        """Ask to end."""
+        self.stopped = True
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown()
+        self.node.destroy_node()
+
+    def spin(self, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
+        """Serve messages for so long, or until a condition holds; whether it did."""
+        deadline = time.monotonic() + seconds
+        while not (until() or self.stopped) and time.monotonic() < deadline:
+            self._executor.spin_once(timeout_sec=min(0.05, seconds))
+        return until()
+
+    def topics(self) -> dict[str, str]:
+        """Names of all topics and their types."""
+        found = self.node.get_topic_names_and_types()
+        return {name: ", ".join(types) for name, types in sorted(found)}
+
+    def find(self, name: str, published: bool = True) -> tuple[str, str]:
+        """The full name and the type of a topic.
+
+        Args:
+            name: of the topic.
+            published: whether somebody must publish it; else a subscriber will do.
+
+        Raises:
+            TopicError: when there is none.
+        """
+        full = self.node.resolve_topic_name(name)
+
+        def there() -> bool:
+            return bool(self.node.count_publishers(full) if published else full in self.topics())
+
+        if not self.spin(LONGEST_WAIT, there):
+            known = self.topics()
+            hint = nearest(full, [topic for topic in known if topic != full])
+            what = "nobody publishes" if published else "there is no topic"
+            raise TopicError(f"{what} {full}{hint}: see topic.sh list")
+        return full, self.topics()[full]
+
+    def message_type(self, full: str, kind: str) -> type[Any]:
+        """The class of a topic's type.
+
+        Raises:
+            TopicError: when it is not installed.
+        """
+        package, _, short = kind.partition("/msg/")
+        try:
+            found: type[Any] = getattr(importlib.import_module(f"{package}.msg"), short)
+        except (ImportError, AttributeError, ValueError):
+            raise TopicError(f"the type {kind} of {full} is not installed here") from None
+        return found
+
+    def subscribe(self, name: str, callback: Callable[[Any], None], raw: bool = False) -> None:
+        """Listen to a topic with what its publishers offer.
+
+        Raises:
+            TopicError: when its type is not installed.
+        """
+        full, kind = self.find(name)
+        message_type = self.message_type(full, kind)
+        offers = [p.qos_profile for p in self.node.get_publishers_info_by_topic(full)]
+        profile = QoSProfile(depth=100)
+        if any(offer.reliability is not ReliabilityPolicy.RELIABLE for offer in offers):
+            profile.reliability = ReliabilityPolicy.BEST_EFFORT
+        if all(offer.durability is DurabilityPolicy.TRANSIENT_LOCAL for offer in offers):
+            profile.durability = DurabilityPolicy.TRANSIENT_LOCAL
+        self.node.create_subscription(message_type, full, callback, profile, raw=raw)
+
+
+def show_list(watcher: Watcher, _: argparse.Namespace) -> int:
+    """All topics with their types and how many publish and subscribe."""
+    watcher.spin(DISCOVERY)
+    topics = watcher.topics()
+    width = max(map(len, topics), default=0)
+    for name, kind in topics.items():
+        ends = watcher.node.count_publishers(name), watcher.node.count_subscribers(name)
+        print(f"{name:<{width}}  {kind}  ({ends[0]} publish, {ends[1]} subscribe)")
+    return 0
+
+
+def show_info(watcher: Watcher, given: argparse.Namespace) -> int:
+    """Who publishes and who subscribes, and with which quality of service."""
+    full, kind = watcher.find(given.topic, published=False)
+    watcher.spin(DISCOVERY)
+    print(f"{full}  {kind}")
+    _print_ends("published by", watcher.node.get_publishers_info_by_topic(full))
+    _print_ends("subscribed by", watcher.node.get_subscriptions_info_by_topic(full))
+    return 0
+
+
+def show_type(watcher: Watcher, given: argparse.Namespace) -> int:
+    """The type of a topic and the fields of its messages."""
+    full, kind = watcher.find(given.topic, published=False)
+    print(kind)
+    for field, type_name in watcher.message_type(full, kind).get_fields_and_field_types().items():
+        print(f"  {field}: {type_name}")
+    return 0
+
+
+def _print_ends(title: str, ends: Iterable[Any]) -> None:
+    for end in ends:
+        profile = end.qos_profile
+        quality = f"{profile.reliability.name.lower()}, {profile.durability.name.lower()}"
+        space = end.node_namespace.rstrip("/")
+        print(f"  {title} {space}/{end.node_name} ({quality})")
+
+
+def echo(watcher: Watcher, given: argparse.Namespace) -> int:
+    """Messages as dotted names and values, until Ctrl-C or after one."""
+    seen = 0
+
+    def on_message(message: Any) -> None:
+        nonlocal seen
+        if given.once and seen:
+            return
+        lines = [
+            f"{name}: {shown(value)}"
+            for name, value in flatten(message)
+            if not given.field
+            or name == given.field
+            or name.startswith((f"{given.field}.", f"{given.field}["))
+        ]
+        if not lines:
+            raise TopicError(f"{given.topic} has no field {given.field!r}: see it without --field")
+        print("\n".join([*lines, "---"]), flush=True)
+        seen += 1
+
+    watcher.subscribe(given.topic, on_message)
+    if not watcher.spin(LONGEST_WAIT, lambda: seen > 0) and not watcher.stopped:
+        raise TopicError(f"no message of {given.topic} within {LONGEST_WAIT:g} s")
+    while not (given.once or watcher.stopped):
+        watcher.spin(1.0)
+    return 0
+
+
+def show_rate(watcher: Watcher, given: argparse.Namespace) -> int:
+    """How often messages come and how evenly, once a second."""
+    rate = Rate()
+    watcher.subscribe(given.topic, lambda data: rate.add(time.monotonic(), len(data)), raw=True)
+    began = time.monotonic()
+    while not watcher.stopped and not 0 < given.seconds <= time.monotonic() - began:
+        watcher.spin(min(1.0, given.seconds or 1.0))
+        print(rate, flush=True)
+    return 0 if rate.count else 1
+
+
+def publish(watcher: Watcher, given: argparse.Namespace) -> int:
+    """Messages from the command line."""
+    try:
+        return publishing.publish(watcher, given)
+    except FillingError as error:
+        print(f"topic.sh: {error}", file=sys.stderr)
+        return 2
+    except LookupError as error:
+        raise TopicError(str(error)) from None
+
+
+def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
+    """Read the command line; ends the program with status 2 and one line when it is wrong."""
+    parser = OneLineParser(prog="topic.sh")
+    names = "list|info|type|echo|rate|hz|pub"
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar=names)
+    verbs.add_parser("list").set_defaults(action=show_list)
+    sent = verbs.add_parser("pub")
+    publishing.add_arguments(sent)
+    sent.set_defaults(action=publish)
+    actions = {"info": show_info, "type": show_type, "echo": echo}
+    for name, action in {**actions, "rate": show_rate, "hz": show_rate}.items():
+        verb = verbs.add_parser(name)
+        verb.add_argument("topic")
+        verb.set_defaults(action=action)
+        if name == "echo":
+            verb.add_argument("--once", action="store_true")
+            verb.add_argument("--field", default="")
+        if action is show_rate:
+            verb.add_argument("--seconds", type=float, default=0.0)
+    given, ros = parser.parse_with_ros(arguments)
+    if given.verb in ("rate", "hz") and not 0 <= given.seconds < 1e6:
+        parser.error(f"--seconds is {given.seconds}: choose a positive number")
+    if given.verb == "pub" and (wrong := publishing.mistake(given)):
+        parser.error(wrong)
+    return given, ros
+
+
+def main() -> int:
+    """Do what the command line says; returns the exit status."""
+    given, ros = parse(sys.argv[1:])
+    start_tool("topic.sh", ros)
+    watcher = Watcher()
+    on_signals(watcher.on_signal)
+    try:
+        status: int = given.action(watcher, given)
+        return status
+    except TopicError as error:
+        print(f"topic.sh: {error}", file=sys.stderr)
+        return 1
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader, such as head, has seen enough
+        return 0
+    finally:
+        watcher.close()
+        rclpy.try_shutdown()

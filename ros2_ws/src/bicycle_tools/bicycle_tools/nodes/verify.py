@@ -1,0 +1,363 @@
+"""`replay.sh --verify`: the recorded commands through the simulator again, compared bit for bit.
+
+Each state is computed from the one before and the command that the bag says was applied, made
+into a message, and compared with the recorded one field by field, floats by their bits: the raw
+messages themselves differ in the padding between fields, which nobody sets. On another kind of
+processor numpy's functions differ in their last bits; such states are told apart, and the next one
+is computed from the recorded one again.
+"""
+
+from __future__ import annotations
+
+if __name__ == "__main__":
+    from bicycle_common.signals import run_module
+
+    run_module("bicycle_tools.nodes.verify")
+
+import math
+import struct
+import sys
+from collections import defaultdict, deque
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+from bicycle_msgs.msg import BicycleCommand, BicycleState, EpisodeInfo, Push
+from rclpy.serialization import deserialize_message
+from tqdm import tqdm
+
+from bicycle_bag.errors import BagError
+from bicycle_bag.reader import BagReader
+from bicycle_bag.schemas import Schemas
+from bicycle_common.command_line import OneLineParser
+from bicycle_common.nodes import convert
+from bicycle_common.types import Command, CommandSource
+from bicycle_sim.nodes.episode_setting import to_setting
+from bicycle_sim.runtime.simulator import Simulator
+from bicycle_tools.nodes.flatten import flatten
+from bicycle_tools.ride_log import COMMAND, EPISODE, PUSHED, STATE, prefix_of
+
+ROUNDING = 1e-9
+"""Most that rounding makes of one step, in any field's unit; what is wrong makes more."""
+
+Key = tuple[int, int, str]
+"""Episode, step and controller: which commands an applied one may be."""
+
+
+@dataclass
+class Recording:
+    """The messages of one bicycle, in recorded order."""
+
+    states: list[tuple[int, bytes]] = field(default_factory=list)
+    """Place in the recorded order, and CDR."""
+    commands: dict[Key, list[Command]] = field(default_factory=lambda: defaultdict(list))
+    episodes: list[tuple[int, EpisodeInfo]] = field(default_factory=list)
+    """Place in the recorded order, and message."""
+    pushes: dict[tuple[int, int], list[float]] = field(default_factory=lambda: defaultdict(list))
+    """rad/s by episode and step of the state that was pushed, in the paper's signs."""
+
+
+@dataclass
+class Verdict:
+    """What a verification found so far."""
+
+    checked: int = 0
+    """States computed again and found equal, but for rounding at most."""
+    rounded: int = 0
+    """Those of them that are not equal to the bit."""
+    largest: float = 0.0
+    """Largest difference in a field of those, in its unit."""
+    begun: int = 0
+    """States that nothing comes before: the starts of episodes and of the recording."""
+    head: int = 0
+    """States before the first recorded command, which was not heard from its publisher's start."""
+    begins: str = ""
+    """The state that the proof begins with, where that is not the start of an episode."""
+    led: bool = False
+    """Whether a state was computed under a recorded command."""
+    unknown: int = 0
+    """States that cannot be computed, as the state before or the command is missing."""
+    first_unknown: str = ""
+    """Where the first of them is."""
+    difference: str = ""
+    """The first state that differs; empty when none does."""
+
+    @property
+    def same(self) -> bool:
+        """Whether every state that something comes before came out again, or nearly so."""
+        return not self.difference and not self.unknown and self.checked > 0
+
+    @property
+    def proved(self) -> bool:
+        """Whether they did to the bit."""
+        return self.same and not self.rounded
+
+    def __str__(self) -> str:
+        """One line for a person."""
+        if self.difference:
+            return f"not the same after {self.checked} equal states: {self.difference}"
+        text = f"{self.checked} states came out again, bit for bit"
+        if self.rounded:
+            text += (
+                f" but for {self.rounded} that differ by {self.largest:.2g} at most, as another "
+                "kind of processor rounds"
+            )
+        if self.begins:
+            text += f", from where the recording begins: {self.begins}"
+        if self.head:
+            text += f" ({self.head} states up to it came under commands that the bag lacks)"
+        if self.unknown:
+            return (
+                f"not proved: {text}, but {self.unknown} could not be computed for lack of the "
+                f"state or command before, first {self.first_unknown}"
+            )
+        if self.checked:
+            return text
+        why = "none of the commands that led to its states" if self.head else "no ride"
+        return f"not proved: the bag holds {why} to compute again"
+
+
+def read(path: Path) -> Recording:
+    """Read what a verification needs.
+
+    Raises:
+        BagError: when the bag cannot be read, is foreign, or of other message definitions.
+    """
+    reader = BagReader(path)
+    prefix = prefix_of(reader)
+    kinds = {prefix + STATE: BicycleState, prefix + COMMAND: BicycleCommand}
+    kinds[prefix + EPISODE] = EpisodeInfo
+    reader.require(list(kinds))
+    if prefix + PUSHED in reader.topics:  # older bags lack it
+        kinds[prefix + PUSHED] = Push
+    for name, kind in kinds.items():
+        topic = reader.topics[name]
+        _check_kind(path, name, topic.type, topic.serialization_format, kind)
+    _check_versions(reader, list(kinds))
+    recording = Recording()
+    # The recorded order tells what came first; the recording's clock may have been set meanwhile.
+    for place, item in enumerate(reader.messages(list(kinds))):
+        kind = kinds[item.topic]
+        _check_kind(path, item.topic, item.type, item.encoding, kind)
+        if kind is BicycleState:
+            recording.states.append((place, item.data))
+            continue
+        message = decoded(item.data, kind)
+        if kind is BicycleCommand:
+            command = convert.to_command(message)
+            key = command.episode, command.step, command.controller
+            recording.commands[key].append(command)
+        elif kind is Push:
+            push = convert.to_push(message)
+            recording.pushes[push.episode, push.step].append(push.lean_rate)
+        else:
+            recording.episodes.append((place, message))
+    return recording
+
+
+def _check_kind(path: Path, topic: str, type_name: str, encoding: str, kind: type[Any]) -> None:
+    """Refuse messages of other types and encodings.
+
+    Raises:
+        BagError: these are of one.
+    """
+    wanted = f"bicycle_msgs/msg/{kind.__name__}"
+    if type_name != wanted or encoding != "cdr":
+        raise BagError(
+            f"{path} holds {topic} as {type_name or 'no type'} in {encoding or 'no encoding'}, "
+            f"where {wanted} in cdr is needed: record the ride with record.sh or ros2 bag record"
+        )
+
+
+def _check_versions(reader: BagReader, topics: list[str]) -> None:
+    """Refuse a bag whose messages have other fields than today's.
+
+    Raises:
+        BagError: it is one.
+    """
+    schemas = Schemas()
+    for name in topics:
+        topic = reader.topics[name]
+        if topic.type_hash and topic.type_hash != schemas.type_hash(topic.type):
+            raise BagError(
+                f"{reader.path} has another version of {topic.type}: verify it with the release "
+                "that recorded it"
+            )
+
+
+def decoded(data: bytes, kind: type[Any]) -> Any:
+    """A message of its CDR.
+
+    Raises:
+        BagError: it is none of this kind.
+    """
+    try:
+        return deserialize_message(data, kind)
+    except Exception as error:  # the middleware's errors have no common base
+        raise BagError(
+            f"a message of {len(data)} bytes is not a {kind.__name__} "
+            f"({' '.join(str(error).split())[:100]}): the bag's recorder was another version or "
+            "the message was damaged before it was recorded"
+        ) from None
+
+
+def verify(recording: Recording) -> Iterator[Verdict]:
+    """Compute state after state.
+
+    Args:
+        recording: of one bicycle.
+
+    Yields:
+        The verdict so far, after each recorded state; the last one is final.
+
+    Raises:
+        BagError: when the settings of an episode are not in the bag or not of this simulator.
+    """
+    verdict = Verdict()
+    before: BicycleState | None = None
+    simulator: Simulator | None = None
+    for place, data in recording.states:
+        state = decoded(data, BicycleState)
+        if before is not None and (state.episode, state.step) == (before.episode, before.step):
+            yield verdict  # the state of a bicycle that is held, published again
+            continue
+        follows = before is not None and state.episode == before.episode
+        if before is None or simulator is None or not follows or state.step < before.step:
+            verdict.begun += 1
+            if before is None and state.step > 0:
+                verdict.begins = _place(state)
+            simulator = _restored(recording, state, place)
+        elif state.step != before.step + 1:
+            _skip(verdict, state)
+            simulator = _restored(recording, state, place)
+        else:
+            simulator = _compute(recording, verdict, simulator, state, place)
+        before = state
+        yield verdict
+        if verdict.difference:
+            return
+
+
+def _compute(
+    recording: Recording,
+    verdict: Verdict,
+    simulator: Simulator,
+    state: BicycleState,
+    place: int,
+) -> Simulator:
+    """Compute one state; returns the simulator to go on with."""
+    stamp = state.header.stamp.sec * 10**9 + state.header.stamp.nanosec
+    here, wanted = simulator.snapshot, _bits(state)
+    computed: BicycleState | None = None
+    pushes = recording.pushes.get((here.episode, here.step), [0.0])
+    for command, push in product(_candidates(recording, state), pushes):
+        trial = Simulator.restore(here, simulator.scenario, simulator.physics, simulator.seed)
+        computed = convert.from_snapshot(trial.step(command, push), stamp)
+        same = _bits(computed) == wanted
+        gap = 0.0 if same else _gap(state, computed)
+        if gap <= ROUNDING:
+            verdict.checked, verdict.rounded = verdict.checked + 1, verdict.rounded + (not same)
+            verdict.largest = max(verdict.largest, gap)
+            verdict.led |= command is not None
+            return trial if same else _restored(recording, state, place)
+    if computed is None and not verdict.led:
+        # A recorder that comes to a ride hears the states before it hears the commands.
+        verdict.head, verdict.begins = verdict.head + 1, _place(state)
+    elif computed is None:
+        _skip(verdict, state)
+    else:
+        verdict.difference = f"{_place(state)}: {_difference(state, computed)}"
+    return _restored(recording, state, place)
+
+
+def _candidates(recording: Recording, state: BicycleState) -> list[Command | None]:
+    """The commands that may have led to a state; a controller may answer one state twice."""
+    if state.command_source == CommandSource.ZERO:
+        return [None]
+    key = int(state.episode), int(state.command_step), str(state.controller)
+    return list(recording.commands.get(key, []))
+
+
+def _restored(recording: Recording, state: BicycleState, place: int) -> Simulator:
+    """A simulator in this recorded state.
+
+    Raises:
+        BagError: see `verify`.
+    """
+    infos = [(abs(at - place), info) for at, info in recording.episodes]
+    infos = [(distance, info) for distance, info in infos if info.episode == state.episode]
+    if not infos:
+        raise BagError(
+            f"the bag lacks the settings of episode {state.episode}: record {EPISODE} too"
+        )
+    info = min(infos, key=lambda pair: pair[0])[1]
+    try:
+        scenario, physics = to_setting(info)
+        snapshot = convert.to_snapshot(state)
+    except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
+        raise BagError(
+            f"episode {state.episode} is not one of this simulator's ({error}): verify it with "
+            f"version {info.version}"
+        ) from None
+    return Simulator.restore(snapshot, scenario, physics, int(info.seed))
+
+
+def _skip(verdict: Verdict, state: BicycleState) -> None:
+    """Count a state that nothing leads to."""
+    verdict.unknown += 1
+    verdict.first_unknown = verdict.first_unknown or _place(state)
+
+
+def _place(state: BicycleState) -> str:
+    return f"step {state.step} of episode {state.episode}"
+
+
+def _bits(message: BicycleState) -> list[Any]:
+    """The fields of a message, floats as their eight bytes."""
+    return [_exact(value) for _, value in flatten(message)]
+
+
+def _exact(value: Any) -> Any:
+    return struct.pack("<d", value) if isinstance(value, float) else value
+
+
+def _gap(recorded: BicycleState, computed: BicycleState) -> float:
+    """The largest difference of two numbers; infinite where something else differs."""
+    largest = 0.0
+    for (_, old), (_, new) in zip(flatten(recorded), flatten(computed), strict=True):
+        if _exact(old) != _exact(new):
+            apart = abs(old - new) if isinstance(old, float) else math.inf
+            largest = max(largest, apart if math.isfinite(apart) else math.inf)
+    return largest
+
+
+def _difference(recorded: BicycleState, computed: BicycleState) -> str:
+    """The first field that differs, and by how much."""
+    for (name, old), (_, new) in zip(flatten(recorded), flatten(computed), strict=True):
+        if _exact(old) != _exact(new):
+            by = f", {abs(old - new):.3g} apart" if isinstance(old, float) else ""
+            return f"{name} was {old!r} and comes out as {new!r}{by}"
+    return "nothing differs"
+
+
+def main() -> int:
+    """Verify the bag that the command line names; returns the exit status."""
+    parser = OneLineParser(prog="replay.sh --verify", description=__doc__)
+    parser.add_argument("bag", type=Path, help="bag directory or .mcap file")
+    path = parser.parse_args().bag
+    verdict = Verdict()
+    try:
+        recording = read(path)
+        steps = verify(recording)
+        with tqdm(steps, total=len(recording.states), unit="state", disable=None) as bar:
+            verdict = deque(bar, maxlen=1).pop() if recording.states else verdict
+    except BagError as error:
+        print(f"replay.sh --verify: {error}", file=sys.stderr)
+        return 1
+    except KeyboardInterrupt:
+        print("replay.sh --verify: interrupted", file=sys.stderr)
+        return 130
+    print(f"{path}: {verdict}")
+    return 0 if verdict.same else 1

@@ -1,0 +1,115 @@
+"""A ride as a picture: the track with its goals, and what lean, steering and commands did."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bicycle_tools.drawing import (
+    INK,
+    LEAN,
+    REACHED,
+    SHIFT,
+    STEER,
+    STYLE,
+    TORQUE,
+    Floats,
+    ride_time,
+)
+from bicycle_tools.ride_log import Columns, RideLog
+from bicycle_tools.summary import RideSummary, summarise
+from bicycle_tools.track import draw_track
+
+
+def draw_ride(log: RideLog, path: Path) -> None:
+    """Draw a ride.
+
+    Args:
+        log: the ride.
+        path: PNG to write.
+    """
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(12.0, 6.8), layout="constrained")
+        grid = figure.add_gridspec(4, 2, width_ratios=(1.15, 1.0))
+        draw_track(figure, figure.add_subplot(grid[:, 0]), log)
+        time = ride_time(log)
+        strips = [figure.add_subplot(grid[0, 1])]
+        strips += [figure.add_subplot(grid[row, 1], sharex=strips[0]) for row in (1, 2, 3)]
+        _strips(strips, log, time)
+        _title(figure, summarise(log))
+        figure.savefig(path, dpi=150)
+
+
+def _strips(strips: list[Axes], log: RideLog, time: Floats) -> None:
+    """Lean, steering, commands and distance over time."""
+    lean, steer, command, distance = strips
+    states = log.states
+    _line(lean, time, np.degrees(states["lean_angle"]), LEAN, "lean (°)")
+    _line(steer, time, np.degrees(states["steer_angle"]), STEER, "steering (°)")
+    applied = _applied(log)
+    if applied is not None:
+        _line(command, time, applied[0], TORQUE, "torque (N m)")
+        if np.nanmax(np.abs(applied[1])) > 0:
+            other = command.twinx()
+            other.grid(visible=False)
+            _line(other, time, 100.0 * applied[1], SHIFT, "displacement (cm)")
+    _line(distance, time, states["goal_distance"], INK, "distance to\ngoal (m)")
+    distance.set_ylim(bottom=0.0)
+    distance.set_xlabel("time (s)")
+    for axes in strips[:-1]:
+        axes.tick_params(labelbottom=False)
+    for axes in strips:
+        axes.margins(x=0.0)
+        _mark_goals(axes, log, time)
+
+
+def _line(axes: Axes, time: Floats, values: Floats, colour: str, label: str) -> None:
+    axes.plot(time, values, color=colour, linewidth=0.9)
+    axes.set_ylabel(label, color=colour)
+
+
+def _mark_goals(axes: Axes, log: RideLog, time: Floats) -> None:
+    """A thin upright line wherever the goal changes."""
+    place = np.stack([log.states["goal.x"], log.states["goal.y"]], axis=1)
+    changed = (np.diff(place, axis=0) != 0).any(axis=1) & np.isfinite(place[1:]).all(axis=1)
+    for row in np.flatnonzero(changed):
+        axes.axvline(time[row + 1], color=REACHED, linewidth=0.7, alpha=0.5, zorder=0)
+
+
+def _applied(log: RideLog) -> tuple[Floats, Floats] | None:
+    """Torque (N m) and displacement (m) that led to each state; NaN where there was no command."""
+    commands: Columns = log.commands
+    if not len(commands.get("step", ())):
+        return None
+    keys = {
+        (int(episode), int(step)): row
+        for row, (episode, step) in enumerate(
+            zip(commands["episode"], commands["step"], strict=True)
+        )
+    }
+    states = log.states
+    rows = np.array(
+        [
+            keys.get((int(episode), int(step)), -1)
+            for episode, step in zip(states["episode"], states["command_step"], strict=True)
+        ]
+    )
+    torque = np.where(rows < 0, np.nan, commands["torque"][rows])
+    return torque, np.where(rows < 0, np.nan, commands["displacement"][rows])
+
+
+def _title(figure: Figure, summary: RideSummary) -> None:
+    """One line with what matters."""
+    falls = {0: "no fall", 1: "1 fall"}.get(summary.falls, f"{summary.falls} falls")
+    parts = [
+        f"{summary.reached} of {summary.goals} goals",
+        falls,
+        f"{summary.path_length:.0f} m in {summary.ridden_time:.0f} s",
+    ]
+    if np.isfinite(summary.path_ratio):
+        parts.append(f"path {summary.path_ratio:.2f} × straight line")
+    figure.suptitle("   ·   ".join(parts), fontsize=12, fontweight="bold")

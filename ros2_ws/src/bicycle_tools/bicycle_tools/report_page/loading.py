@@ -1,0 +1,241 @@
+"""A bag as the page shows it: the ride, what the bag holds, and what had to be repaired."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bicycle_bag.errors import BagError
+from bicycle_bag.metadata import BagMetadata
+from bicycle_bag.reader import BagReader
+from bicycle_bag.repair import repair
+from bicycle_tools.drawing import Floats, ride_time
+from bicycle_tools.outcomes import Outcome, outcomes
+from bicycle_tools.ride_log import READ, RIDDEN, STATE, Columns, RideLog, load_ride, no_bicycle
+from bicycle_tools.summary import RideSummary, summarise
+
+
+@dataclass(frozen=True)
+class RidePage:
+    """One bag, read and summed up.
+
+    Attributes:
+        name: what the page calls it.
+        path: of the bag, as the user named it.
+        log: the ride; without states where the bag has none.
+        summary: the ride in numbers.
+        outcomes: what became of its goals.
+        contents: what the bag holds.
+        start: s, log time of its first message.
+        notes: one line for each thing that the reader must know of the bag.
+    """
+
+    name: str
+    path: Path
+    log: RideLog
+    summary: RideSummary
+    outcomes: list[Outcome]
+    contents: BagMetadata
+    start: float
+    notes: tuple[str, ...]
+
+    @property
+    def has_states(self) -> bool:
+        """Whether there is a bicycle to be drawn."""
+        return len(self.log.segment) > 0
+
+    @cached_property
+    def state_time(self) -> Floats:
+        """(n,) s of simulated time since the start, of each state."""
+        return ride_time(self.log)
+
+    def time_of(self, columns: Columns) -> Floats:
+        """When messages were recorded, on the axis of time that the page has.
+
+        Args:
+            columns: of m messages, with `recorded_order` and `log_time`.
+
+        Returns:
+            (m,) s of simulated time, of the newest state recorded by then; since the bag's start
+            by the recording's clock where it has no states.
+        """
+        if not self.has_states:
+            logged: NDArray[Any] = columns.get("log_time", np.empty(0))
+            return np.asarray(logged, dtype=np.float64) - self.start
+        places: NDArray[Any] = columns.get("recorded_order", np.empty(0))
+        rows = np.searchsorted(self.log.states["recorded_order"], places, side="right") - 1
+        return self.state_time[np.clip(rows, 0, None)]
+
+    def ends_of(self, goals: Sequence[Outcome]) -> Floats:
+        """When the last word on each goal was recorded, see `time_of`."""
+        places = np.array([goal.place for goal in goals], dtype=np.int64)
+        logged = np.array([goal.known_at for goal in goals], dtype=np.float64)
+        return self.time_of({"recorded_order": places, "log_time": logged})
+
+    def step_time(self, columns: Columns) -> Floats:
+        """When the steps were that messages speak of; better than when they were recorded.
+
+        Args:
+            columns: of messages with `episode` and `step`.
+
+        Returns:
+            One time per message, on the axis of `time_of`, which also serves steps that the
+            bag has no state of, and every step once the simulator was started anew.
+        """
+        logged = self.time_of(columns)
+        keys, wanted = _keys(self.log.states), _keys(columns)
+        known, rows = np.unique(keys, return_index=True)
+        if len(known) < len(keys) or not len(keys):
+            return logged
+        place = np.clip(np.searchsorted(known, wanted), 0, len(known) - 1)
+        return np.where(known[place] == wanted, self.state_time[rows[place]], logged)
+
+
+def _keys(columns: Columns) -> NDArray[np.uint64]:
+    """One number for each step of each episode."""
+    episode = np.asarray(columns.get("episode", ())).astype(np.uint64)
+    return (episode << np.uint64(40)) + np.asarray(columns.get("step", ())).astype(np.uint64)
+
+
+def load(path: Path, name: str, namespace: str | None = None) -> RidePage:
+    """Read a bag; one that is damaged is repaired in a copy.
+
+    Args:
+        path: bag directory, MCAP file, or the folder of a run of ride.sh.
+        name: what the page shall call it.
+        namespace: of the bicycle, where the bag holds several.
+
+    Raises:
+        BagError: when there is no bag, it cannot be saved, or it holds no bicycle or several.
+    """
+    bag = _bag_of(path)
+    try:
+        return _load(bag, path, name, namespace, ())
+    except BagError as error:
+        if "--repair" not in str(error):
+            raise
+    with tempfile.TemporaryDirectory(prefix="bicycle_report_") as scratch:
+        copy = Path(scratch) / bag.name
+        try:
+            _copy(bag, copy)
+            found = repair(copy)
+        except OSError as error:
+            raise BagError(
+                f"{bag} is damaged and {scratch} has no room for a copy ({error.strerror}): "
+                "run record.sh --repair on it first"
+            ) from None
+        lost = "" if not found.kept else str(found).split("; damaged")[0]
+        note = f"The bag is not whole; shown is what a repair gets back. {lost}".strip()
+        return _load(copy, path, name, namespace, (note,))
+
+
+def _bag_of(path: Path) -> Path:
+    """The bag itself, where a run's folder is named."""
+    inside = path / "bag"
+    is_run = path.is_dir() and not any(path.glob("*.mcap")) and inside.is_dir()
+    return inside if is_run else path
+
+
+def _copy(bag: Path, copy: Path) -> None:
+    if bag.is_file():
+        shutil.copyfile(bag, copy)
+        return
+    copy.mkdir()
+    for file in bag.glob("*.mcap"):
+        shutil.copyfile(file, copy / file.name)
+
+
+def _load(
+    bag: Path, path: Path, name: str, namespace: str | None, notes: tuple[str, ...]
+) -> RidePage:
+    reader = BagReader(bag)
+    log, more = _ride(reader, _prefix(reader, namespace))
+    summary = summarise(log)
+    contents = reader.metadata
+    return RidePage(
+        name=name,
+        path=path,
+        log=log,
+        summary=summary,
+        outcomes=outcomes(log.statuses),
+        contents=contents,
+        start=1e-9 * contents.starting_time_ns if contents.message_count else 0.0,
+        notes=(*notes, *more),
+    )
+
+
+def _ride(reader: BagReader, prefix: str) -> tuple[RideLog, Sequence[str]]:
+    """The ride, and what is missing for it.
+
+    Raises:
+        BagError: when the topics are there and hold something else.
+    """
+    try:
+        log = load_ride(reader, prefix)
+        summarise(log)
+    except (KeyError, TypeError, IndexError, ValueError) as error:
+        raise BagError(
+            f"{reader.path}: its {prefix}{STATE} or the topics beside it are not of this "
+            f"stack's types ({error}): choose another bicycle with --namespace"
+        ) from None
+    empty = [prefix + topic for topic in READ if not reader.counts.get(prefix + topic)]
+    if not any(reader.counts.get(prefix + topic) for topic in RIDDEN):
+        raise no_bicycle(reader)
+    nothing = [f"Nothing was recorded of {', '.join(empty)}."] if empty else []
+    return log, [*nothing, *_left_out(log)]
+
+
+def _left_out(log: RideLog) -> Iterator[str]:
+    """What the bag holds that is no part of its ride."""
+    begun = [goal for goal in outcomes(log.statuses) if goal.begun_before]
+    if begun:
+        places = ", ".join(f"({goal.position[0]:.1f}, {goal.position[1]:.1f})" for goal in begun)
+        yield (
+            f"The goal at {places} was under way when the recording began: its time and path "
+            "count from before."
+        )
+    if log.old_statuses:
+        yield (
+            f"{log.old_statuses} messages about goals from before the recording are left out: "
+            "those goals were over by then, or the messages came twice."
+        )
+    if log.idle_commands:
+        yield (
+            f"{log.idle_commands} commands are left out: another controller ran beside the one "
+            "that drove."
+        )
+
+
+def _prefix(reader: BagReader, namespace: str | None) -> str:
+    """The namespace of the bag's bicycle.
+
+    Raises:
+        BagError: when the bag has none, or several of which none is chosen.
+    """
+    found = sorted(
+        {
+            name[: -len(topic)]
+            for topic in READ
+            for name in reader.topics
+            if name.endswith(topic) and reader.counts.get(name)
+        }
+    )
+    if not found:
+        raise no_bicycle(reader)
+    shown = ", ".join(prefix or "/" for prefix in found)
+    if namespace is not None:
+        wanted = f"/{namespace.strip('/')}".rstrip("/")
+        if wanted not in found:
+            raise BagError(f"{reader.path} has no bicycle {wanted or '/'}: it has {shown}")
+        return wanted
+    if len(found) > 1:
+        raise BagError(f"{reader.path} holds several bicycles: choose --namespace of {shown}")
+    return found[0]

@@ -1,0 +1,126 @@
+"""The figure of the loop's timing: rate, period and the way from state to command."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from bicycle_tools.drawing import FAINT, LEAN, STEER, TORQUE, Floats, envelope
+from bicycle_tools.report_page.figures import MOST_POINTS, Canvas
+from bicycle_tools.report_page.loading import RidePage
+
+COLOURS = (LEAN, STEER)
+"""Of the first and the second ride where they share axes."""
+RATE_STEPS = 40
+"""Steps that one point of the rate is the mean of."""
+LEAST_RANGE = 1.0
+"""Hz that the axis of the rate shows at least."""
+BINS = 60
+
+
+@dataclass(frozen=True)
+class Row:
+    """One duration of LoopTiming; in ms on the page."""
+
+    column: str
+    label: str
+    colour: str
+
+
+ROWS = (
+    Row("period", "period (ms)", LEAN),
+    Row("latency", "state to\ncommand (ms)", TORQUE),
+)
+
+
+def draw_timing(canvas: Canvas, pages: Sequence[RidePage]) -> None:
+    """Rate and durations over time, and how often each duration came."""
+    count = len(pages)
+    widths = [1.0] * count + [0.62]
+    grid = canvas.subplots(1 + len(ROWS), count + 1, squeeze=False, width_ratios=widths)
+    for number, page in enumerate(pages):
+        time = page.step_time(page.log.timing)
+        _rate(grid[0, number], page, time)
+        for row, axes in zip(ROWS, grid[1:, number], strict=True):
+            values = _milliseconds(page, row.column)
+            axes.plot(*envelope(time, values, MOST_POINTS), color=row.colour, linewidth=0.7)
+        if count > 1:
+            grid[0, number].set_title(page.name, loc="left", fontsize=10, fontweight="bold")
+        grid[-1, number].set_xlabel("time (s)")
+    _share(grid[:, :count])
+    _widen(grid[0, 0])
+    grid[0, 0].set_ylabel("rate (Hz)", color=FAINT)
+    for row, axes in zip(ROWS, grid[1:, 0], strict=True):
+        axes.set_ylabel(row.label, color=row.colour)
+    _key(grid[0, -1], pages)
+    for row, axes in zip(ROWS, grid[1:, -1], strict=True):
+        _histogram(axes, row, pages)
+    canvas.align_ylabels(list(grid[:, 0]))
+
+
+def _share(columns: np.ndarray[tuple[int, int], np.dtype[np.object_]]) -> None:
+    """Equal limits: of time down each column, of values along each row."""
+    for row in columns:
+        for axes in row[1:]:
+            axes.sharey(row[0])
+    for axes in columns.ravel()[1:]:
+        axes.sharex(columns[0, 0])
+    for axes in columns.ravel():
+        axes.margins(x=0.0)
+
+
+def _milliseconds(page: RidePage, column: str) -> Floats:
+    return 1e3 * np.asarray(page.log.timing.get(column, ()), dtype=np.float64)
+
+
+def _rate(axes: Axes, page: RidePage, time: Floats) -> None:
+    """Steps per second, over some steps each."""
+    periods = 1e-3 * _milliseconds(page, "period")
+    whole = len(periods) // RATE_STEPS * RATE_STEPS
+    if not whole:
+        return
+    blocks = periods[:whole].reshape(-1, RATE_STEPS)
+    known = np.isfinite(blocks)
+    total = np.where(known, blocks, 0.0).sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rate = known.sum(axis=1) / total
+    middle = time[:whole].reshape(-1, RATE_STEPS)[:, RATE_STEPS // 2]
+    axes.plot(*envelope(middle, rate, MOST_POINTS), color=FAINT, linewidth=1.2)
+
+
+def _widen(axes: Axes) -> None:
+    """Show a range of the rate that does not blow up the noise of a clock."""
+    low, high = axes.get_ylim()
+    if high - low < LEAST_RANGE:
+        middle = 0.5 * (low + high)
+        axes.set_ylim(middle - 0.5 * LEAST_RANGE, middle + 0.5 * LEAST_RANGE)
+
+
+def _histogram(axes: Axes, row: Row, pages: Sequence[RidePage]) -> None:
+    """How often each duration came, on a logarithmic axis: the tail is what matters."""
+    found = [_milliseconds(page, row.column) for page in pages]
+    finite = [values[np.isfinite(values)] for values in found]
+    everything = np.concatenate(finite)
+    axes.set_xlabel(row.label.replace("\n", " "))
+    axes.set_ylabel("steps", color=FAINT)
+    if not len(everything):
+        return
+    edges = np.histogram_bin_edges(everything, bins=BINS).tolist()
+    colours = COLOURS if len(pages) > 1 else (row.colour,)
+    for values, colour in zip(finite, colours, strict=False):
+        if len(values):
+            axes.hist(
+                values, bins=edges, log=True, color=colour, alpha=0.55, histtype="stepfilled"
+            )
+
+
+def _key(axes: Axes, pages: Sequence[RidePage]) -> None:
+    """Which colour is which ride in the histograms."""
+    axes.set_axis_off()
+    if len(pages) > 1:
+        for page, colour in zip(pages, COLOURS, strict=True):
+            axes.fill_between([], [], color=colour, alpha=0.55, label=page.name)
+        axes.legend(loc="lower left", frameon=False)

@@ -1,0 +1,146 @@
+"""What a summary, a picture and a verification need of a bag, as numpy columns."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bicycle_bag.columns import load_topics
+from bicycle_bag.errors import BagError
+from bicycle_bag.reader import BagReader
+from bicycle_tools.recorded_here import driving, goals_of_recording
+
+Columns = Mapping[str, NDArray[Any]]
+"""One array per field of a message, one row per message, in recorded order."""
+
+STATE = "/bicycle/state"
+COMMAND = "/bicycle/command"
+TIMING = "/bicycle/timing"
+GOAL_STATUS = "/bicycle/goal_status"
+EPISODE = "/bicycle/episode"
+PUSHED = "/bicycle/pushed"
+READ = (STATE, COMMAND, TIMING, GOAL_STATUS, EPISODE)
+"""Topics that a ride is read from, in the bicycle's namespace."""
+RIDDEN = (STATE, COMMAND, TIMING)
+"""Those that are not latched: a bag that has none of them holds no ride."""
+
+
+@dataclass(frozen=True)
+class RideLog:
+    """One bicycle's messages of a bag."""
+
+    path: Path
+    states: Columns
+    """BicycleState; each step once, see `distinct`."""
+    commands: Columns
+    """BicycleCommand; without answers of a controller that ran beside the one that drove."""
+    timing: Columns
+    statuses: Columns
+    """GoalStatus, of the goals of this recording alone; see `goals_of_recording`."""
+    episodes: Columns
+    segment: NDArray[np.intp]
+    """(n,) of `states`: which unbroken ride each belongs to, from 0; a reset begins the next."""
+    message_count: int
+    """Of all topics of the bag."""
+    idle_commands: int = 0
+    """Commands of controllers that ran beside the one that drove."""
+    old_statuses: int = 0
+    """Goal statuses from before the recording, about goals that were over by then."""
+
+
+def read_ride(path: Path | str) -> RideLog:
+    """Read one bicycle's ride from a bag.
+
+    Args:
+        path: bag directory or MCAP file.
+
+    Raises:
+        BagError: when it cannot be read, or holds no bicycle or more than one.
+    """
+    reader = BagReader(path)
+    return load_ride(reader, prefix_of(reader))
+
+
+def load_ride(reader: BagReader, prefix: str) -> RideLog:
+    """Load one bicycle's ride from an open bag, whichever of its topics are there.
+
+    Args:
+        reader: the bag.
+        prefix: namespace of the bicycle, such as "" or "/red".
+
+    Raises:
+        BagError: when what the bag has of them cannot be read.
+    """
+    there = [name for name in READ if prefix + name in reader.topics]
+    loaded = load_topics(reader, [prefix + name for name in there])
+    columns = {name: loaded[prefix + name] if name in there else {} for name in READ}
+    states, segment = distinct(columns[STATE]) if columns[STATE] else _no_states()
+    commands, told = columns[COMMAND], columns[GOAL_STATUS]
+    drove = driving(commands, states)
+    statuses = goals_of_recording(told, begun(reader), commands)
+    return RideLog(
+        path=reader.path,
+        states=states,
+        commands={name: column[drove] for name, column in commands.items()},
+        timing=columns[TIMING],
+        statuses=statuses,
+        episodes=columns[EPISODE],
+        segment=segment,
+        message_count=reader.message_count,
+        idle_commands=int((~drove).sum()),
+        old_statuses=len(told.get("status", ())) - len(statuses.get("status", ())),
+    )
+
+
+def begun(reader: BagReader) -> float:
+    """s, log time of the first message in recorded order; clocks may be set back later on."""
+    first = next(iter(reader.messages()), None)
+    return first.log_time_ns * 1e-9 if first is not None else 0.0
+
+
+def _no_states() -> tuple[Columns, NDArray[np.intp]]:
+    """Columns of any name without a row, and their segments."""
+    return defaultdict(lambda: np.empty(0)), np.empty(0, dtype=np.intp)
+
+
+def prefix_of(reader: BagReader) -> str:
+    """The namespace of the bag's bicycle, such as "" or "/red"."""
+    found = [name[: -len(STATE)] for name in reader.topics if name.endswith(STATE)]
+    if not found:
+        raise no_bicycle(reader)
+    if len(found) > 1:
+        raise BagError(f"{reader.path} holds {len(found)} bicycles: record one at a time")
+    return found[0]
+
+
+def no_bicycle(reader: BagReader) -> BagError:
+    """The error for a bag in which no bicycle was recorded."""
+    return BagError(
+        f"{reader.path} holds no bicycle: nothing was recorded of {STATE}; name a bag of record.sh"
+    )
+
+
+def distinct(states: Columns) -> tuple[Columns, NDArray[np.intp]]:
+    """Each step once, as a state is published again while the bicycle is held.
+
+    Args:
+        states: columns of BicycleState with `episode` and `step`.
+
+    Returns:
+        The columns without repetitions, and for each row the number of its segment: a new one
+        begins where the episode changes or the step goes back (the simulator was started anew).
+    """
+    episode = states["episode"].astype(np.int64)
+    step = states["step"].astype(np.int64)
+    begins = np.ones(len(step), dtype=bool)
+    begins[1:] = (np.diff(episode) != 0) | (np.diff(step) < 0)
+    repeats = np.zeros(len(step), dtype=bool)
+    repeats[1:] = ~begins[1:] & (np.diff(step) == 0)
+    kept = {name: column[~repeats] for name, column in states.items()}
+    return kept, (np.cumsum(begins) - 1)[~repeats]

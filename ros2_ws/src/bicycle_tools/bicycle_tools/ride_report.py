@@ -1,0 +1,47 @@
+"""From a bag to what a ride leaves behind: numbers, picture, one screen of text."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from bicycle_bag.errors import BagError
+from bicycle_bag.repair import repair
+from bicycle_tools.picture import draw_ride
+from bicycle_tools.ride_log import RideLog, read_ride
+from bicycle_tools.summary import RideSummary, summarise
+from bicycle_tools.text_summary import render
+
+
+def report(bag: Path, folder: Path, events: Sequence[str] = ()) -> tuple[RideSummary, str]:
+    """Sum up a bag into a folder: summary.json and ride.png.
+
+    Args:
+        bag: bag directory; one that was cut short is repaired first.
+        folder: where the two go.
+        events: one line for each thing that happened to the processes, which no bag can tell.
+
+    Returns:
+        The summary, and its text for the screen.
+
+    Raises:
+        BagError: when the bag cannot be read or holds no state of a bicycle.
+    """
+    log = _read(bag)
+    if not len(log.states["step"]):
+        raise BagError(f"{bag} holds no state of the bicycle: see the nodes' logs beside it")
+    summary = summarise(log)
+    data = {**summary.to_dict(), "events": list(events)}
+    (folder / "summary.json").write_text(json.dumps(data, indent=2) + "\n")
+    draw_ride(log, folder / "ride.png")
+    return summary, render(summary, events)
+
+
+def _read(bag: Path) -> RideLog:
+    """The ride, after a repair if its recorder was cut off."""
+    try:
+        return read_ride(bag)
+    except BagError:
+        repair(bag)
+        return read_ride(bag)

@@ -1,0 +1,241 @@
+"""The numbers of a ride, from nothing but its bag."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bicycle_controller.control.goals import Status
+from bicycle_tools.outcomes import DECIDED, Outcome, outcomes
+from bicycle_tools.recorded_here import OPEN
+from bicycle_tools.ride_log import Columns, RideLog
+
+HELD, ZERO = 2, 3
+"""SOURCE_HELD and SOURCE_ZERO of BicycleState."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Quantiles:
+    """How a duration is spread, s; NaN where nothing was measured."""
+
+    p50: float
+    p99: float
+    largest: float
+
+    @classmethod
+    def of(cls, values: Floats) -> Quantiles:
+        """The quantiles of the finite values."""
+        finite = values[np.isfinite(values)]
+        if not len(finite):
+            return cls(np.nan, np.nan, np.nan)
+        p50, p99 = np.quantile(finite, (0.5, 0.99))
+        return cls(float(p50), float(p99), float(finite.max()))
+
+
+@dataclass(frozen=True)
+class Loop:
+    """How punctual the simulator and how quick the controller was."""
+
+    lockstep: bool
+    rate: float
+    """Hz, one over the mean period."""
+    jitter: Quantiles
+    """|period - median period|."""
+    lateness: Quantiles
+    """After the step was due; NaN in lock-step."""
+    latency: Quantiles
+    """From publishing a state to receiving the command that answers it."""
+    late_steps: int
+    dropped_steps: int
+    held_steps: int
+    """Steps under an older command."""
+    zero_steps: int
+    """Steps without any."""
+    watchdog_events: int
+    """Times that commands stopped coming."""
+    lost_steps: int
+    """Steps that are missing in the bag."""
+
+
+@dataclass(frozen=True)
+class RideSummary:
+    """One ride in numbers."""
+
+    goals: int
+    reached: int
+    missed: int
+    given_up: int
+    falls: int
+    episodes: int
+    ridden_time: float
+    """s of simulated time."""
+    path_length: float
+    """m, of the rear contact."""
+    path_ratio: float
+    """Path over straight line, of the goals reached that were ridden to from their beginning;
+    NaN without one."""
+    mean_speed: float
+    """m/s."""
+    peak_lean: float
+    """rad."""
+    policies: tuple[str, ...]
+    """Ids of the policies that rode."""
+    loop: Loop
+    messages: int
+    """In the bag."""
+    decided: int = 0
+    """Goals that were reached, missed, given up, or lost by a fall."""
+    open: int = 0
+    """Goals that were waiting or under way when the recording ended."""
+    begun_before: int = 0
+    """Goals that were under way when the recording began."""
+
+    @property
+    def perfect(self) -> bool:
+        """Whether every goal was reached without a fall."""
+        return self.falls == 0 and self.reached == self.goals > 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON; what was not measured is None."""
+        plain = _without_nan(asdict(self))
+        assert isinstance(plain, dict)
+        return plain
+
+
+def summarise(log: RideLog) -> RideSummary:
+    """Sum up a ride."""
+    goals = outcomes(log.statuses)
+    counts = {status: sum(goal.status is status for goal in goals) for status in Status}
+    states, segment = log.states, log.segment
+    path = path_length(states, segment)
+    ridden = _ridden_time(states, segment)
+    return RideSummary(
+        goals=len(goals),
+        reached=counts[Status.REACHED],
+        missed=counts[Status.MISSED],
+        given_up=counts[Status.GIVEN_UP],
+        falls=_rises(states["fallen"].astype(bool), segment),
+        episodes=len(np.unique(segment)),
+        ridden_time=ridden,
+        path_length=path,
+        path_ratio=path_ratio(goals),
+        mean_speed=path / ridden if ridden > 0 else 0.0,
+        peak_lean=float(np.abs(states["lean_angle"]).max(initial=0.0)),
+        policies=tuple(dict.fromkeys(str(name) for name in log.commands.get("policy", ()))),
+        loop=summarise_loop(log),
+        messages=log.message_count,
+        decided=sum(counts[status] for status in DECIDED),
+        open=sum(counts[status] for status in OPEN),
+        begun_before=sum(goal.begun_before for goal in goals),
+    )
+
+
+def summarise_loop(log: RideLog) -> Loop:
+    """Sum up the timing of a ride."""
+    timing = log.timing
+    period = _floats(timing, "period")
+    lateness = _floats(timing, "lateness")
+    known = period[np.isfinite(period)]
+    middle = _usual(timing)
+    source = log.states["command_source"]
+    gaps = np.diff(log.states["step"].astype(np.int64))[np.diff(log.segment) == 0] - 1
+    return Loop(
+        lockstep=bool(len(known)) and not np.isfinite(lateness).any(),
+        rate=1.0 / float(known.mean()) if len(known) else np.nan,
+        jitter=Quantiles.of(np.abs(period - middle)),
+        lateness=Quantiles.of(lateness),
+        latency=Quantiles.of(_floats(timing, "latency")),
+        late_steps=late_steps(timing),
+        dropped_steps=dropped_steps(timing),
+        held_steps=int((source == HELD).sum()),
+        zero_steps=int((source == ZERO).sum()),
+        watchdog_events=_rises(source == ZERO, log.segment),
+        lost_steps=int(gaps.sum()),
+    )
+
+
+def path_length(states: Columns, segment: NDArray[np.intp]) -> float:
+    """m that the rear contact rode; a reset's jump does not count."""
+    legs = np.hypot(np.diff(states["rear_contact.x"]), np.diff(states["rear_contact.y"]))
+    return float(legs[np.diff(segment) == 0].sum())
+
+
+def path_ratio(goals: Iterable[Outcome]) -> float:
+    """Path over straight line, of the goals reached: 1 is as the crow flies."""
+    reached = [
+        goal
+        for goal in goals
+        if goal.status is Status.REACHED and goal.straight > 0 and not goal.begun_before
+    ]
+    if not reached:
+        return float("nan")
+    return sum(goal.path_length for goal in reached) / sum(goal.straight for goal in reached)
+
+
+def _ridden_time(states: Columns, segment: NDArray[np.intp]) -> float:
+    """s of simulated time that passed within the segments, less the time lying on the ground."""
+    moving = (np.diff(segment) == 0) & ~states["fallen"][:-1].astype(bool)
+    return float(np.diff(states["header.stamp"])[moving].sum())
+
+
+def _rises(flag: NDArray[np.bool_], segment: NDArray[np.intp]) -> int:
+    """How often a flag became true; what is true at a segment's first state counts too."""
+    if not len(flag):
+        return 0
+    risen = flag.copy()
+    risen[1:] &= ~flag[:-1] | (np.diff(segment) != 0)
+    return int(risen.sum())
+
+
+def _floats(columns: Columns, name: str) -> Floats:
+    return np.asarray(columns.get(name, ()), dtype=np.float64)
+
+
+def late_steps(timing: Columns) -> int:
+    """Steps of a recording that began later than half a period."""
+    return _counted(timing, "late_steps", lambda lateness, period: int(lateness > 0.5 * period))
+
+
+def dropped_steps(timing: Columns) -> int:
+    """Whole periods that were skipped during a recording."""
+    return _counted(timing, "dropped_steps", lambda lateness, period: int(lateness // period))
+
+
+def _counted(columns: Columns, name: str, own: Callable[[float, float], int]) -> int:
+    """What a counter of LoopTiming counted during a recording.
+
+    The counter begins at zero when the simulator does, so a recording that begins later finds
+    it above zero, and it begins at zero again with a new simulator.
+
+    Args:
+        columns: of LoopTiming.
+        name: of the counter.
+        own: what a step adds to the counter, from its lateness and the period, s.
+    """
+    values = np.asarray(columns.get(name, ()), dtype=np.int64)
+    if not len(values):
+        return 0
+    restarts = np.flatnonzero(np.diff(values) < 0)
+    lateness, period = float(columns["lateness"][0]), _usual(columns)
+    known = np.isfinite(lateness) and period > 0
+    first = min(int(values[0]), max(0, own(lateness, period))) if known else 0
+    return int(values[-1] + values[restarts].sum() - values[0]) + first
+
+
+def _usual(timing: Columns) -> float:
+    """s, the median period; NaN where none was measured."""
+    period = _floats(timing, "period")
+    known = period[np.isfinite(period)]
+    return float(np.median(known)) if len(known) else np.nan
+
+
+def _without_nan(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {name: _without_nan(item) for name, item in value.items()}
+    return None if isinstance(value, float) and not np.isfinite(value) else value
