@@ -1,26 +1,78 @@
-"""The import law of docs/architecture.md, by walking the sources and by asking a fresh Python."""
+"""The import law: the table of docs/architecture.md, by walking the sources."""
 
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parent.parent
-PACKAGES = {
-    "bicycle_sim": ROOT / "bicycle_sim" / "bicycle_sim",
-    "bicycle_controller": ROOT / "bicycle_controller" / "bicycle_controller",
-    "bicycle_common": ROOT / "ros2_ws" / "src" / "bicycle_common" / "bicycle_common",
-    "bicycle_tools": ROOT / "ros2_ws" / "src" / "bicycle_tools" / "bicycle_tools",
-    "bicycle_bag": ROOT / "ros2_ws" / "src" / "bicycle_bag" / "bicycle_bag",
-    "bicycle_bringup": ROOT / "ros2_ws" / "src" / "bicycle_bringup" / "bicycle_bringup",
-    "bicycle_cockpit": ROOT / "ros2_ws" / "src" / "bicycle_cockpit" / "bicycle_cockpit",
+SOURCES = {
+    folder.name: folder
+    for place in (ROOT, ROOT / "ros2_ws" / "src")
+    for folder in (package / package.name for package in sorted(place.glob("bicycle_*")))
+    if (folder / "__init__.py").is_file()
 }
-ROS = ("rclpy", "rcl_interfaces", "rosgraph_msgs", "builtin_interfaces", "std_srvs")
+"""Folder of the sources of each Python package."""
+
+ROS = ("rclpy", "rosidl_parser", "launch", "launch_ros")
+
+
+@dataclass(frozen=True)
+class Room:
+    """A row of the table."""
+
+    name: str
+    imports: frozenset[str]
+    libraries: frozenset[str]
+
+
+def table() -> list[Room]:
+    """The rooms in the order of the page."""
+    page = (ROOT / "docs" / "architecture.md").read_text()
+    section = page.partition("## Layers")[2].partition("\n## ")[0]
+    rows = [
+        line.strip("| \n").split("|") for line in section.splitlines() if line.startswith("| `")
+    ]
+    return [
+        Room(
+            _names(row[0])[0],
+            frozenset(_names(row[2])),
+            frozenset(word.strip() for word in row[3].split(",") if word.strip()),
+        )
+        for row in rows
+    ]
+
+
+def _names(cell: str) -> list[str]:
+    return re.findall(r"`([\w.]+)`", cell)
+
+
+ROOMS = table()
+
+
+def room_of(module: str) -> str:
+    """The most special room that holds a module; empty if none does."""
+    held = [room.name for room in ROOMS if f"{module}.".startswith(f"{room.name}.")]
+    return max(held, key=len, default="")
+
+
+def module_of(package: str, path: Path) -> str:
+    parts = (package, *path.relative_to(SOURCES[package]).with_suffix("").parts)
+    return ".".join(parts).removesuffix(".__init__")
+
+
+MODULES = {
+    module_of(package, path): path
+    for package, folder in SOURCES.items()
+    for path in sorted(folder.rglob("*.py"))
+}
 
 
 def imported(path: Path) -> Iterator[str]:
@@ -28,49 +80,71 @@ def imported(path: Path) -> Iterator[str]:
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            yield node.module
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path}: a relative import"
+            assert node.module
+            for alias in node.names:
+                full = f"{node.module}.{alias.name}"
+                yield full if full in MODULES else node.module
 
 
-def sources(package: str) -> list[Path]:
-    found = sorted(PACKAGES[package].rglob("*.py"))
-    assert found, f"no sources of {package}"
-    return found
-
-
-def is_ros(module: str) -> bool:
+def library(module: str) -> str:
+    """What the table calls a library; empty for Python's own and for ours."""
     top = module.partition(".")[0]
-    return top in ROS or top.endswith("_msgs")
+    if top in sys.stdlib_module_names or top in SOURCES:
+        return ""
+    return "ROS" if top in ROS or top.endswith(("_msgs", "_srvs", "_interfaces")) else top
 
 
-@pytest.mark.parametrize("package", PACKAGES)
-def test_only_nodes_import_ros(package: str) -> None:
-    offenders = [
-        f"{path.relative_to(ROOT)}: {module}"
-        for path in sources(package)
-        for module in imported(path)
-        if "nodes" not in path.parts and (is_ros(module) or ".nodes" in module)
-    ]
-    assert offenders == []
+def bare(module: str) -> bool:
+    """Whether it is a package itself, which holds its version only, or its root's entry point."""
+    return module in SOURCES
 
 
-def test_the_walk_sees_ros_where_it_is() -> None:
-    assert any(
-        is_ros(module)
-        for path in sources("bicycle_sim")
-        if "nodes" in path.parts
-        for module in imported(path)
-    )
+def test_every_module_has_a_room() -> None:
+    assert len(MODULES) > 250
+    homeless = [module for module in MODULES if not room_of(module) and not bare(module)]
+    assert homeless == []
+    assert {room_of(module) for module in MODULES} - {""} == {room.name for room in ROOMS}
 
 
-def test_the_simulator_knows_no_controller() -> None:
-    offenders = [
-        f"{path.relative_to(ROOT)}: {module}"
-        for path in sources("bicycle_sim")
-        for module in imported(path)
-        if module.partition(".")[0] in ("bicycle_controller", "bicycle_bag", "torch")
-    ]
-    assert offenders == []
+def test_rooms_stand_below_those_that_they_import() -> None:
+    above: set[str] = set()
+    for room in ROOMS:
+        assert room.imports <= above, f"{room.name} imports a room that stands below it"
+        above.add(room.name)
+
+
+@pytest.mark.parametrize("room", ROOMS, ids=lambda room: room.name)
+def test_a_room_imports_what_its_row_names(room: Room) -> None:
+    rooms: dict[str, str] = {}
+    libraries: dict[str, str] = {}
+    for module, path in MODULES.items():
+        if room_of(module) != room.name:
+            continue
+        for name in imported(path):
+            if name in SOURCES:
+                continue
+            if ours := room_of(name):
+                rooms.setdefault(ours, f"{module} imports {name}")
+            elif theirs := library(name):
+                libraries.setdefault(theirs, f"{module} imports {name}")
+    rooms.pop(room.name, None)
+    assert {name: why for name, why in rooms.items() if name not in room.imports} == {}
+    assert {name: why for name, why in libraries.items() if name not in room.libraries} == {}
+    assert room.imports - rooms.keys() == set(), "the row names rooms that are not imported"
+    assert room.libraries - libraries.keys() == set(), "and libraries"
+
+
+def test_no_module_is_in_a_circle_of_imports() -> None:
+    arrows = {
+        module: {name for name in imported(path) if name in MODULES and name != module}
+        for module, path in MODULES.items()
+    }
+    while free := [module for module, names in arrows.items() if not names & arrows.keys()]:
+        for module in free:
+            del arrows[module]
+    assert sorted(arrows) == []
 
 
 @pytest.mark.parametrize(

@@ -14,16 +14,13 @@ import functools
 import operator
 from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from bicycle_sim.plants.choi.dynamics import State
 from bicycle_sim.plants.choi.parameters import Physics
 from bicycle_sim.task.scenario import Scenario
-
-if TYPE_CHECKING:
-    from bicycle_sim.task.task import BicycleTask
 
 LIBRARY = "_native_task"
 """Its file beside this one, less the suffix of Python's extensions."""
@@ -38,6 +35,20 @@ OBSERVED, REWARD, TERMS, DISTANCE, STEPS = 11, 17, 18, 22, 23
 """Where each begins."""
 POOL = 64
 """Results of one bicycle that are made at once."""
+
+
+class TaskArrays(Protocol):
+    """What a step reads and writes of a `BicycleTask`; arrays of shape (N,)."""
+
+    count: int
+    """N."""
+    steps: np.ndarray
+    fallen: np.ndarray
+    goal_x: np.ndarray
+    """m."""
+    goal_y: np.ndarray
+    """m."""
+    _frozen_reward: np.ndarray
 
 
 class _Ufunc(ctypes.Structure):
@@ -143,7 +154,7 @@ class NativeStep:
         return State(*self._views)
 
     def step(
-        self, task: BicycleTask, state: State | None, action: np.ndarray, noise: np.ndarray | None
+        self, task: TaskArrays, state: State | None, action: np.ndarray, noise: np.ndarray | None
     ) -> bool:
         """Step the bicycles of `task`.
 
@@ -178,11 +189,11 @@ class NativeStep:
         at[_FROZEN], at[_FALLEN] = result + REWARD * 8 * count, ends + 2 * count
         return True
 
-    def follow(self, task: BicycleTask) -> None:
+    def follow(self, task: TaskArrays) -> None:
         """Remember that the task's arrays are where `Arrays` says."""
         self._known = task.steps, task.fallen, task._frozen_reward, task.goal_x, task.goal_y
 
-    def _follows(self, task: BicycleTask) -> bool:
+    def _follows(self, task: TaskArrays) -> bool:
         """Whether the task's arrays are still those of the last step."""
         steps, fallen, frozen, goal_x, goal_y = self._known
         return (
@@ -202,7 +213,7 @@ class NativeStep:
             row[:] = array
         self._at[_STATE] = self._input_at
 
-    def _meet(self, task: BicycleTask) -> None:
+    def _meet(self, task: TaskArrays) -> None:
         """Find the task's arrays where somebody has put others in their place."""
         for place, (name, kind) in _GIVEN.items():
             array: np.ndarray = np.ascontiguousarray(getattr(task, name), kind)
