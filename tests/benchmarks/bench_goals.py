@@ -121,7 +121,7 @@ def peer(name: str, seed: int, limit: float) -> Curve:
 
     scenario = replace(named(SCENARIO), max_steps=400)
     env = gymnasium.make(
-        "bicycle_sim.task.gym_env:BicycleGoal-v0",
+        "bicycle_sim:BicycleGoal-v0",
         scenario=scenario,
         observation_scale=NATURAL_SCALE,
     )

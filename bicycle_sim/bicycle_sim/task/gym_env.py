@@ -1,9 +1,9 @@
 """The bicycle as a Gymnasium environment, one at a time or many at once.
 
-Importing this module registers `BicycleGoal-v0`; so does its long name:
+After `import gymnasium`:
 
-    gymnasium.make("bicycle_sim.task.gym_env:BicycleGoal-v0", scenario="learned-speed")
-    gymnasium.make_vec("bicycle_sim.task.gym_env:BicycleGoal-v0", num_envs=64)
+    gymnasium.make("bicycle_sim:BicycleGoal-v0", scenario="learned-speed")
+    gymnasium.make_vec("bicycle_sim:BicycleGoal-v0", num_envs=64)
 """
 
 from __future__ import annotations
@@ -21,10 +21,12 @@ from gymnasium.vector.utils import batch_space
 from bicycle_common.observation import ACTION_FIELDS
 from bicycle_common.validation import require
 from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.task import registration
+from bicycle_sim.task.registration import ENV_ID
 from bicycle_sim.task.scenario import Scenario, named
 from bicycle_sim.task.task import BicycleTask, Step
 
-ENV_ID = "BicycleGoal-v0"
+__all__ = ["AUTHORS_SCALE", "ENV_ID", "FALLS", "BicycleEnv", "BicycleVectorEnv"]
 
 AUTHORS_SCALE = (math.pi / 2, 1.0, math.pi / 6, 1.0, 1.0, 1.0)
 """What the paper's authors divided the observation by (errata row 35)."""
@@ -295,9 +297,4 @@ def _masked(info: dict[str, np.ndarray]) -> dict[str, Any]:
     return info | masks
 
 
-if ENV_ID not in gymnasium.registry:
-    gymnasium.register(
-        id=ENV_ID,
-        entry_point=f"{__name__}:BicycleEnv",
-        vector_entry_point=f"{__name__}:BicycleVectorEnv",
-    )
+registration.register()

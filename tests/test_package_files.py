@@ -1,0 +1,163 @@
+"""What packages name in package.xml and setup.py, and what pip installs of them."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import shutil
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+PACKAGES = {
+    folder.name: folder
+    for place in (ROOT, ROOT / "ros2_ws" / "src")
+    for folder in sorted(place.glob("bicycle_*"))
+    if (folder / "setup.py").is_file() and not folder.is_symlink()
+}
+STARTED = {"bicycle_bringup": {"bicycle_sim"}}
+"""Packages whose programs are started, not imported."""
+
+ROSDEP = {
+    name: f"python3-{name}"
+    for name in ("numpy", "scipy", "matplotlib", "tqdm", "lz4", "zstandard", "aiohttp")
+} | {"yaml": "python3-yaml"}
+"""Keys of rosdep for what is imported."""
+
+ON_PYPI = {
+    "mcap": "mcap",
+    "mcap_ros2": "mcap-ros2-support",
+    "safetensors": "safetensors",
+    "torch": "torch",
+    "onnx": "onnx",
+    "onnxruntime": "onnxruntime",
+    "ray": "ray",
+    "gymnasium": "gymnasium",
+    "foxglove": "foxglove-sdk",
+}
+"""Names on PyPI of what has no key of rosdep."""
+
+ROS = ("rclpy", "rosidl_parser", "launch", "launch_ros")
+
+
+def imports(package: str, nodes: bool = True) -> set[str]:
+    """Top names of all that the package's sources import from outside of it and of Python."""
+    found = set()
+    for path in (PACKAGES[package]).rglob("*.py"):
+        if path.name == "setup.py" or "build" in path.parts:
+            continue
+        if not nodes and ("nodes" in path.parts or "launch" in path.parts):
+            continue
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                found.add(node.module.partition(".")[0])
+    return {name for name in found if name not in sys.stdlib_module_names} - {package}
+
+
+def is_ros(name: str) -> bool:
+    return name in ROS or name.endswith(("_msgs", "_srvs", "_interfaces"))
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_package_xml_names_what_is_imported(package: str) -> None:
+    tree = ElementTree.parse(PACKAGES[package] / "package.xml").getroot()
+    said = {str(element.text) for element in tree.findall("exec_depend")}
+    used = imports(package) | STARTED.get(package, set())
+    assert said == {ROSDEP.get(name, name) for name in used if name not in ON_PYPI}
+    text = (PACKAGES[package] / "package.xml").read_text()
+    note = re.search(r"<!-- On PyPI only, without a rosdep key: (.*) -->", text)
+    noted = set(note[1].split(", ")) if note else set()
+    assert noted == {ON_PYPI[name] for name in used if name in ON_PYPI}
+    assert tree.findtext("license") == "Apache-2.0"
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_setup_py_names_what_is_imported_without_ros(package: str) -> None:
+    """Nodes need ROS, which pip does not install; all else must be named, extras included."""
+    done = subprocess.run(
+        [sys.executable, "-c", PRINT_REQUIREMENTS],
+        cwd=PACKAGES[package],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    named = {line.replace("-", "_").lower() for line in done.stdout.split()}
+    pip_names = {"yaml": "pyyaml", **ON_PYPI}
+    used = {name for name in imports(package, nodes=False) if not is_ros(name)}
+    needed = {pip_names.get(name, name).replace("-", "_").lower() for name in used}
+    assert needed - named == set()
+
+
+PRINT_REQUIREMENTS = """
+import re, runpy, setuptools
+def show(**given):
+    wanted = list(given.get("install_requires", []))
+    for extra in given.get("extras_require", {}).values():
+        wanted += extra
+    for text in wanted:
+        print(re.match(r"[\\w.-]+", text)[0])
+setuptools.setup = show
+runpy.run_path("setup.py")
+"""
+
+WITHOUT_ROS = """
+import sys
+for name in ("rclpy", "bicycle_msgs", "rosidl_parser", "torch"):
+    sys.modules[name] = None
+import gymnasium
+env = gymnasium.make("bicycle_sim:BicycleGoal-v0")
+env.reset(seed=1)
+env.step(env.action_space.sample())
+vector = gymnasium.make_vec("bicycle_sim:BicycleGoal-v0", num_envs=3)
+vector.reset(seed=1)
+assert gymnasium.make("bicycle_sim.gym_env:BicycleGoal-v0") is not None
+import bicycle_sim, bicycle_common
+print(bicycle_sim.__file__, bicycle_common.__file__)
+from bicycle_sim.plants.registry import named
+from bicycle_sim.task.native_task import load
+assert load() is not None, "the library is not built"
+"""
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The simulator as pip installs it, without what it depends on, which is here already."""
+    target = tmp_path_factory.mktemp("site")
+    sources = tmp_path_factory.mktemp("sources")  # pip builds in the folder itself
+    folders = [sources / name for name in ("bicycle_common", "bicycle_sim")]
+    for folder in folders:
+        shutil.copytree(PACKAGES[folder.name], folder)
+    words = ["pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
+    done = subprocess.run(
+        [sys.executable, "-m", *words, "--target", target, *folders],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": ""},
+    )
+    assert done.returncode == 0, done.stderr
+    return target
+
+
+def test_the_environment_works_without_ros(installed: Path, tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", WITHOUT_ROS],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(installed)},
+    )
+    assert done.returncode == 0, done.stderr
+    assert all(word.startswith(str(installed)) for word in done.stdout.split())
+
+
+def test_the_long_name_works_from_sources() -> None:
+    code = "import gymnasium; print(gymnasium.make('bicycle_sim:BicycleGoal-v0').spec.id)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.stdout, done.returncode) == ("BicycleGoal-v0\n", 0), done.stderr
