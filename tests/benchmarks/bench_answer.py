@@ -17,8 +17,8 @@ import statistics
 from pathlib import Path
 from typing import Any
 
-from loop_ear import options, ride, save
 from machine import machine
+from timing_probe import options, ride, save
 
 from bicycle_controller.training.run_folder import origin
 

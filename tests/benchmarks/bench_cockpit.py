@@ -22,13 +22,13 @@ from pathlib import Path
 from typing import Any
 
 import aiohttp
-from loop_ear import Ear, options, percentiles, ride, save, start, stop
 from machine import machine
+from timing_probe import Ear, options, percentiles, ride, save, start, stop
 
 from bicycle_controller.training.run_folder import origin
 
 RESULTS = Path(__file__).parent / "results" / "cockpit.json"
-PAGES = str(Path(__file__).parents[1] / "ros" / "pages.py")
+PAGES = str(Path(__file__).parents[1] / "support" / "pages.py")
 PORT = 8799
 ADDRESS = f"http://127.0.0.1:{PORT}"
 READERS = 3

@@ -1,7 +1,7 @@
 """How well does the bicycle ride when simulator and controller are on two hosts, by the network?
 
 Two hosts with a network namespace each, joined by a cable in user space that delays and loses
-(tests/ros/link_relay.py): simulator and recorder on one, controller and goals on the other, all by
+(`link_relay.py`): simulator and recorder on one, controller and goals on the other, all by
 their scripts in LAN mode and real time. For each state of the cable the same goals are ridden to
 one after the other; a fallen bicycle is put back to the origin. Everything told is from the bag.
 
@@ -23,22 +23,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from machine import machine
+from two_hosts import Cable, Host, command_ages, forbidden
+
+from bicycle_bag.reader import BagReader
+from bicycle_common.types import Point2D
+from bicycle_controller.control.goals import Status
+from bicycle_controller.training.run_folder import origin
+from bicycle_tools.course import random_goals
+from bicycle_tools.outcomes import outcomes
+from bicycle_tools.ride_log import read_ride
+from bicycle_tools.summary import summarise
 
 ROOT = Path(__file__).resolve().parents[2]
-sys.path.append(str(ROOT / "tests" / "ros"))
-
-from machine import machine  # noqa: E402
-from two_hosts import Cable, Host, command_ages, forbidden  # noqa: E402
-
-from bicycle_bag.reader import BagReader  # noqa: E402
-from bicycle_common.types import Point2D  # noqa: E402
-from bicycle_controller.control.goals import Status  # noqa: E402
-from bicycle_controller.training.run_folder import origin  # noqa: E402
-from bicycle_tools.course import random_goals  # noqa: E402
-from bicycle_tools.outcomes import outcomes  # noqa: E402
-from bicycle_tools.ride_log import read_ride  # noqa: E402
-from bicycle_tools.summary import summarise  # noqa: E402
-
 RESULTS = Path(__file__).parent / "results" / "delay.json"
 PICTURE = ROOT / "docs" / "images" / "delay.png"
 WORKSPACE = ROOT / "ros2_ws"

@@ -20,8 +20,8 @@ from typing import Any
 
 import rclpy
 from bicycle_msgs.msg import BicycleState
-from loop_ear import Ear, options, save, stop
 from machine import machine
+from timing_probe import Ear, options, save, stop
 
 from bicycle_common.nodes.topics import STATE
 from bicycle_controller.training.run_folder import origin

@@ -25,8 +25,6 @@ from tqdm import tqdm
 
 from bicycle_controller.training.run_folder import origin
 
-sys.path.append(str(Path(__file__).parents[1] / "controller"))
-
 RESULTS = Path(__file__).parent / "results" / "learn.json"
 SIGMAS = (0.05, 0.1, 0.15, 0.2)
 STEPS = 36_000

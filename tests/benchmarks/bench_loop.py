@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from bench_cockpit import ADDRESS, PAGES, PORT, READERS
-from loop_ear import Ear, options, percentiles, ride, save, start, stop, trainer
 from machine import machine
+from timing_probe import Ear, options, percentiles, ride, save, start, stop, trainer
 
 from bicycle_controller.training.run_folder import origin
 

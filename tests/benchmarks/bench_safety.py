@@ -1,6 +1,6 @@
 """What the safety layer is worth: rides under faulty policies, with and without it.
 
-Every shipped actor is made to fail in every way of `tests/controller/faulty.py`, from the same
+Every shipped actor is made to fail in every way of `faulty_policies.py`, from the same
 random starts to the same random goals, in numpy and without ROS. Sound actors ride too: their
 rides must come to the same with and without the layer, which must never take over. The last
 part is the envelope's ground: the largest extrapolated lean by speed, over ordinary rides.
@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from faulty_policies import FAULTS, Outcome, ride
 from machine import machine
 from tqdm import tqdm
 
@@ -29,9 +29,6 @@ from bicycle_controller.training.run_folder import origin
 from bicycle_sim.plants.choi.parameters import Physics
 from bicycle_sim.task.scenario import Region, Scenario, named
 from bicycle_sim.task.task import BicycleTask
-
-sys.path.append(str(Path(__file__).parents[1] / "controller"))
-from faulty import FAULTS, Outcome, ride
 
 RESULTS = Path(__file__).parent / "results" / "safety.json"
 SEED = 11

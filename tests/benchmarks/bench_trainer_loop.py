@@ -14,8 +14,8 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from loop_ear import Ear, options, percentiles, ride, save, stop, trainer
 from machine import machine
+from timing_probe import Ear, options, percentiles, ride, save, stop, trainer
 
 from bicycle_controller.training.run_folder import origin
 

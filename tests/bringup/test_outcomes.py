@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from made_up_ride import statuses
+from rides import statuses
 
 from bicycle_controller.control.goals import Status
 from bicycle_tools.outcomes import outcomes

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import matplotlib.image
 import numpy as np
-from made_up_ride import commands, joined, ride, states, statuses
+from rides import commands, joined, ride, states, statuses
 
 from bicycle_tools.drawing import ride_time
 from bicycle_tools.picture import draw_ride

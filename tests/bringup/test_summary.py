@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from made_up_ride import SPEED, commands, joined, ride, states, statuses, timing
+from rides import SPEED, commands, joined, ride, states, statuses, timing
 
 from bicycle_tools.outcomes import outcomes
 from bicycle_tools.ride_log import distinct

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
 import pytest
+from clocks import CLOCKS, with_clock
 from made_bag import PERIOD, STEPS, write_bag
 
 from bicycle_cockpit import bags
 from bicycle_cockpit.bags import session
 from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_controller.policy.policy import load_policy, save_policy
-
-sys.path.append(str(Path(__file__).parents[1] / "bag"))
-from clocks import CLOCKS, with_clock
 
 
 @pytest.fixture(scope="module")

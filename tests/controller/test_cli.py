@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from policy_maker import make_policy
+from policies import make_policy
 from waiting import finish, until
 
 from bicycle_controller.cli import main

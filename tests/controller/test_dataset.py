@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from clocks import CLOCKS, with_clock
 from ride_bag_maker import SCENARIO, Message, Rider, write_bag
 
 from bicycle_common.nodes import convert
@@ -24,9 +24,6 @@ from bicycle_controller.data.dataset_report import as_text, report
 from bicycle_controller.data.replay_buffer import NStepAccumulator, RewardShaping
 from bicycle_controller.data.transition_stream import TransitionStream, packed, unpacked
 from bicycle_sim.task.scenario import SCENARIOS
-
-sys.path.append(str(Path(__file__).parents[1] / "bag"))
-from clocks import CLOCKS, with_clock
 
 STEPS = 1200
 STATE, COMMAND, TRANSITION = "/bicycle/state", "/bicycle/command", "/bicycle/transition"

@@ -5,7 +5,7 @@ import numpy as np
 import onnx
 import onnxruntime
 import pytest
-from policy_maker import make_policy
+from policies import make_policy
 
 from bicycle_controller.evaluation.evaluate import evaluate
 from bicycle_controller.evaluation.model_card import card

@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 import pytest
-from policy_maker import make_policy
+from policies import make_policy
 
 from bicycle_controller.policy.policy import CHUNK, Policy, PolicyInfo
 from bicycle_controller.policy.torch_policy import TorchPolicy

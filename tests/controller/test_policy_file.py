@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from policy_maker import make_policy
+from policies import make_policy
 from safetensors.numpy import save_file
 
 from bicycle_controller.policy import policy_file

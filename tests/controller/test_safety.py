@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from faulty import FAULTS, ride
+from faulty_policies import FAULTS, ride
 
 from bicycle_common.types import Command, CommandSource, InitialPose
 from bicycle_controller.control import safety

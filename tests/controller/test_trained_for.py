@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from policy_maker import make_policy
+from policies import make_policy
 
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.lqr import LqrController

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 
 import pytest
 from bicycle_msgs.msg import BicycleState
+from foreign_bag import SECOND, ForeignFile
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from node_process import NodeProcess
 from rclpy.serialization import deserialize_message, serialize_message
+from ride_bag import COMMAND, EPISODE, STATE
 
 from bicycle_bag.errors import BagError
 from bicycle_bag.reader import BagReader
 from bicycle_tools.nodes import verify
-
-sys.path.append(str(Path(__file__).parents[1] / "bag"))
-from foreign_bag import SECOND, ForeignFile
-from ride_bag import COMMAND, EPISODE, STATE
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 

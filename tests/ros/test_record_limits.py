@@ -23,7 +23,7 @@ from bicycle_bag.reader import BagReader
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 
-TALKER = Path(__file__).with_name("talker.py")
+TALKER = Path(__file__).parents[1] / "support" / "talker.py"
 RECORDER = "bicycle_bag.nodes.recorder_node"
 STATE = "/bicycle/state"
 EPISODE = "/bicycle/episode"

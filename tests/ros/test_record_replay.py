@@ -26,7 +26,7 @@ from bicycle_common.nodes.topics import Service
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 
-TALKER = Path(__file__).with_name("talker.py")
+TALKER = Path(__file__).parents[1] / "support" / "talker.py"
 RECORDER = "bicycle_bag.nodes.recorder_node"
 PLAYER = "bicycle_bag.nodes.player_node"
 STATE = "/bicycle/state"

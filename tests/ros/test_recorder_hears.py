@@ -22,7 +22,7 @@ from bicycle_common.nodes.topics import COMMAND, GOAL_POSE, STATE, TIMING, TRANS
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 
-SPEAKER = Path(__file__).with_name("speaker.py")
+SPEAKER = Path(__file__).parents[1] / "support" / "speaker.py"
 RECORDER = "bicycle_bag.nodes.recorder_node"
 # A recorder that is late: until it ends it takes only what the executor hands over.
 LATE = f"""

@@ -20,7 +20,7 @@ from bicycle_bag.reader import BagReader
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 WORKSPACE = Path(__file__).resolve().parents[2] / "ros2_ws"
-TALKER = Path(__file__).with_name("talker.py")
+TALKER = Path(__file__).parents[1] / "support" / "talker.py"
 RECORDER = "bicycle_bag.nodes.recorder_node"
 STATE = "/bicycle/state"
 RIDE = ("--goals", "1", "--field", "20", "--seed", "1", "controller.policy:=lqr")
@@ -33,7 +33,7 @@ Start = Callable[..., NodeProcess]
 def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """`slow_disk.c`, built with the compiler that set-up needs."""
     built = tmp_path_factory.mktemp("slow") / "slow_disk.so"
-    source = str(Path(__file__).with_name("slow_disk.c"))
+    source = str(Path(__file__).parents[1] / "support" / "slow_disk.c")
     build = ["g++", "-x", "c", "-shared", "-fPIC", "-Wall", "-Werror", source, "-o", str(built)]
     subprocess.run(build, check=True)
     return built

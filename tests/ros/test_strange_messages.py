@@ -18,9 +18,9 @@ from bicycle_msgs.msg import BicycleCommand, BicycleState, EpisodeInfo
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from message_fuzz import each_field, several_fields
 from nav_msgs.msg import Path as PathMessage
 from rclpy.node import Node
-from strange import each_field, several_fields
 
 from bicycle_common.nodes import convert, topics
 from bicycle_common.types import Command, InitialPose

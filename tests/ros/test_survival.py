@@ -35,7 +35,7 @@ STRIKES = 4
 
 @pytest.mark.parametrize("seed", [1])
 def test_after_each_strike_it_rides_again(ros_domain: int, tmp_path: Path, seed: int) -> None:
-    """The long form is `tests/ros/chaos.py`; its figures are in docs/reliability.md."""
+    """The long form is `tests/tools/chaos.py`; its figures are in docs/reliability.md."""
     chaos = Chaos(ros_domain, tmp_path, seed)
     try:
         killed = [name for _ in range(STRIKES) for name in chaos.strike()["killed"]]
@@ -46,7 +46,7 @@ def test_after_each_strike_it_rides_again(ros_domain: int, tmp_path: Path, seed:
 
 
 def test_a_long_ride_loses_no_step_and_keeps_nothing(ros_domain: int, tmp_path: Path) -> None:
-    """The long form is `tests/ros/soak.py`; its figures are in docs/reliability.md."""
+    """The long form is `tests/tools/soak.py`; its figures are in docs/reliability.md."""
     steps = 800
     soak = Soak(ros_domain, tmp_path, "lockstep")
     try:
@@ -114,7 +114,7 @@ def test_jumps_of_the_systems_clock_do_not_matter(
     """
     moved, library = tmp_path / "moved", tmp_path / "clock_jump.so"
     moved.write_bytes(struct.pack("q", 0))
-    source = str(Path(__file__).with_name("clock_jump.c"))
+    source = str(Path(__file__).parents[1] / "support" / "clock_jump.c")
     build = ["g++", "-x", "c", "-shared", "-fPIC", "-Wall", "-Werror", source, "-o", str(library)]
     subprocess.run(build, check=True)
     env = {"LD_PRELOAD": str(library), "CLOCK_JUMP": str(moved)}

@@ -19,8 +19,6 @@ from bicycle_controller.policy.policy import Policy, PolicyInfo, load_policy, sa
 from bicycle_sim.plants.choi.parameters import Physics
 from bicycle_sim.task.scenario import SCENARIOS
 
-sys.path.append(str(Path(__file__).parents[1] / "controller"))
-
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 TRAINER_NODE = "bicycle_controller.nodes.trainer_node"

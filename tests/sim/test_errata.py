@@ -6,7 +6,8 @@ Elsewhere, as they concern networks and training:
 
 - 27, 28, 30: tests/controller/test_networks.py.
 - 28 to 31, 35, 36: tests/controller/test_config.py, the presets `paper` and `authors`;
-  31 also tests/controller/test_noise.py; 25 and 36 also tests/controller/test_collect.py.
+  31 also tests/controller/test_exploration_noise.py;
+  25 and 36 also tests/controller/test_collector.py.
 
 Nothing to test: 32, 33 (misprints in formulas that every DDPG has right), 37, 38 (the paper's
 prose). Row 10's brackets are part of row 8's test.

@@ -13,8 +13,6 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parents[1] / "support"))
-
 from waiting import PATIENCE
 
 

@@ -4,7 +4,7 @@ Each rule runs a script of the workspace as a process and compares what it says 
 with what is so: what runs, whether the bicycle lies, where it was when a goal was reached, what a
 bag holds. A wait that does not end is a failure too.
 
-    python tests/ros/session.py [--minutes 60] [--seed 1] [--log FILE]
+    python tests/tools/session.py [--minutes 60] [--seed 1] [--log FILE]
 
 The log has one line of JSON for each command: its words, status, seconds and last line.
 """

@@ -5,7 +5,7 @@ import pickle
 
 import numpy as np
 import pytest
-from policy_maker import make_policy
+from policies import make_policy
 
 from bicycle_controller.policy import inference
 from bicycle_controller.policy.inference import NativeForward, NumpyForward

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from bicycle_bag.metadata import Topic
-from bicycle_bag.writer import BagWriter
-
-sys.path.append(str(Path(__file__).parents[1] / "bag"))
-
 from clocks import CLOCKS, with_clock
 from ride_bag import PERIOD_NS, START_NS, schemas, serialise
+
+from bicycle_bag.metadata import Topic
+from bicycle_bag.writer import BagWriter
 
 __all__ = ["CLOCKS", "with_clock"]
 

@@ -1,6 +1,6 @@
 """A page of a cockpit without a browser: one that takes every frame, or one that stalls.
 
-    python tests/ros/pages.py read|stall ADDRESS
+    python tests/support/pages.py read|stall ADDRESS
 
 The reader parses what it takes and draws nothing; it prints `open` when it is connected and its
 number of frames at the end. The other opens its connection and never reads from it; it comes back

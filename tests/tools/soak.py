@@ -5,8 +5,8 @@ processes, in real time or in lock-step as fast as they go. Memory, open files a
 are read again and again. At the end every step is looked up in the bag, and the last ones, as many
 as wanted, are computed again from the recorded commands, to the bit.
 
-    python tests/ros/soak.py [--hours 1] [--pace realtime] [--seed 1] [--out FILE]
-    python tests/ros/soak.py --hours 24 --pace lockstep     hours of the bicycle's time
+    python tests/tools/soak.py [--hours 1] [--pace realtime] [--seed 1] [--out FILE]
+    python tests/tools/soak.py --hours 24 --pace lockstep     hours of the bicycle's time
 
 The bag, some 32 MB for an hour of the bicycle's time, lies in a temporary folder of --folder and
 is deleted. Ctrl-C ends the ride early with what was found until then.
@@ -85,7 +85,7 @@ class Soak:
     def _start_cockpit(self) -> None:
         self._start("cockpit", "bicycle_cockpit.nodes.cockpit", ["--no-ride", "--port", "0"])
         address = self.nodes["cockpit"].wait_for_line(ADDRESS, START)[0]
-        page = [str(Path(__file__).with_name("pages.py")), "read", address]
+        page = [str(Path(__file__).parents[1] / "support" / "pages.py"), "read", address]
         self.nodes["page"] = NodeProcess([sys.executable, *page])
         self.nodes["page"].wait_for_line("open", START)
 

@@ -5,7 +5,7 @@ strike kills some of them at a random moment and starts them again in random ord
 pauses. It is over when the simulator steps under fresh commands towards a goal, the recorder
 records and the trainer, if it is part of it, tells its status again.
 
-    python tests/ros/chaos.py [--minutes 20] [--seed 1] [--trainer] [--out FILE]
+    python tests/tools/chaos.py [--minutes 20] [--seed 1] [--trainer] [--out FILE]
 """
 
 from __future__ import annotations
