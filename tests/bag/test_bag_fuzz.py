@@ -132,6 +132,15 @@ def test_flipped_bits(compression: str, data: st.DataObject) -> None:
     survives(bytes(content))
 
 
+@pytest.mark.parametrize("place", range(8400, 9030, 30))
+def test_header_first_chunk_and_end_at_once(place: int) -> None:
+    """Messages in an uncompressed chunk whose checksum is wrong are not taken for loose ones."""
+    content = bytearray(original("none"))
+    for at in (len(container.MAGIC), place, len(content) - 500):
+        content[at] ^= 1
+    survives(bytes(content))
+
+
 @FUZZ
 @given(cut=st.integers(0, 10**6), tail=st.binary(max_size=30))
 def test_truncated_with_a_tail_of_rubbish(cut: int, tail: bytes) -> None:

@@ -35,6 +35,7 @@ _CHUNK = struct.Struct("<QQQII")
 _DEFINING = (Opcode.SCHEMA, Opcode.CHANNEL)
 _LIKELY = re.compile(rb"(?=[\x03-\x07\x09\x0c\x0f].{3}\0{5})", re.DOTALL)
 """Where a record of less than 16 MiB may begin."""
+_CHUNKS = re.compile(rb"(?=\x06.{3}\0{5})", re.DOTALL)
 _WINDOW = 2**20
 WRONG_CHECKSUM = "the checksum of its data is wrong"
 _SMALLER = f"chunks of more than {MAX_RECORD_BYTES >> 20} MiB cannot be read here"
@@ -162,26 +163,24 @@ class Walk:
                 )
         return Damage(offset, end, what, True, span)
 
-    def _chunk_with_a_wrong_head(self, offset: int) -> Piece | None:
+    def _chunk_bytes(self, offset: int) -> int:
+        """Length of a chunk by what stands in it; -1 where that cannot be one."""
         start = self._read(offset + HEAD.size, _CHUNK.size + 12)
-        if len(start) < _CHUNK.size + 12:
-            return None
-        name = _CHUNK.unpack_from(start)[-1]
+        name = _CHUNK.unpack_from(start)[-1] if len(start) == _CHUNK.size + 12 else 5
         if name > 4:
-            return None
+            return -1
         (packed,) = struct.unpack_from("<Q", start, _CHUNK.size + name)
-        length = _CHUNK.size + name + 8 + packed
-        fits = self._fits(Opcode.CHUNK, offset, offset + HEAD.size + length)
-        return self._tried(offset, length) if fits else None
+        return int(_CHUNK.size + name + 8 + packed)
 
-    def _tried(self, offset: int, length: int) -> Piece | None:
-        """A chunk that may be there; whoever lays out thousands that are none is not followed."""
-        if length > MAX_RECORD_BYTES or self._patience == 0:
+    def _chunk_with_a_wrong_head(self, offset: int) -> Piece | None:
+        length = self._chunk_bytes(offset)
+        fits = self._fits(Opcode.CHUNK, offset, offset + HEAD.size + length)
+        if not 0 < length <= MAX_RECORD_BYTES or not fits or self._patience == 0:
             return None
         found = self._chunk(offset, length)
         if isinstance(found, Piece) and found.items:
             return found
-        self._patience -= 1
+        self._patience -= 1  # whoever lays out thousands that are none is not followed
         return None
 
     def _record(self, opcode: int, offset: int, length: int) -> Piece | Damage | None:
@@ -252,14 +251,16 @@ class Walk:
 
     def _resume(self, offset: int) -> int:
         """Where the next record begins behind one that makes no sense."""
+        if self._is_chunked is None:
+            self._is_chunked = self._search(offset + 1, self._limit, _CHUNKS) < self._limit
         place = bisect_right(self._offsets, offset)
         bound = self._offsets[place] if place < len(self._offsets) else self._limit
         return self._search(offset + 1, max(bound, offset + 1))
 
-    def _search(self, start: int, bound: int) -> int:
+    def _search(self, start: int, bound: int, likely: re.Pattern[bytes] = _LIKELY) -> int:
         while start < bound:
             window = self._read(start, min(_WINDOW + HEAD.size - 1, bound - start))
-            for match in _LIKELY.finditer(window):
+            for match in likely.finditer(window):
                 at = match.start()
                 if self._is_chunked and window[at] in _DEFINING:
                     continue  # as they lie in a broken chunk
@@ -280,7 +281,7 @@ class Walk:
             if opcode == Opcode.CHUNK:
                 if self._summary is not None and self._summary.chunks:
                     return offset in self._places
-                return self._tried(offset, length) is not None
+                return self._chunk_bytes(offset) == length
             if not self._likely(opcode, offset + HEAD.size, length):
                 return False
             offset += HEAD.size + length
