@@ -10,7 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bicycle_controller.reproduce.style import FAINT, INK, STYLE
+from bicycle_common.plot_style import FAINT, INK
+from bicycle_controller.reproduce.style import STYLE
 from bicycle_sim.plants.whipple import linear
 from bicycle_sim.plants.whipple.catalogue import Described
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bicycle_common import topic_names
 from bicycle_common.conventions import mirror
 from bicycle_common.geometry import heading_between, heading_error
 from bicycle_common.observation import OBSERVATION_FIELDS
@@ -22,8 +23,15 @@ from bicycle_sim.task.scenario import Scenario
 if TYPE_CHECKING:
     from bicycle_bag.reader import BagReader
 
-STATE, COMMAND = "/bicycle/state", "/bicycle/command"
-TRANSITION, EPISODE = "/bicycle/transition", "/bicycle/episode"
+STATE, COMMAND, TRANSITION, EPISODE = (
+    topic_names.in_bag(name)
+    for name in (
+        topic_names.STATE,
+        topic_names.COMMAND,
+        topic_names.TRANSITION,
+        topic_names.EPISODE,
+    )
+)
 
 Columns = dict[str, np.ndarray]
 """One array per field of a message, one row per message, in recorded order."""

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bicycle_common.plot_style import FAINT, INK
 from bicycle_controller.reproduce import style
 from bicycle_controller.reproduce.panels import Data, across, experience, figure, legend
 from bicycle_controller.reproduce.style import colour, curve, label
@@ -82,7 +83,7 @@ def aged(axes: Axes, data: Data, variant: str, title: str) -> None:
     axes.set_title(title, fontsize=8)
     goal = data.experiment.ridden(data.experiment.variant(variant)).goal
     if goal.low == goal.high:
-        axes.plot(*goal.low, marker="*", markersize=10, color="#e0b400", markeredgecolor=style.INK)
+        axes.plot(*goal.low, marker="*", markersize=10, color="#e0b400", markeredgecolor=INK)
     style.as_map(axes)
 
 
@@ -108,7 +109,7 @@ def _trained_ways(trained: Axes, data: Data) -> None:
         mine = select(data.ways, ride=ride)
         shade = style.COLOURS["fast"] if reached else "#c0392b"
         trained.plot(column(mine, "x"), column(mine, "y"), color=shade, linewidth=0.8)
-        trained.plot(mine[0]["x"], mine[0]["y"], ".", color=style.FAINT, markersize=3)
+        trained.plot(mine[0]["x"], mine[0]["y"], ".", color=FAINT, markersize=3)
         trained.plot(mine[-1]["x"], mine[-1]["y"], "*", color="#e0b400", markersize=6, zorder=4)
     got = sum(reached for _, reached in rides)
     name = label(data.ways[0]["rider"]) if data.ways else ""

@@ -12,6 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from bicycle_common.plot_style import FAINT
 from bicycle_controller.reproduce import style, summary
 from bicycle_controller.reproduce.experiment import Experiment
 from bicycle_controller.reproduce.maps import displacement, goals, speed, turn
@@ -116,7 +117,7 @@ def _states(data: Data) -> Figure:
             }
             axes.plot(column(mine, "time"), values, **look)
         axes.set_ylabel(text)
-        axes.axhline(0.0, color=style.FAINT, linewidth=0.6)
+        axes.axhline(0.0, color=FAINT, linewidth=0.6)
     for axes in panels[1]:
         axes.set_xlabel("time (s)")
     legend(panels[0, 0])

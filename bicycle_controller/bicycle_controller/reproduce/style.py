@@ -8,9 +8,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 
+from bicycle_common import plot_style
+from bicycle_common.plot_style import INK
 from bicycle_controller.reproduce.tables import Row, column, distinct, interval, select
 
-INK, FAINT, GRID = "#1f2933", "#7b8794", "#e4e7eb"
 COLOURS = {
     "paper": "#9a6324",
     "authors": "#3a5ba0",
@@ -36,22 +37,9 @@ LABELS = {
     "lqr-displacement-pedal": "LQR with d and pedal",
 }
 VARIANT_COLOURS = ("#8a4fa3", "#3a5ba0", "#0b8457", "#e08e0b", "#c0392b")
-STYLE: Any = {
-    "font.family": "sans-serif",
-    "font.size": 9,
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": GRID,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
+STYLE: Any = plot_style.STYLE | {
     "axes.titlesize": 9,
     "axes.titleweight": "bold",
-    "grid.color": GRID,
-    "grid.linewidth": 0.8,
-    "xtick.color": FAINT,
-    "ytick.color": FAINT,
     "legend.frameon": False,
     "legend.fontsize": 8,
 }

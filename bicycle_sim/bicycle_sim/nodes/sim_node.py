@@ -235,7 +235,7 @@ class SimNode(Node):
 
     def _on_report(self) -> None:
         array = DiagnosticArray(
-            status=self._report.statuses(self.count_publishers("bicycle/state"))
+            status=self._report.statuses(self.count_publishers(topics.STATE.name))
         )
         array.header.stamp = self.get_clock().now().to_msg()
         self._publish(topics.DIAGNOSTICS, array)

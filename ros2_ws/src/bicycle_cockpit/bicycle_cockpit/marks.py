@@ -14,11 +14,12 @@ from bicycle_cockpit import goal_words
 from bicycle_cockpit.hand_over_words import explained
 from bicycle_cockpit.riders import rider
 from bicycle_cockpit.samples import plain
+from bicycle_common import topic_names
 from bicycle_controller.control.goals import Status
 from bicycle_tools.recorded_here import sent_before
 from bicycle_tools.ride_log import PUSHED, RideLog, begun, prefix_of
 
-HAND_OVER = "/bicycle/hand_over"
+HAND_OVER = topic_names.in_bag(topic_names.HAND_OVER)
 MOST_MARKS = 2_000
 
 Numbers = NDArray[np.float64]

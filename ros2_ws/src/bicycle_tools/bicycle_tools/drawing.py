@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bicycle_common import plot_style
 from bicycle_tools.ride_log import RideLog
 
-INK, FAINT, GRID = "#1f2933", "#7b8794", "#e4e7eb"
 REACHED, FAILED, LEAN, STEER, TORQUE, SHIFT = (
     "#0b8457",
     "#c0392b",
@@ -18,22 +18,7 @@ REACHED, FAILED, LEAN, STEER, TORQUE, SHIFT = (
     "#5f4b8b",
     "#e08e0b",
 )
-STYLE: Any = {
-    "font.family": "sans-serif",
-    "font.size": 9,
-    "text.color": INK,
-    "axes.labelcolor": INK,
-    "axes.edgecolor": GRID,
-    "axes.grid": True,
-    "axes.axisbelow": True,
-    "axes.formatter.useoffset": False,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "grid.color": GRID,
-    "grid.linewidth": 0.8,
-    "xtick.color": FAINT,
-    "ytick.color": FAINT,
-}
+STYLE: Any = plot_style.STYLE | {"axes.formatter.useoffset": False}
 
 Floats = NDArray[np.float64]
 

@@ -9,17 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bicycle_tools.drawing import (
-    INK,
-    LEAN,
-    REACHED,
-    SHIFT,
-    STEER,
-    STYLE,
-    TORQUE,
-    Floats,
-    ride_time,
-)
+from bicycle_common.plot_style import INK
+from bicycle_tools.drawing import LEAN, REACHED, SHIFT, STEER, STYLE, TORQUE, Floats, ride_time
 from bicycle_tools.ride_log import Columns, RideLog
 from bicycle_tools.summary import RideSummary, summarise
 from bicycle_tools.track import draw_track

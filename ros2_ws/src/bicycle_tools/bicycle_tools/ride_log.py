@@ -14,17 +14,18 @@ from numpy.typing import NDArray
 from bicycle_bag.columns import load_topics
 from bicycle_bag.errors import BagError
 from bicycle_bag.reader import BagReader
+from bicycle_common import topic_names
 from bicycle_tools.recorded_here import driving, goals_of_recording
 
 Columns = Mapping[str, NDArray[Any]]
 """One array per field of a message, one row per message, in recorded order."""
 
-STATE = "/bicycle/state"
-COMMAND = "/bicycle/command"
-TIMING = "/bicycle/timing"
-GOAL_STATUS = "/bicycle/goal_status"
-EPISODE = "/bicycle/episode"
-PUSHED = "/bicycle/pushed"
+STATE = topic_names.in_bag(topic_names.STATE)
+COMMAND = topic_names.in_bag(topic_names.COMMAND)
+TIMING = topic_names.in_bag(topic_names.TIMING)
+GOAL_STATUS = topic_names.in_bag(topic_names.GOAL_STATUS)
+EPISODE = topic_names.in_bag(topic_names.EPISODE)
+PUSHED = topic_names.in_bag(topic_names.PUSHED)
 READ = (STATE, COMMAND, TIMING, GOAL_STATUS, EPISODE)
 """Topics that a ride is read from, in the bicycle's namespace."""
 RIDDEN = (STATE, COMMAND, TIMING)

@@ -11,8 +11,9 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
+from bicycle_common.plot_style import FAINT, INK
 from bicycle_controller.control.goals import Status
-from bicycle_tools.drawing import FAILED, FAINT, INK, REACHED, Floats, ride_time
+from bicycle_tools.drawing import FAILED, REACHED, Floats, ride_time
 from bicycle_tools.outcomes import Outcome, outcomes
 from bicycle_tools.ride_log import RideLog
 

@@ -36,6 +36,8 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
 from visualization_msgs.msg import MarkerArray
 
+from bicycle_common import topic_names
+
 ODOM_FRAME = "odom"
 BASE_FRAME = "base_link"
 GOAL_FRAMES = ("odom", "map")
@@ -84,26 +86,28 @@ Subscribers take the newest. Only what somebody has not confirmed is kept: 10 MB
 beside a recorder that stands still.
 """
 
-STATE = Topic("bicycle/state", BicycleState, _offered(RESEND, 2.5 * STATE_PERIOD), _profile(5))
+STATE = Topic(topic_names.STATE, BicycleState, _offered(RESEND, 2.5 * STATE_PERIOD), _profile(5))
 COMMAND = Topic(
-    "bicycle/command", BicycleCommand, _offered(RESEND, 2.5 * STATE_PERIOD), _profile(5)
+    topic_names.COMMAND, BicycleCommand, _offered(RESEND, 2.5 * STATE_PERIOD), _profile(5)
 )
-ODOMETRY = Topic("odom", Odometry, _offered(RESEND, 2.5 * STATE_PERIOD), _profile(5))
-JOINT_STATES = Topic("joint_states", JointState, _offered(RESEND, 2.5 * STATE_PERIOD), _profile(5))
-CLOCK = Topic("/clock", Clock, _profile(1, reliable=False), _profile(1, reliable=False))
-MARKERS = _topic("bicycle/markers", MarkerArray, depth=1)
-DIAGNOSTICS = _topic("/diagnostics", DiagnosticArray, depth=10)
-TRANSITION = _topic("bicycle/transition", Transition, depth=RESEND)
-TIMING = _topic("bicycle/timing", LoopTiming, depth=RESEND)
-PUSHED = _topic("bicycle/pushed", Push, depth=RESEND)
-EPISODE = _topic("bicycle/episode", EpisodeInfo, depth=1, latched=True)
-INITIAL_POSE = _topic("initialpose", PoseWithCovarianceStamped)
-GOAL_POSE = _topic("goal_pose", PoseStamped)
-GOAL_PATH = _topic("goal_path", Path)
-ACTIVE_GOAL = _topic("bicycle/active_goal", PoseStamped, depth=1, latched=True)
-GOAL_STATUS = _topic("bicycle/goal_status", GoalStatus, depth=10, latched=True)
-HAND_OVER = _topic("bicycle/hand_over", HandOver, depth=10, latched=True)
-TRAINER = _topic("bicycle/trainer", TrainerStatus, depth=1, latched=True)
+ODOMETRY = Topic(topic_names.ODOMETRY, Odometry, _offered(RESEND, 2.5 * STATE_PERIOD), _profile(5))
+JOINT_STATES = Topic(
+    topic_names.JOINT_STATES, JointState, _offered(RESEND, 2.5 * STATE_PERIOD), _profile(5)
+)
+CLOCK = Topic(topic_names.CLOCK, Clock, _profile(1, reliable=False), _profile(1, reliable=False))
+MARKERS = _topic(topic_names.MARKERS, MarkerArray, depth=1)
+DIAGNOSTICS = _topic(topic_names.DIAGNOSTICS, DiagnosticArray, depth=10)
+TRANSITION = _topic(topic_names.TRANSITION, Transition, depth=RESEND)
+TIMING = _topic(topic_names.TIMING, LoopTiming, depth=RESEND)
+PUSHED = _topic(topic_names.PUSHED, Push, depth=RESEND)
+EPISODE = _topic(topic_names.EPISODE, EpisodeInfo, depth=1, latched=True)
+INITIAL_POSE = _topic(topic_names.INITIAL_POSE, PoseWithCovarianceStamped)
+GOAL_POSE = _topic(topic_names.GOAL_POSE, PoseStamped)
+GOAL_PATH = _topic(topic_names.GOAL_PATH, Path)
+ACTIVE_GOAL = _topic(topic_names.ACTIVE_GOAL, PoseStamped, depth=1, latched=True)
+GOAL_STATUS = _topic(topic_names.GOAL_STATUS, GoalStatus, depth=10, latched=True)
+HAND_OVER = _topic(topic_names.HAND_OVER, HandOver, depth=10, latched=True)
+TRAINER = _topic(topic_names.TRAINER, TrainerStatus, depth=1, latched=True)
 
 TOPICS: tuple[Topic, ...] = (
     STATE,
@@ -136,11 +140,11 @@ class Service:
     type: Any
 
 
-RESET = Service("bicycle/reset", Reset)
-PAUSE = Service("bicycle/pause", SetBool)
-STEP = Service("bicycle/step", Trigger)
-PUSH = Service("bicycle/push", PushService)
-LOAD_POLICY = Service("bicycle/load_policy", LoadPolicy)
+RESET = Service(topic_names.RESET, Reset)
+PAUSE = Service(topic_names.PAUSE, SetBool)
+STEP = Service(topic_names.STEP, Trigger)
+PUSH = Service(topic_names.PUSH, PushService)
+LOAD_POLICY = Service(topic_names.LOAD_POLICY, LoadPolicy)
 
 
 def advertise(node: Node, *topics: Topic) -> dict[str, Publisher]:

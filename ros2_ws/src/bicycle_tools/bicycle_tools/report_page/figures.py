@@ -9,18 +9,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
-from bicycle_tools.drawing import (
-    FAILED,
-    FAINT,
-    INK,
-    LEAN,
-    REACHED,
-    SHIFT,
-    STEER,
-    TORQUE,
-    Floats,
-    envelope,
-)
+from bicycle_common.plot_style import FAINT, INK
+from bicycle_tools.drawing import FAILED, LEAN, REACHED, SHIFT, STEER, TORQUE, Floats, envelope
 from bicycle_tools.report_page.events import RideEvent, ride_events
 from bicycle_tools.report_page.loading import RidePage
 from bicycle_tools.ride_log import Columns

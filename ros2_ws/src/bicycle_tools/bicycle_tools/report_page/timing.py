@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
-from bicycle_tools.drawing import FAINT, LEAN, STEER, TORQUE, Floats, envelope
+from bicycle_common.plot_style import FAINT
+from bicycle_tools.drawing import LEAN, STEER, TORQUE, Floats, envelope
 from bicycle_tools.report_page.figures import MOST_POINTS, Canvas
 from bicycle_tools.report_page.loading import RidePage
 

@@ -1,0 +1,38 @@
+"""The names of all topics and services, one home for nodes and for what reads bags.
+
+They are relative, so that a namespace makes one bicycle of a fleet, but for `CLOCK` and
+`DIAGNOSTICS`, which are absolute by convention. A bag of one bicycle has them below `/`, see
+`in_bag`.
+"""
+
+from __future__ import annotations
+
+STATE = "bicycle/state"
+COMMAND = "bicycle/command"
+ODOMETRY = "odom"
+JOINT_STATES = "joint_states"
+CLOCK = "/clock"
+MARKERS = "bicycle/markers"
+DIAGNOSTICS = "/diagnostics"
+TRANSITION = "bicycle/transition"
+TIMING = "bicycle/timing"
+PUSHED = "bicycle/pushed"
+EPISODE = "bicycle/episode"
+INITIAL_POSE = "initialpose"
+GOAL_POSE = "goal_pose"
+GOAL_PATH = "goal_path"
+ACTIVE_GOAL = "bicycle/active_goal"
+GOAL_STATUS = "bicycle/goal_status"
+HAND_OVER = "bicycle/hand_over"
+TRAINER = "bicycle/trainer"
+
+RESET = "bicycle/reset"
+PAUSE = "bicycle/pause"
+STEP = "bicycle/step"
+PUSH = "bicycle/push"
+LOAD_POLICY = "bicycle/load_policy"
+
+
+def in_bag(name: str) -> str:
+    """The absolute name of a relative one, for a bicycle without a namespace."""
+    return f"/{name}"
