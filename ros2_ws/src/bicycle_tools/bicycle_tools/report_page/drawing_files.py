@@ -11,13 +11,24 @@ from typing import NamedTuple
 import matplotlib as mpl
 from matplotlib.figure import Figure
 
+from bicycle_common import plot_style
 from bicycle_tools import drawing
 from bicycle_tools.report_page.figures import Canvas, draw_commands, draw_states, draw_tracks
 from bicycle_tools.report_page.loading import RidePage
 from bicycle_tools.report_page.timing import draw_timing
 
-THEMED = ("INK", "FAINT", "GRID", "REACHED", "FAILED", "LEAN", "STEER", "TORQUE", "SHIFT")
-"""Colours of `drawing` that the page's style sheet has a variable for, by their names."""
+THEMED = {
+    "ink": plot_style.INK,
+    "faint": plot_style.FAINT,
+    "grid": plot_style.GRID,
+    "reached": drawing.REACHED,
+    "failed": drawing.FAILED,
+    "lean": drawing.LEAN,
+    "steer": drawing.STEER,
+    "torque": drawing.TORQUE,
+    "shift": drawing.SHIFT,
+}
+"""Colours that the page's style sheet has a variable for, by its name."""
 DPI = 130
 
 
@@ -60,8 +71,8 @@ def _themed(text: str, title: str) -> str:
     # Names of matplotlib's clip paths and glyphs are the same in every figure of equal size.
     prefix = title.lower()
     body = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{prefix}-", body)
-    for name in THEMED:
-        body = body.replace(getattr(drawing, name), f"var(--{name.lower()})")
+    for name, colour in THEMED.items():
+        body = body.replace(colour, f"var(--{name})")
     return body
 
 
