@@ -206,3 +206,12 @@ def test_a_mirror_without_displacement_refuses_the_pedal() -> None:
     with pytest.raises(ValueError, match=r"need a scenario\.displacement_limit above zero"):
         loading.preset("fast", fixed)
     assert loading.preset("fast", ["scenario.displacement_limit=0"]).learner.gamma == 0.99
+
+
+@pytest.mark.parametrize(("old", "new"), loading.RENAMED.items())
+def test_a_preset_of_another_name_tells_the_new_one(
+    old: str, new: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    loading._say_renamed.cache_clear()
+    assert loading.preset(old) == loading.preset(old) == loading.preset(new)
+    assert capsys.readouterr().err == f"the preset {old!r} is called {new!r} now\n"

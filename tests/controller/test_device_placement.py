@@ -21,7 +21,7 @@ from bicycle_sim.plants.choi.dynamics import State
 from bicycle_sim.plants.choi.parameters import Physics
 
 DEVICE = "meta"
-LEARNERS = ("paper", "authors", "fast", "taught", "taught-speed", "offline", "naf")
+LEARNERS = ("paper", "authors", "fast", "guided", "guided-speed", "offline", "naf")
 
 
 class CpuGenerator(torch.Generator):
@@ -56,7 +56,7 @@ def test_an_update_stays_on_the_device(preset: str) -> None:
     agent.update(memory, 2)
 
 
-@pytest.mark.parametrize("preset", ["paper", "fast", "taught"])
+@pytest.mark.parametrize("preset", ["paper", "fast", "guided"])
 def test_so_does_the_reference(preset: str) -> None:
     agent, memory = learner(preset, "ddpg.backend=autograd")
     agent.update(memory, 2)

@@ -37,7 +37,7 @@ SCRIPTS = (
     "ride",
     "setup",
     "trainer",
-    "circle",
+    "record_and_learn",
     "report",
     "foxglove",
 )
@@ -146,7 +146,7 @@ def test_the_controllers_file_holds_its_defaults() -> None:
         ),
         (("stop", "pace:=lockstep"), 2, "'pace:=lockstep' is no name of what runs here"),
         (("setup", "pace:=lockstep"), 2, "unknown option 'pace:=lockstep'"),
-        (("circle", "pace:=lockstep", "1"), 2, "unknown option 'pace:=lockstep'"),
+        (("record_and_learn", "pace:=lockstep", "1"), 2, "unknown option 'pace:=lockstep'"),
         (("replay", "/none"), 1, "no bag /none"),
         (("replay", "--verify", "/none"), 1, "no bag /none"),
         (("record", "--repair", "/none"), 1, "no bag /none"),
@@ -168,6 +168,12 @@ def test_a_mistake_is_one_line_with_a_status(
     assert complaint in done.stderr
     assert done.stdout == ""
     assert done.stderr.count("\n") == 1, done.stderr
+
+
+def test_a_script_of_another_name_tells_the_new_one() -> None:
+    done = script("circle", "--help")
+    assert (done.returncode, done.stderr) == (0, "circle.sh is called record_and_learn.sh now\n")
+    assert done.stdout == script("record_and_learn", "--help").stdout
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

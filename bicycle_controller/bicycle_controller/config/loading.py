@@ -6,7 +6,9 @@ Unknown keys and values of the wrong kind are errors of one line that name the f
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
+import sys
 import types
 import typing
 from collections.abc import Iterable
@@ -24,6 +26,9 @@ from bicycle_sim.task.scenario import SCENARIOS, Scenario, named
 
 Tree = dict[str, Any]
 """Nested plain data, as YAML gives it."""
+
+RENAMED = {"taught": "guided", "taught-speed": "guided-speed"}
+"""Presets of release 0.1.0 by what they are called now."""
 
 Config = typing.TypeVar("Config", RunConfig, Scenario, Physics)
 
@@ -87,7 +92,16 @@ def dump(config: RunConfig) -> str:
     return yaml.safe_dump(_plain(dataclasses.asdict(config)), sort_keys=False, width=99)
 
 
+@functools.cache
+def _say_renamed(name: str) -> None:
+    """Name the new name of a preset, once."""
+    print(f"the preset {name!r} is called {RENAMED[name]!r} now", file=sys.stderr)
+
+
 def _preset_tree(name: str) -> Tree:
+    if name in RENAMED:
+        _say_renamed(name)
+        name = RENAMED[name]
     names = preset_names()
     if name not in names:
         hint = nearest(name, names)

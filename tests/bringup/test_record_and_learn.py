@@ -1,4 +1,4 @@
-"""The verdict of circle.sh, on made-up numbers."""
+"""The verdict of record_and_learn.sh, on made-up numbers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from bicycle_tools.circle import is_better, text_of
+from bicycle_tools.record_and_learn import is_better, text_of
 
 RIDE = {"reached": 9, "falls": 1, "ridden_time": 61.25, "path_ratio": 1.125}
 
@@ -76,6 +76,6 @@ def test_the_table_has_before_and_after_in_their_columns(tmp_path: Path) -> None
         path = tmp_path / f"{name}.json"
         path.parent.mkdir(exist_ok=True)
         path.write_text(json.dumps(data))
-    command = [sys.executable, "-m", "bicycle_tools.circle", str(tmp_path)]
+    command = [sys.executable, "-m", "bicycle_tools.record_and_learn", str(tmp_path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stdout.rstrip("\n")) == (0, text)

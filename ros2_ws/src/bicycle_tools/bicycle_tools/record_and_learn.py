@@ -1,11 +1,11 @@
-"""The last word of `circle.sh`: the policy that recorded beside the one that learned from it."""
+"""Compare the policy that recorded with the one that learned from it (`record_and_learn.sh`)."""
 
 from __future__ import annotations
 
 if __name__ == "__main__":
     from bicycle_common.signals import run_module
 
-    run_module("bicycle_tools.circle")
+    run_module("bicycle_tools.record_and_learn")
 
 import json
 import sys
