@@ -299,3 +299,19 @@ def test_runs_made_elsewhere_stay_in_the_data(tmp_path: Path) -> None:
     (folder / "run.json").write_text(json.dumps(run))
     assert main.main([*command, "ppo"]) == 0
     assert {row["arm"] for row in read_table(folder / "curves.csv")} == {"ppo"}
+
+
+@pytest.mark.slow
+def test_one_of_several_variants_made_again_takes_its_own_place(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = ["reproduce", "12", "--out", str(out), *TINY, "--arms", "fast"]
+    assert main.main(command) == 0
+    runs = out / "runs" / "faithful"
+    plain = runs / "fixed-start-fixed-goal"
+    for folder in set(runs.iterdir()) - {plain}:
+        shutil.rmtree(folder)
+    assert main.main([*command, "--no-train"]) == 0
+    rows = read_table(out / "figure-12" / "faithful" / "rides.csv")
+    item = experiments.load("figure-12")
+    trained = [row["variant"] for row in rows if row["rider"] == "fast"]
+    assert trained == [variant.name for variant in item.variants]

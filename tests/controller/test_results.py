@@ -67,6 +67,12 @@ def test_every_committed_summary_follows_from_its_raw_data(folder: Path) -> None
     trained = {entry["arm"] for entry in run["training"] if entry["status"] == "finished"}
     rows = read_table(folder / "curves.csv")
     assert trained == {row["arm"] for row in rows}
+    # Nothing stands there twice.
+    keys = [(row["arm"], row["variant"], row["seed"], row["at"]) for row in rows]
+    assert len(set(keys)) == len(keys)
+    ridden = read_table(folder / "rides.csv")
+    keys = [(row["rider"], row["variant"], row["seed"], 0) for row in ridden]
+    assert len(set(keys)) == len(keys)
     # The environment steps that a run reports are those that its episodes add up to.
     for entry in run["training"]:
         mine = [

@@ -48,7 +48,6 @@ class Kept:
             entry for entry in old["training"] if entry["arm"] in arms and _key(entry) not in here
         ]
         self._runs = {_key(entry) for entry in self.training}
-        self._arms = {(arm, seed) for arm, _, seed in self._runs}
 
     def _same_arms(self, old: dict[str, Any], rides: int) -> set[str]:
         """Names of the arms whose rows may stay: none where the experiment is another."""
@@ -65,15 +64,24 @@ class Kept:
 
     def with_rides(self, name: str, rows: list[Row]) -> list[Row]:
         """Rows of scored controllers, and those that are kept."""
-        mine = [row for row in self._rows(name) if (row["rider"], row["seed"]) in self._arms]
+        mine = [row for row in self._rows(name) if self._keeps(row)]
         return self.ordered([*rows, *mine])
 
     def with_traces(self, name: str, rows: list[Row]) -> list[Row]:
         """Rows of single rides, and those of controllers that have none here."""
         there = {(row["rider"], row["variant"]) for row in rows}
-        kept = {arm for arm, _ in self._arms}
-        mine = [row for row in self._rows(name) if row["rider"] in kept]
+        mine = [row for row in self._rows(name) if self._keeps(row)]
         return [*rows, *(row for row in mine if (row["rider"], row["variant"]) not in there)]
+
+    def _keeps(self, ride: Row) -> bool:
+        """Whether a ride's controller is of a run that is kept; some rows name no seed."""
+        seeds = {
+            seed
+            for arm, variant, seed in self._runs
+            if arm == ride["rider"]
+            and (variant == ride["variant"] or not self._experiment.train_variants)
+        }
+        return ride.get("seed", min(seeds, default=0)) in seeds
 
     def ordered(self, rows: list[Row]) -> list[Row]:
         """Training runs by seed, variant and arm; rides by variant, trained controllers first."""
