@@ -131,14 +131,33 @@ def _robustness(data: Data) -> Figure:
     table = np.full((len(riders), len(variants)), np.nan)
     for item in data.rides:
         place = [variant.name for variant in variants].index(item["variant"])
-        table[riders.index(item["rider"]), place] = 100.0 * item["reached"][0]
-    drawing = figure(max(8.0, 12.0 * min(1.0, len(variants) / 15)), 1.9 + 0.38 * len(riders))
+        table[riders.index(item["rider"]), place] = item["reached"][0]
+    return _shares(riders, [variant.label for variant in variants], table)
+
+
+def _cause(data: Data) -> Figure:
+    """Share of goals reached, by controller and by what differs, or else by run."""
+    if len(data.experiment.variants) > 1:
+        return _robustness(data)
+    riders = [rider for (rider,) in distinct(data.rides, "rider")]
+    runs = max((item["runs"] for item in data.rides), default=1)
+    table = np.full((len(riders), runs), np.nan)
+    for row, item in enumerate(data.rides):
+        table[row, : item["runs"]] = item["reached_by_run"]
+    return _shares(riders, [f"run {number}" for number in range(1, runs + 1)], table)
+
+
+def _shares(riders: list[str], columns: list[str], table: np.ndarray) -> Figure:
+    """A coloured table of shares, NaN where there is none."""
+    width = max(8.0, 12.0 * min(1.0, len(columns) / 15))
+    drawing = figure(width, 1.9 + 0.38 * len(riders))
     axes = drawing.subplots()
     axes.grid(visible=False)
-    shown = axes.imshow(table, cmap="RdYlGn", vmin=0, vmax=100, aspect="auto", alpha=0.6)
-    axes.set_xticks(range(len(variants)), [v.label for v in variants], rotation=35, ha="right")
+    shown = axes.imshow(100.0 * table, cmap="RdYlGn", vmin=0, vmax=100, aspect="auto", alpha=0.6)
+    turned: dict[str, Any] = {"rotation": 35, "ha": "right"} if len(columns) > 5 else {}
+    axes.set_xticks(range(len(columns)), columns, **turned)
     axes.set_yticks(range(len(riders)), [label(rider) for rider in riders])
-    for (row, place), value in np.ndenumerate(table):
+    for (row, place), value in np.ndenumerate(100.0 * table):
         if np.isfinite(value):
             axes.text(place, row, f"{value:.0f}", ha="center", va="center", fontsize=8)
     drawing.colorbar(shown, ax=axes, label="goals reached (%)", pad=0.01)
@@ -154,5 +173,5 @@ KINDS: dict[str, Callable[[Data], Figure]] = {
     "turn": turn,
     "speed": speed,
     "robustness": _robustness,
-    "cause": _robustness,
+    "cause": _cause,
 }
