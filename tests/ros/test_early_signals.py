@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import contextlib
+import math
+import os
 import signal
 import time
 from collections.abc import Callable
@@ -46,3 +48,100 @@ def test_one_that_was_asked_to_end_keeps_its_status_whatever_comes_until_it_is_g
     if script == "record.sh":
         program.wait_for_line("recorded 0 messages")
         assert BagReader(tmp_path / "bag").message_count == 0
+
+
+PROGRAMS = {
+    "sim.sh": (),
+    "controller.sh": (),
+    "trainer.sh": (),
+    "record.sh": ("--output", "{folder}/bag"),
+    "record.sh --repair": (BAG,),
+    "replay.sh": (BAG,),
+    "replay.sh --verify": (BAG,),
+    "report.sh": (BAG, "--output", "{folder}/page.html"),
+    "ride.sh": ("--goals", "1", "--output", "{folder}/run"),
+    "cockpit.sh": ("--port", "0", "--bags", "{folder}/bags"),
+    "goal.sh": ("1", "2"),
+    "push.sh": ("left", "0.3"),
+    "reset.sh": (),
+    "topic.sh": ("echo", "bicycle/state"),
+    "service.sh": ("call", "bicycle/reset"),
+    "stop.sh": (),
+    "circle.sh": ("--minutes", "1", "--output", "{folder}/circle"),
+    "bin/bicycle evaluate": ("lqr", "--episodes", "1000000"),
+    "bin/bicycle train": ("--out", "{folder}/trained", "--quiet"),
+    "bin/bicycle info": (),
+    "bin/bicycle": ("--help",),
+}
+MOMENTS = int(os.environ.get("BICYCLE_MOMENTS", "4"))
+"""At how many moments each program is asked to end."""
+TOLD = {
+    "SHELLOPTS": "xtrace",
+    "PYTHONPROFILEIMPORTTIME": "1",
+    "BICYCLE_KEEP": "PYTHONPROFILEIMPORTTIME",
+}
+"""Has bash tell each command and Python each import: moments by what happens, not by the clock."""
+FIRST_LINES = 20
+"""Until here a script may not have come to the line where it takes signals."""
+QUIET = 2.0
+"""s without a word: it is up, or waits for somebody."""
+
+
+class Told:
+    """A program that tells each step that it takes."""
+
+    def __init__(self, script: str, folder: Path) -> None:
+        name, *verb = script.split()
+        words = [*verb, *(str(word).format(folder=folder) for word in PROGRAMS[script])]
+        self.process = NodeProcess([str(WORKSPACE / name), *words], TOLD)
+
+    def follow(self, count: float) -> int:
+        """Wait for so many lines, its end or its silence; how many it told."""
+        heard = time.monotonic()
+        told = 0
+        while told < count and self.process.running and time.monotonic() - heard < QUIET:
+            time.sleep(0.0005)
+            if len(self.process.lines) > told:
+                told, heard = len(self.process.lines), time.monotonic()
+        return told
+
+    @property
+    def words(self) -> str:
+        """What is meant for people."""
+        lines = self.process.lines
+        return "\n".join(line for line in lines if not line.startswith(("+", "import time:")))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("script", PROGRAMS)
+def test_one_that_is_asked_to_end_while_it_starts_does_so_without_a_word(
+    ros_domain: int, tmp_path: Path, script: str
+) -> None:
+    whole = Told(script, tmp_path / "0")
+    with whole.process:
+        count = whole.follow(math.inf)
+        own = whole.process.stop() if whole.process.running else whole.process.wait()
+    assert "Traceback" not in whole.words
+    for number in range(MOMENTS):
+        moment = FIRST_LINES + (count - FIRST_LINES) * (number + 0.5) / MOMENTS
+        program = Told(script, tmp_path / str(number + 1))
+        with program.process:
+            asked = (signal.SIGINT, signal.SIGTERM)[number % 4 == 1]
+            program.follow(moment)
+            for _ in range(1 + number % 2):  # impatient
+                with contextlib.suppress(ProcessLookupError):
+                    program.process.send_signal(asked)
+            status = program.process.wait()
+        assert status in (own, 0, 128 + asked), (moment, count, program.process.output[-3000:])
+        assert "Traceback" not in program.words, (moment, count)
+        assert "Exception ignored" not in program.words, (moment, count)
+        assert "rror" not in program.words, (moment, count, program.words)
+
+
+def test_the_first_moments_of_a_script_end_it_too(tmp_path: Path, ros_domain: int) -> None:
+    for lines in range(0, FIRST_LINES, 3):
+        program = Told("sim.sh", tmp_path)
+        with program.process:
+            program.follow(lines)
+            status = program.process.stop()
+        assert status in (-signal.SIGINT, 130), program.process.output

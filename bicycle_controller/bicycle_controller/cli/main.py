@@ -19,6 +19,7 @@ from types import ModuleType
 from typing import NoReturn
 
 from bicycle_common.command_line import FAILED, INTERRUPTED, USAGE_ERROR
+from bicycle_common.signals import importing
 from bicycle_common.validation import empty_word, nearest
 from bicycle_controller import __version__
 
@@ -134,7 +135,8 @@ def _module(name: str) -> ModuleType:
 
 def _run(name: str, arguments: list[str]) -> int:
     """Run the command of that name."""
-    module = _module(name)
+    with importing():
+        module = _module(name)
     parser = Parser(
         prog=f"bicycle {name}",
         description=f"{COMMANDS[name].capitalize()}.",

@@ -220,8 +220,8 @@ def _run_all(ray: Any, jobs: list[Job], episodes: int, bar: Any) -> None:
         )
         waiting[task.remote(job, episodes, sys.argv)] = job
     lost = []
-    try:
-        while waiting:
+    with StopRequest() as asked:
+        while waiting and not asked.signal:
             # A time limit, so that Ctrl-C is seen at once.
             done, _ = ray.wait(list(waiting), timeout=1.0)
             for reference in done:
@@ -231,12 +231,12 @@ def _run_all(ray: Any, jobs: list[Job], episodes: int, bar: Any) -> None:
                 except ray.exceptions.RayError as error:
                     lost.append(f"{job.folder}: {' '.join(str(error).split())[-300:]}")
                 bar.update()
-    except KeyboardInterrupt:
+    if asked.signal:
         print("stopping: each run saves its checkpoint", file=sys.stderr)
         for reference in waiting:
             ray.cancel(reference)
         ray.wait(list(waiting), num_returns=len(waiting), timeout=STOP_SECONDS)
-        raise
+        raise KeyboardInterrupt
     if lost:
         raise RuntimeError(f"{len(lost)} runs were lost, start the sweep again; first {lost[0]}")
 

@@ -17,17 +17,20 @@ before Python itself can answer waits until then.
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import importlib
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import NoReturn
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that ask a program to end."""
+AGAIN = 1.0
+"""s after which an interrupt that had no effect strikes again."""
 
 
 def on_signals(handler: Callable[[int, FrameType | None], object]) -> None:
@@ -47,8 +50,8 @@ def run_module(name: str) -> NoReturn:
     """Import a module and run its `main`, which takes nothing and gives an exit status.
 
     A signal ends the program quietly, with 128 + its number, until `main` answers signals itself.
-    There SIGINT raises KeyboardInterrupt, once: the next one ends the program at once. When
-    `main` is over, its status stands, whatever comes.
+    There SIGINT raises KeyboardInterrupt; a second SIGINT ends the program at once. When `main` is
+    over, its status stands, whatever comes.
     """
     on_signals(_leave)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
@@ -56,11 +59,26 @@ def run_module(name: str) -> NoReturn:
     try:
         signal.signal(signal.SIGINT, _interrupt)
         status = _status_of(main)
-        for number in ENDING:
+        for number in (*ENDING, signal.SIGALRM):
             signal.signal(number, signal.SIG_IGN)
     except KeyboardInterrupt:
         _leave(signal.SIGINT)
+    if signal.getitimer(signal.ITIMER_REAL)[0]:  # interrupted
+        atexit._run_exitfuncs()
+        # Python kills itself at its end where the exception struck in an exec of a dataclass, say.
+        _end(status if isinstance(status, int) else bool(status))
     sys.exit(status)
+
+
+@contextlib.contextmanager
+def importing() -> Iterator[None]:
+    """Import here what `main` needs: SIGINT ends the program, as no library expects it then."""
+    mine = signal.getsignal(signal.SIGINT) is _interrupt
+    if mine:
+        signal.signal(signal.SIGINT, _leave)
+    yield
+    if mine:
+        signal.signal(signal.SIGINT, _interrupt)
 
 
 def _status_of(main: Callable[[], int | None]) -> str | int | None:
@@ -71,14 +89,22 @@ def _status_of(main: Callable[[], int | None]) -> str | int | None:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
-    """Raise what `main` may catch; the next signal does not wait for it."""
-    signal.signal(number, _leave)
+    """Raise what `main` may catch, again and again: C code, such as hasattr's, may swallow it."""
+    if number == signal.SIGINT:
+        signal.signal(signal.SIGINT, _leave)
+        signal.signal(signal.SIGALRM, _interrupt)
+        signal.setitimer(signal.ITIMER_REAL, AGAIN, AGAIN)
     raise KeyboardInterrupt
 
 
 def _leave(number: int, frame: FrameType | None = None) -> NoReturn:
-    """End the process without a word, and without Python's and C++'s long farewell."""
+    """End the program without a word."""
+    _end(128 + number)
+
+
+def _end(status: int) -> NoReturn:
+    """End the process without Python's and C++'s long farewell."""
     for stream in (sys.stdout, sys.stderr):
         with contextlib.suppress(Exception):
             stream.flush()
-    os._exit(128 + number)
+    os._exit(status)
