@@ -83,7 +83,7 @@ TOLD = {
 """Has bash tell each command and Python each import: moments by what happens, not by the clock."""
 FIRST_LINES = 20
 """Until here a script may not have come to the line where it takes signals."""
-QUIET = 2.0
+QUIET = 5.0
 """s without a word: it is up, or waits for somebody."""
 
 
@@ -98,12 +98,18 @@ class Told:
     def follow(self, count: float) -> int:
         """Wait for so many lines, its end or its silence; how many it told."""
         heard = time.monotonic()
-        told = 0
+        told = len(self.process.lines)
         while told < count and self.process.running and time.monotonic() - heard < QUIET:
             time.sleep(0.0005)
             if len(self.process.lines) > told:
                 told, heard = len(self.process.lines), time.monotonic()
         return told
+
+    def ask(self, signal_: signal.Signals, times: int) -> None:
+        """Ask it to end, impatiently."""
+        for _ in range(times):
+            with contextlib.suppress(ProcessLookupError):
+                self.process.send_signal(signal_)
 
     @property
     def words(self) -> str:
@@ -122,20 +128,25 @@ def test_one_that_is_asked_to_end_while_it_starts_does_so_without_a_word(
         count = whole.follow(math.inf)
         own = whole.process.stop() if whole.process.running else whole.process.wait()
     assert "Traceback" not in whole.words
+    forgotten = 0
     for number in range(MOMENTS):
         moment = FIRST_LINES + (count - FIRST_LINES) * (number + 0.5) / MOMENTS
         program = Told(script, tmp_path / str(number + 1))
         with program.process:
             asked = (signal.SIGINT, signal.SIGTERM)[number % 4 == 1]
             program.follow(moment)
-            for _ in range(1 + number % 2):  # impatient
-                with contextlib.suppress(ProcessLookupError):
-                    program.process.send_signal(asked)
+            program.ask(asked, 1 + number % 2)
+            if program.follow(math.inf) and program.process.running:
+                # In the 0.1 ms in which it becomes Python bash forgets one.
+                forgotten += 1
+                program.ask(asked, 1)
             status = program.process.wait()
-        assert status in (own, 0, 128 + asked), (moment, count, program.process.output[-3000:])
+        good = (own, 0, 128 + asked, -asked)  # a shell shows the last two alike
+        assert status in good, (moment, count, program.process.output[-3000:])
         assert "Traceback" not in program.words, (moment, count)
         assert "Exception ignored" not in program.words, (moment, count)
         assert "rror" not in program.words, (moment, count, program.words)
+    assert forgotten <= 1
 
 
 def test_the_first_moments_of_a_script_end_it_too(tmp_path: Path, ros_domain: int) -> None:

@@ -127,3 +127,30 @@ def test_on_a_full_disk_the_recorder_ends_with_one_line(start_node: Start, disk:
     elsewhere = disk.parent / "bag"
     shutil.copytree(disk / "bag", elsewhere)
     assert repair.repair(elsewhere).messages > 300
+
+
+@pytest.mark.parametrize("how", ["deleted", "deleted and made anew", "moved"])
+def test_a_bag_that_is_taken_away_ends_the_recorder_with_one_line(
+    start_node: Start, tmp_path: Path, how: str
+) -> None:
+    bag, other = tmp_path / "bag", tmp_path / "other"
+    recorder = start_node(RECORDER, ["--output", bag])
+    recorder.wait_for_line("recording into")
+    talker = start_talker(start_node, "--count", 10**9)
+    talker.wait_for_line("step 100$")
+    if how == "moved":
+        bag.rename(other)
+    else:
+        shutil.rmtree(bag)
+    if how == "deleted and made anew":
+        bag.mkdir()
+        (bag / "bag_0.mcap").touch()
+    assert recorder.wait() == 1
+    told = recorder.lines[-1]
+    if how == "moved":
+        assert told.endswith(f"--repair {other}")
+        repair.repair(other)
+        assert BagReader(other).message_count > 50
+    else:
+        assert told.endswith("and what it held is lost: record again")
+    assert "Traceback" not in recorder.output

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 from pathlib import Path
 
 from mcap.writer import CompressionType, IndexType, Writer
@@ -63,6 +64,19 @@ class McapFile:
     def slowest_sync(self) -> float:
         """s, longest that the disk took so far to sync what was written."""
         return self._syncer.slowest
+
+    @property
+    def strayed(self) -> str:
+        """Where the file lies now, in the kernel's words; empty while its path leads to it."""
+        mine = self._stream.fileno()
+        try:
+            if os.path.samestat(self.path.stat(), os.fstat(mine)):
+                return ""
+        except (FileNotFoundError, NotADirectoryError):
+            pass
+        except OSError:
+            return ""
+        return str(Path(f"/proc/self/fd/{mine}").readlink())
 
     @property
     def first_ns(self) -> int:

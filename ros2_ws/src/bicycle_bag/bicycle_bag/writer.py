@@ -19,6 +19,8 @@ MIN_SPLIT_BYTES = 1024
 MAX_SPLIT_SECONDS = 1e9
 # Finished files that a slow disk may owe us, each with a thread and an open file.
 MOST_OWED = 8
+# The kernel's word behind the name of an open file that is gone.
+DELETED = " (deleted)"
 
 
 @contextlib.contextmanager
@@ -127,7 +129,12 @@ class BagWriter:
             self.flush()
 
     def flush(self) -> None:
-        """Hand all messages to the disk now."""
+        """Hand all messages to the disk now.
+
+        Raises:
+            BagError: The disk is full or fails, or the bag was deleted or moved.
+        """
+        self._check_place()
         with _disk_errors(self.path, self._file):
             self._file.flush()
             self._collect(MOST_OWED)
@@ -148,6 +155,7 @@ class BagWriter:
         Returns:
             What the bag holds.
         """
+        self._check_place()
         with _disk_errors(self.path, self._file):
             self._end_file()
             self._ended = True
@@ -176,6 +184,28 @@ class BagWriter:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None or not issubclass(kind, BagError):
             self.close()
+
+    def _check_place(self) -> None:
+        """See to it that what is written can be found.
+
+        Raises:
+            BagError: The bag was deleted or moved.
+        """
+        place = self._file.strayed
+        if not place:
+            return
+        with contextlib.suppress(OSError):
+            self._file.flush()
+        self._file.abandon()
+        if place.endswith(DELETED):
+            raise BagError(
+                f"{self.path} was deleted while it was being recorded, and what it held is lost: "
+                "record again"
+            )
+        raise BagError(
+            f"{self.path} was moved to {Path(place).parent} while it was being recorded: recover "
+            f"what it holds with record.sh --repair {Path(place).parent}"
+        )
 
     def _must_split(self, log_time_ns: int) -> bool:
         if self._split_bytes and self._file.size >= self._split_bytes:
