@@ -118,6 +118,26 @@ def test_lockstep_steps_at_each_answer_and_at_nothing_else() -> None:
         assert rider.loop.receive(repeated) == ("", None)
 
 
+def late(step: int) -> Command:
+    """The answer to a state that is past."""
+    return Command(1, step, 0.5, 0.0, 0.0, FAR, 1, "me")
+
+
+def test_an_old_answer_makes_no_step_in_lockstep() -> None:
+    rider = Rider(pace="lockstep")
+    rider.loop.pause(True)
+    for _ in range(4):
+        assert rider.loop.single_step() is not None
+    assert rider.loop.receive(late(0)) == ("", None)
+    assert rider.loop.pause(False) is None, "the answer that came meanwhile is an old one"
+    for step in (1, 2, 3):
+        assert rider.loop.receive(late(step)) == ("", None)
+        assert rider.loop.gate.newest == late(step), "it was let in, for what it is"
+    made = rider.answer()
+    assert made is not None
+    assert (made.snapshot.step, made.snapshot.command_source) == (5, Source.FRESH)
+
+
 def test_a_pause_makes_no_step_and_no_delay() -> None:
     rider = Rider()
     rider.answer()
@@ -227,6 +247,17 @@ def test_latency_runs_from_the_last_publication() -> None:
     made = rider.answer()
     assert made is not None
     assert made.latency == pytest.approx(0.003)
+
+
+def test_an_old_answer_tells_no_latency() -> None:
+    rider = Rider()
+    rider.answer()
+    for _ in range(2):
+        rider.tick()
+    assert rider.loop.receive(late(1)) == ("", None)
+    made = rider.tick()
+    assert made is not None
+    assert math.isnan(made.latency)
 
 
 @pytest.mark.parametrize(
