@@ -135,7 +135,7 @@ def test_an_old_answer_makes_no_step_in_lockstep() -> None:
         assert rider.loop.gate.newest == late(step), "it was let in, for what it is"
     made = rider.answer()
     assert made is not None
-    assert (made.snapshot.step, made.snapshot.command_source) == (5, Source.FRESH)
+    assert (made.snapshot.step, made.snapshot.command_source) == (5, CommandSource.FRESH)
 
 
 def test_a_pause_makes_no_step_and_no_delay() -> None:

@@ -23,6 +23,7 @@ from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.policy.policy import load_policy, write_atomically
 from bicycle_controller.training.run_folder import RunFolder
+from bicycle_controller.training.signals import StopRequest
 
 STORE_BYTES = 100 * 1024 * 1024
 """Ray's shared memory: results are small, and containers give little of it."""
