@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import zstandard
@@ -16,6 +17,8 @@ def unpack_files(folder: Path) -> None:
     Raises:
         BagError: One is corrupt, or the disk does not take it.
     """
+    if not os.path.isdir(folder):  # noqa: PTH112 (a Path raises on a name that is too long)
+        return
     for packed in sorted(folder.glob(f"*{PACKED}")):
         target = packed.with_suffix("")
         if target.exists():
