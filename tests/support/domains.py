@@ -13,6 +13,7 @@ from pathlib import Path
 # Up to 101 no DDS port falls in Linux' ephemeral range; those up to 50, with the
 # workspace's default 42, are left to people.
 DOMAINS = range(51, 101)
+VARIABLE = b"ROS_DOMAIN_ID="
 LOCKS = Path(tempfile.gettempdir()) / f"bicycle_test_domains_{os.getuid()}"
 
 
@@ -21,14 +22,15 @@ def claimed_domain() -> Iterator[int]:
     """A domain for as long as the context lasts.
 
     A lock on a file holds it, so that parallel workers and other checkouts keep off and a killed
-    test frees it. The one that was left longest ago comes first: nodes that were killed at the end
-    of a test are taken for alive for some seconds.
+    test frees it, once what it has started is gone as well. The one that was left longest ago
+    comes first: nodes that were killed at the end of a test are taken for alive for some seconds.
 
     Raises:
         RuntimeError: when none is free.
     """
     LOCKS.mkdir(exist_ok=True)
-    drawn = random.Random().sample(DOMAINS, len(DOMAINS))
+    free = set(DOMAINS) - lived_in()
+    drawn = random.Random().sample(sorted(free), len(free))
     for domain in sorted(drawn, key=left_at):
         with (LOCKS / str(domain)).open("a") as lock:
             try:
@@ -41,6 +43,16 @@ def claimed_domain() -> Iterator[int]:
                 os.utime(lock.fileno())
             return
     raise RuntimeError("no free ROS domain between 51 and 100: are other tests hanging?")
+
+
+def lived_in() -> set[int]:
+    """Domains of the processes that are there: of a person, or of a test that was killed."""
+    found = set()
+    for environment in Path("/proc").glob("[0-9]*/environ"):
+        with contextlib.suppress(OSError):
+            words = environment.read_bytes().split(b"\0")
+            found |= {word.partition(b"=")[2] for word in words if word.startswith(VARIABLE)}
+    return {int(word) for word in found if word.isdigit()}
 
 
 def left_at(domain: int) -> float:
