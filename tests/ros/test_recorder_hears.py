@@ -35,6 +35,11 @@ def ending(recorder):
 Recorder.drain, Recorder.finish = lambda _: None, ending
 sys.exit(main(sys.argv[1:]))
 """
+# One that stands still for a moment as soon as it is asked to end, with messages unheard.
+STANDING = LATE.replace(
+    "Recorder.drain = drain",
+    "Recorder.drain = lambda self: (setattr(Recorder, 'drain', drain), time.sleep(1.0))",
+).replace("import sys", "import sys, time")
 LONG = 60.0
 Start = Callable[..., NodeProcess]
 
@@ -97,6 +102,23 @@ def test_the_last_drain_takes_what_waits_for_a_recorder_that_is_late(
     assert talk.wait(LONG) == 0
     assert recorder.stop(timeout=LONG) == 0, recorder.output
     assert numbers(bag, "/said") == list(range(count))
+
+
+def test_a_standstill_at_its_end_is_not_taken_for_the_end(
+    start_node: Start, tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag"
+    talk = speaker(start_node, "/said", "--count", 10**6, "--hz", 1000)
+    recorder = start_node(sys.executable, ["-c", STANDING, "--output", bag, "--topics", "/said"])
+    recorder.wait_for_line("recording /said", LONG)
+    talk.wait_for_line("heard", LONG)
+    time.sleep(4.0)  # it falls behind by some thousand messages
+    assert recorder.stop(timeout=LONG) == 0, recorder.output
+    found = numbers(bag, "/said")
+    assert found == list(range(found[0], found[-1] + 1))
+    reader = BagReader(bag)
+    ended = datetime.fromisoformat(reader.metadata.custom_data["ended"]).timestamp()
+    assert 1e9 * ended - max(message.publish_time_ns for message in reader.messages()) < 1e9
 
 
 def test_a_best_effort_publisher_that_came_and_went_costs_a_reliable_one_nothing(

@@ -22,6 +22,8 @@ QUEUE = 10_000
 """Messages that the middleware holds for each subscription."""
 REMEMBERED = 1000
 """Messages by which one that comes twice is known, with one subscription; `QUEUE` with more."""
+FLOW, FLOW_SECONDS = 5, 2.0
+"""A topic flows that has brought so many messages in the last so many seconds."""
 
 Quality = tuple[bool, bool]
 """Whether a subscription asks for reliable publishers, and for transient-local ones."""
@@ -93,8 +95,8 @@ class RecordedTopic:
     Attributes:
         lost: messages that a publisher sent and that never arrived.
         missed: messages that the first publisher had sent before it was heard.
-        cut_ns: time at which the recording ends; what was sent later is left out.
-        passed: whether such a message has come.
+        passed: whether a message has come that was sent after `cut`.
+        flowed: whether one was to be expected, when that was called.
         heard: s on the steady clock, when a message was taken last.
 
     Raises:
@@ -106,8 +108,9 @@ class RecordedTopic:
     ) -> None:
         self.topic = topic
         self.lost = self.missed = 0
-        self.cut_ns: int | None = None
-        self.passed = False
+        self.passed = self.flowed = False
+        self._cut_ns: int | None = None
+        self._lately: deque[float] = deque(maxlen=FLOW)
         self.heard = 0.0
         self._node = node
         self._order = order
@@ -135,6 +138,12 @@ class RecordedTopic:
             self._listen(quality, subscription_profile(*quality, QUEUE))
         return bool(new)
 
+    def cut(self, time_ns: int) -> None:
+        """End the recording: what was sent later than this is left out from now on."""
+        self._cut_ns = time_ns
+        often = len(self._lately) == FLOW and time.monotonic() - self._lately[0] < FLOW_SECONDS
+        self.flowed = often and any(ear.publishers for ear in self._ears.values())
+
     def drain(self) -> None:
         """Take all that has arrived."""
         for ear in list(self._ears.values()):
@@ -151,7 +160,7 @@ class RecordedTopic:
         received, sent = info["received_timestamp"], info["source_timestamp"]
         sequence = info["publication_sequence_number"]
         self._clock.add(received, sent, time.monotonic_ns())
-        if self.cut_ns is not None and self._clock.here(sent) > self.cut_ns:
+        if self._cut_ns is not None and self._clock.here(sent) > self._cut_ns:
             self.passed = True
             return
         self._count(ear, sequence)
@@ -159,6 +168,7 @@ class RecordedTopic:
         if self._is_known((sent, hash(data) if sequence is None else sequence)):
             return
         self.heard = time.monotonic()
+        self._lately.append(self.heard)
         self._order.push(BagMessage(self.topic.name, self.topic.type, received, sent, data))
 
     def _is_known(self, key: tuple[int, int]) -> bool:

@@ -112,18 +112,22 @@ class Recorder:
     def finish(self) -> None:
         """Take what was sent until now, however late it comes, and nothing that was sent later.
 
+        A topic that flows has been heard whole when something that was sent later comes.
         Else a state could be in the bag without the command that led to it, which was sent before
         and comes after.
         """
         cut, began = time.time_ns(), time.monotonic()
         for topic in self.topics.values():
-            topic.cut_ns = cut
+            topic.cut(cut)
         while True:
             self.drain()
             now = time.monotonic()
             last = max([began, *(topic.heard for topic in self.topics.values())])
+            # Silence says nothing where this process, or the network, stood still.
+            waiting = any(topic.flowed and not topic.passed for topic in self.topics.values())
             complete = all(topic.passed for topic in self.topics.values())
-            if complete or now - last > QUIET or now - began > LONGEST_END:
+            quiet = now - last > QUIET and not waiting
+            if complete or quiet or now - began > LONGEST_END:
                 break
             time.sleep(REST)
         self._write(self._order.rest())
