@@ -169,6 +169,11 @@ def test_evaluate_without_a_gpu_says_so(capsys: pytest.CaptureFixture[str], poli
         (["evaluate", "lqr", "--out", "/proc/none/a.json"], "/proc/none"),
         (["export", "none", "--to", "/tmp"], "none"),
         (["train", "--out", "/tmp/none", "--preset", "fats"], "'fast'"),
+        (["train", "--out", "/tmp/none", "--seed", "x"], "--seed: must be a whole number"),
+        (["train", "--out", "/tmp/none", "--steps", "1.5"], "--steps: must be a whole number"),
+        (["learn", "--out", "/tmp/none", "--updates", "nan"], "--updates: must be a whole"),
+        (["learn", "--out", "/tmp/none", "--resume", "--seed", "0"], "its own seed"),
+        (["reproduce", "11", "--short", "--device", "cdua"], "must be one of cpu, cuda"),
     ],
 )
 def test_a_mistake_is_one_line_with_the_remedy(

@@ -341,7 +341,7 @@ def test_the_command_trains_and_prints_json(tmp_path: Path) -> None:
     [
         (["--preset", "fats"], ["'fats'", "'fast'"]),
         (["--set", "ddpg.tua=1"], ["'tua'", "'tau'"]),
-        (["--seed", "x"], ["seed", "whole number"]),
+        (["--set", "seed=x"], ["seed", "whole number"]),
         (["--scenario", "learned-sped"], ["'learned-speed'"]),
         (["--device", "gpu"], ["device", "cuda"]),
         (["--resume"], ["no run to resume"]),

@@ -6,10 +6,10 @@ import argparse
 import json
 import sys
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bicycle_common.validation import nearest
+from bicycle_controller.cli import options
 from bicycle_controller.config import loading
 from bicycle_controller.evaluation import evaluate as scoring
 from bicycle_controller.evaluation.rollouts import Disturbance
@@ -41,21 +41,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("controller", metavar="CONTROLLER", help="what to score")
     add("--against", metavar="CONTROLLER", help="compare with this one on the same starts")
     add("--scenario", metavar="NAME", help="a scenario (default: the one it was trained on)")
-    add(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="change one field of the scenario, as max_steps=400; may be repeated",
-    )
+    what = "change one field of the scenario, as"
+    options.add_overrides(parser, "max_steps=400", what)
     add("--physics", metavar="MODE", help="faithful or corrected (default: as trained on)")
     add("--episodes", type=int, default=1000, metavar="N", help="rides (default: %(default)s)")
-    add("--seed", type=int, default=0, metavar="N", help="of the starts (default: %(default)s)")
-    add("--device", default="cpu", metavar="NAME", help="cpu, or cuda for the policy's network")
-    add("--out", type=Path, metavar="FILE", help="write the JSON there too")
-    add("--json", action="store_true", help="print the result as JSON")
-    add("--quiet", action="store_true", help="draw no progress bar")
+    options.add_seed(parser, "of the starts", default=0)
+    options.add_device(parser, "cpu, or cuda for the policy's network", default="cpu")
+    options.add_out(parser, "write the JSON there too", metavar="FILE")
+    options.add_json(parser)
+    options.add_quiet(parser)
     _add_disturbances(parser)
 
 
@@ -111,7 +105,7 @@ def run_command(args: argparse.Namespace) -> int:
             args.episodes,
             args.seed,
             disturbance,
-            progress=not args.quiet and sys.stderr.isatty(),
+            progress=options.shows_progress(args),
         )
         for name in names
     ]

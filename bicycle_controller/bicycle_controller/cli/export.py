@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bicycle_common.validation import nearest, require
+from bicycle_controller.cli import options
 from bicycle_controller.evaluation.model_card import card
 from bicycle_controller.evaluation.table import as_markdown
 from bicycle_controller.policy.policy import Policy, load_policy, save_policy, write_atomically
@@ -41,9 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="what 'bicycle evaluate --out' wrote, for the card; may be repeated",
     )
-    add("--seed", type=int, default=0, metavar="N", help="of the observations compared")
-    add("--device", default="cpu", metavar="NAME", help="cpu or cuda, where torch compares")
-    add("--json", action="store_true", help="print the result as JSON")
+    options.add_seed(parser, "of the observations compared", default=0)
+    options.add_device(parser, "cpu or cuda, where torch compares", default="cpu")
+    options.add_json(parser)
 
 
 def run_command(args: argparse.Namespace) -> int:

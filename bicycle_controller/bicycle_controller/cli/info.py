@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from bicycle_common.validation import require
+from bicycle_controller.cli import options
 from bicycle_sim.plants.whipple import catalogue, linear
 from bicycle_sim.plants.whipple.catalogue import Described
 from bicycle_sim.plants.whipple.parameters import Bicycle
@@ -58,7 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="draw the eigenvalues over speed there (PNG, SVG)",
     )
-    add("--json", action="store_true", help="print the result as JSON")
+    options.add_json(parser)
 
 
 def run_command(args: argparse.Namespace) -> int:

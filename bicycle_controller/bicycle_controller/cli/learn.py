@@ -11,6 +11,7 @@ from typing import Any
 
 from bicycle_common.command_line import FAILED
 from bicycle_common.validation import require
+from bicycle_controller.cli import options
 from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.data import dataset
@@ -34,26 +35,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     presets = ", ".join(name for name in loading.preset_names() if name.startswith("offline"))
     add = parser.add_argument
     add("bags", nargs="*", type=Path, metavar="BAG", help="bags, or folders of bags")
-    add("--out", type=Path, metavar="DIR", help="the run's folder")
-    add("--resume", action="store_true", help="go on with the run in DIR, with its own bags")
+    options.add_run_folder(parser, "with its own bags", required=False)
     add("--report", action="store_true", help="only describe the data")
-    add("--preset", metavar="NAME", help=f"{presets}, or any other (default: offline)")
-    add("--config", type=Path, metavar="FILE", help="a YAML file instead of a preset")
+    options.add_configuration(parser, f"{presets}, or any other", "offline")
     add("--scenario", metavar="NAME", help="what was ridden, for bags that do not say")
     add("--least", type=int, default=dataset.LEAST, metavar="N", help="refuse fewer transitions")
-    add("--seed", metavar="N", help="of everything that is random (default: the preset's)")
-    add("--device", metavar="NAME", help="cpu or cuda (default: the preset's)")
-    add("--updates", metavar="N", help="how many to make (default: the preset's)")
+    options.add_seed(parser)
+    options.add_device(parser)
     add(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="change one value, for instance ddpg.bc_alpha=1; may be repeated",
+        "--updates",
+        type=options.whole_number,
+        metavar="N",
+        help="how many to make (default: the preset's)",
     )
-    add("--json", action="store_true", help="print the result as JSON")
-    add("--quiet", action="store_true", help="draw no progress bar")
+    options.add_overrides(parser, "ddpg.bc_alpha=1")
+    options.add_json(parser)
+    options.add_quiet(parser)
 
 
 def config_of(args: argparse.Namespace) -> RunConfig:
@@ -62,17 +59,12 @@ def config_of(args: argparse.Namespace) -> RunConfig:
     Raises:
         ValueError: on an unknown name, a value out of range or a file that cannot be read.
     """
-    named_values = (
-        ("seed", args.seed),
-        ("device", args.device),
-        ("offline_updates", args.updates),
-    )
-    overrides = [f"{name}={value}" for name, value in named_values if value is not None]
+    overrides = options.changes(args, seed="seed", device="device", offline_updates="updates")
     if args.config is not None and args.preset is not None:
         raise ValueError("give --config or --preset, not both: a file may say 'extends: offline'")
     if args.config is not None:
-        return loading.load(args.config, [*overrides, *args.overrides])
-    return loading.preset(args.preset or "offline", [*overrides, *args.overrides])
+        return loading.load(args.config, overrides)
+    return loading.preset(args.preset or "offline", overrides)
 
 
 def run_command(args: argparse.Namespace) -> int:
@@ -85,7 +77,7 @@ def run_command(args: argparse.Namespace) -> int:
     Raises:
         ValueError: on a user's mistake, one line with the remedy.
     """
-    progress = not args.quiet and sys.stderr.isatty()
+    progress = options.shows_progress(args)
     if args.out is None and not args.report:
         raise ValueError("name the run's folder with --out DIR, or ask for a --report only")
     if args.resume:
@@ -111,7 +103,7 @@ def run_command(args: argparse.Namespace) -> int:
 def _refuse_with_resume(args: argparse.Namespace) -> None:
     """A resumed run has its own bags and configuration."""
     names = ("bags", "preset", "config", "scenario", "seed", "device", "updates", "overrides")
-    given = [name for name in names if getattr(args, name)]
+    given = [name for name in names if getattr(args, name) not in (None, [])]
     if given:
         raise ValueError(f"a resumed run has its own {given[0]}: leave it out")
 

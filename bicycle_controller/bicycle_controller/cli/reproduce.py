@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from bicycle_common.validation import nearest, require
+from bicycle_controller.cli import options
 from bicycle_controller.reproduce import experiment as experiments
 from bicycle_controller.reproduce.experiment import MODES, Experiment
 from bicycle_controller.reproduce.results import write_results
@@ -34,21 +35,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `bicycle reproduce`."""
     add = parser.add_argument
     add("figure", metavar="FIGURE", help="9 to 16, robustness, why-..., or all")
-    out = Path("reproduction")
-    add("--out", type=Path, default=out, metavar="DIR", help="default: %(default)s")
+    options.add_out(parser, "default: %(default)s", default=Path("reproduction"))
     add("--results", type=Path, metavar="FILE", help="the page (default: OUT/RESULTS.md)")
     add("--short", action="store_true", help="a minute's version, to see that it works")
     add("--episodes", type=int, metavar="N", help="of each training run (default: the paper's)")
     add("--seeds", type=int, metavar="N", help="training runs of each kind (default: the paper's)")
     add("--physics", metavar="MODE", help="faithful or corrected (default: both)")
-    add("--device", choices=("cpu", "cuda"), default="cpu", help="of training (default: cpu)")
+    options.add_device(parser, "of training (default: cpu)", default="cpu")
     add("--arms", metavar="A,B", help="train only these, as authors,fast")
     add("--no-train", action="store_true", help="ride and draw what is trained already")
     add("--draw-only", action="store_true", help="draw again what is ridden already")
     add("--parallel", type=int, default=1, metavar="N", help="runs at once, with Ray (default: 1)")
     add("--ray-address", metavar="ADDRESS", help="HOST:PORT of a Ray cluster, or auto")
-    add("--json", action="store_true", help="print the summaries as JSON")
-    add("--quiet", action="store_true", help="draw no progress bar")
+    options.add_json(parser, "print the summaries as JSON")
+    options.add_quiet(parser)
 
 
 def run_command(args: argparse.Namespace) -> int:
@@ -66,7 +66,7 @@ def run_command(args: argparse.Namespace) -> int:
         value = getattr(args, name)
         in_range = value is None or 1 <= value <= MOST
         require(in_range, f"--{name} must be 1 to {MOST:,}, not {value}")
-    options = Options(
+    how = Options(
         out=args.out,
         short=args.short,
         arms=_arms(args.arms, chosen),
@@ -74,7 +74,7 @@ def run_command(args: argparse.Namespace) -> int:
         address=args.ray_address,
         parallel=args.parallel,
         device=args.device,
-        progress=not args.quiet and sys.stderr.isatty(),
+        progress=options.shows_progress(args),
     )
     page = args.results or args.out / "RESULTS.md"
     if args.draw_only:
@@ -85,7 +85,7 @@ def run_command(args: argparse.Namespace) -> int:
         for item in chosen:
             for mode in modes:
                 length = experiments.lengthened(item, args.short, args.episodes, args.seeds)
-                signal = reproduce(item, mode, length, options)
+                signal = reproduce(item, mode, length, how)
                 if signal:
                     print("stopped: the same command goes on from here", file=sys.stderr)
                     return 128 + signal

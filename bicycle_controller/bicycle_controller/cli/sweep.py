@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import sys
-from pathlib import Path
 from typing import Any
 
 from bicycle_common.validation import require
+from bicycle_controller.cli import options
 from bicycle_controller.training import sweep
 
 MOST_SEEDS = 1000
@@ -26,7 +26,7 @@ example:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `bicycle sweep`."""
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="the sweep's folder")
+    options.add_out(parser, "the sweep's folder", required=True)
     add("--presets", default="fast", metavar="A,B", help="what to train (default: %(default)s)")
     add(
         "--scenarios",
@@ -35,22 +35,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what to train on (default: %(default)s)",
     )
     add("--seeds", type=int, default=5, metavar="N", help="runs of each (default: %(default)s)")
-    add("--seed", type=int, default=1, metavar="N", help="the first seed (default: %(default)s)")
-    add("--steps", metavar="N", help="environment steps of each run (default: the preset's)")
-    add("--device", metavar="NAME", help="cpu, or cuda with one GPU a run")
+    options.add_seed(parser, "the first seed", default=1)
     add(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="change one value in all runs, for instance ddpg.tau=0.01; may be repeated",
+        "--steps",
+        type=options.whole_number,
+        metavar="N",
+        help="environment steps of each run (default: the preset's)",
     )
+    options.add_device(parser, "cpu, or cuda with one GPU a run")
+    what = "change one value in all runs, for instance"
+    options.add_overrides(parser, "ddpg.tau=0.01", what)
     add("--episodes", type=int, default=1000, metavar="N", help="rides of each final score")
     add("--parallel", type=int, metavar="N", help="processors to use (default: all)")
     add("--ray-address", metavar="ADDRESS", help="HOST:PORT of a Ray cluster, or auto")
-    add("--json", action="store_true", help="print the result as JSON")
-    add("--quiet", action="store_true", help="draw no progress bar")
+    options.add_json(parser)
+    options.add_quiet(parser)
 
 
 def run_command(args: argparse.Namespace) -> int:
@@ -65,16 +64,14 @@ def run_command(args: argparse.Namespace) -> int:
     require(1 <= args.seeds <= MOST_SEEDS, f"--seeds must be 1 to {MOST_SEEDS}, not {args.seeds}")
     require(args.episodes >= 1, f"--episodes must be at least 1, not {args.episodes}")
     require(args.parallel is None or args.parallel >= 1, "--parallel must be at least 1")
-    named = [(name, getattr(args, name)) for name in ("steps", "device")]
-    changes = [f"{name}={value}" for name, value in named if value is not None]
     jobs = sweep.plan(
         args.out,
         args.presets.split(","),
         args.scenarios.split(","),
         range(args.seed, args.seed + args.seeds),
-        [*changes, *args.overrides],
+        options.changes(args, steps="steps", device="device"),
     )
-    progress = not args.quiet and sys.stderr.isatty()
+    progress = options.shows_progress(args)
     found = sweep.sweep(jobs, args.episodes, args.ray_address, args.parallel, progress)
     groups = sweep.groups(found)
     result = {"out": str(args.out), "groups": groups, "runs": found}

@@ -6,8 +6,8 @@ import argparse
 import json
 import sys
 from dataclasses import asdict
-from pathlib import Path
 
+from bicycle_controller.cli import options
 from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.evaluation import beside_lqr
@@ -17,32 +17,28 @@ from bicycle_controller.training.run_folder import RunFolder
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `bicycle train`."""
-    presets = ", ".join(loading.preset_names())
+    presets = f"one of {', '.join(loading.preset_names())}"
+    options.add_run_folder(parser, "from its checkpoint", required=True)
+    options.add_configuration(parser, presets, "fast")
     add = parser.add_argument
-    add("--out", type=Path, required=True, metavar="DIR", help="the run's folder")
-    add("--resume", action="store_true", help="go on with the run in DIR from its checkpoint")
-    add("--preset", metavar="NAME", help=f"one of {presets} (default: fast)")
-    add("--config", type=Path, metavar="FILE", help="a YAML file instead of a preset")
     add("--scenario", metavar="NAME", help="where from and where to (default: the preset's)")
-    add("--seed", metavar="N", help="of everything that is random (default: the preset's)")
-    add("--device", metavar="NAME", help="cpu or cuda (default: the preset's)")
-    add("--steps", metavar="N", help="environment steps over all bicycles")
+    options.add_seed(parser)
+    options.add_device(parser)
     add(
-        "--set",
-        dest="overrides",
-        action="append",
-        default=[],
-        metavar="NAME=VALUE",
-        help="change one value, for instance ddpg.tau=0.01; may be repeated",
+        "--steps",
+        type=options.whole_number,
+        metavar="N",
+        help="environment steps over all bicycles",
     )
-    add("--json", action="store_true", help="print the result as JSON")
-    add("--quiet", action="store_true", help="draw no progress bar")
+    options.add_overrides(parser, "ddpg.tau=0.01")
+    options.add_json(parser)
+    options.add_quiet(parser)
 
 
-def overrides_of(args: argparse.Namespace) -> list[str]:
-    """All `NAME=VALUE` changes that the arguments ask for."""
-    named = ((name, getattr(args, name)) for name in ("scenario", "seed", "device", "steps"))
-    return [*(f"{name}={value}" for name, value in named if value is not None), *args.overrides]
+def overrides_of(args: argparse.Namespace) -> list[loading.Override]:
+    """All changes that the arguments ask for."""
+    own = ("scenario", "seed", "device", "steps")
+    return options.changes(args, **{name: name for name in own})
 
 
 def config_of(args: argparse.Namespace) -> RunConfig:
@@ -67,7 +63,7 @@ def run_command(args: argparse.Namespace) -> int:
     Raises:
         ValueError: on a user's mistake, one line with the remedy.
     """
-    progress = not args.quiet and sys.stderr.isatty()
+    progress = options.shows_progress(args)
     if args.resume:
         if args.config is not None or args.preset is not None:
             raise ValueError("a resumed run has its own config.yaml: leave out --config, --preset")

@@ -27,6 +27,9 @@ from bicycle_sim.task.scenario import SCENARIOS, Scenario, named
 Tree = dict[str, Any]
 """Nested plain data, as YAML gives it."""
 
+Override: typing.TypeAlias = str | Tree
+"""A change of a configuration: `ddpg.tau=0.01`, or values by field."""
+
 RENAMED = {"taught": "guided", "taught-speed": "guided-speed"}
 """Presets of release 0.1.0 by what they are called now."""
 
@@ -39,7 +42,7 @@ def preset_names() -> list[str]:
     return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml"))
 
 
-def preset(name: str, overrides: Iterable[str] = ()) -> RunConfig:
+def preset(name: str, overrides: Iterable[Override] = ()) -> RunConfig:
     """The preset of that name, changed by `overrides` such as `ddpg.tau=0.01`.
 
     Raises:
@@ -48,7 +51,7 @@ def preset(name: str, overrides: Iterable[str] = ()) -> RunConfig:
     return build(_preset_tree(name), overrides)
 
 
-def load(path: Path, overrides: Iterable[str] = ()) -> RunConfig:
+def load(path: Path, overrides: Iterable[Override] = ()) -> RunConfig:
     """The configuration of a YAML file, which may extend a preset.
 
     Raises:
@@ -64,7 +67,7 @@ def load(path: Path, overrides: Iterable[str] = ()) -> RunConfig:
         raise ValueError(f"{path}: {error}") from error
 
 
-def build(tree: Tree, overrides: Iterable[str] = ()) -> RunConfig:
+def build(tree: Tree, overrides: Iterable[Override] = ()) -> RunConfig:
     """The configuration of nested plain data.
 
     Raises:
@@ -75,7 +78,7 @@ def build(tree: Tree, overrides: Iterable[str] = ()) -> RunConfig:
     return typing.cast(RunConfig, _make(RunConfig, tree, ""))
 
 
-def changed(config: Config, overrides: Iterable[str]) -> Config:
+def changed(config: Config, overrides: Iterable[Override]) -> Config:
     """A configuration, scenario or physics with the values of `overrides`.
 
     Raises:
@@ -118,15 +121,17 @@ def _extended(tree: Any) -> Tree:
     return _merge(_preset_tree(str(tree["extends"])), own) if "extends" in tree else own
 
 
-def _override(text: str) -> Tree:
+def _override(change: Override) -> Tree:
     """`ddpg.tau=0.01` as {"ddpg": {"tau": 0.01}}."""
-    key, equals, value = text.partition("=")
+    if not isinstance(change, str):
+        return change
+    key, equals, value = change.partition("=")
     if not equals or not key.strip():
-        raise ValueError(f"cannot read {text!r}: write NAME=VALUE, for instance ddpg.tau=0.01")
+        raise ValueError(f"cannot read {change!r}: write NAME=VALUE, for instance ddpg.tau=0.01")
     try:
         tree: Any = yaml_text.load(value)
     except yaml_text.YAMLError as error:
-        raise ValueError(f"cannot read the value of {text!r}: {_one_line(error)}") from error
+        raise ValueError(f"cannot read the value of {change!r}: {_one_line(error)}") from error
     for part in reversed(key.strip().split(".")):
         tree = {part: tree}
     return typing.cast(Tree, tree)

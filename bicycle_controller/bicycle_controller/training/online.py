@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from typing import Any
 import torch
 
 from bicycle_controller.agents.networks import policy_tensors
+from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.evaluation.score import Score, score
 from bicycle_controller.policy.policy import Policy, PolicyInfo, save_policy
@@ -69,7 +70,7 @@ def run(
 
 def resume(
     folder: Path,
-    overrides: Sequence[str] = (),
+    overrides: Iterable[loading.Override] = (),
     progress: bool = False,
     stop: Callable[[], bool] = lambda: False,
 ) -> Result:
@@ -77,7 +78,7 @@ def resume(
 
     Args:
         folder: of the run.
-        overrides: `NAME=VALUE` changes, see `run_folder.RESUMABLE`.
+        overrides: changes, see `run_folder.RESUMABLE`.
         progress: whether to draw a bar on standard error.
         stop: asked after every step of all bicycles.
 
@@ -89,7 +90,7 @@ def resume(
     files = RunFolder(folder)
     files.require()
     with files.held():
-        trainer = Trainer(files.resumed_config(list(overrides)), files)
+        trainer = Trainer(files.resumed_config(overrides), files)
         if files.checkpoint.exists():
             checkpoint.restore(files.checkpoint, trainer.load_state_dict)
         return trainer.train(progress, stop)

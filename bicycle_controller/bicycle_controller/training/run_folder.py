@@ -20,7 +20,7 @@ import platform
 import shlex
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timezone
@@ -111,7 +111,7 @@ class RunFolder:
         if not self.config.exists():
             raise ValueError(f"{self.path} holds no run to resume: leave out --resume")
 
-    def resumed_config(self, overrides: list[str]) -> RunConfig:
+    def resumed_config(self, overrides: Iterable[loading.Override]) -> RunConfig:
         """The run's configuration, with the changes that a run may go on with.
 
         Raises:

@@ -55,7 +55,7 @@ def plan(
     presets: Iterable[str],
     scenarios: Iterable[str],
     seeds: Iterable[int],
-    overrides: Iterable[str] = (),
+    overrides: Iterable[loading.Override] = (),
 ) -> list[Job]:
     """Every run of a sweep, those of the same seed together.
 
@@ -66,8 +66,8 @@ def plan(
     for seed in seeds:
         for preset in presets:
             for scenario in scenarios:
-                changes = [f"scenario={scenario}", f"seed={seed}", *overrides]
-                config = loading.preset(preset, changes)
+                own = {"scenario": scenario, "seed": seed}
+                config = loading.preset(preset, [own, *overrides])
                 folder = out / preset / scenario / f"seed-{seed}"
                 _check_same(folder, config)
                 jobs.append(Job(preset, scenario, seed, config, folder))

@@ -1,0 +1,117 @@
+"""The options that several commands share: each is defined once, in name, type and result."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Any
+
+from bicycle_controller.config.loading import Override
+
+
+def add_run_folder(parser: argparse.ArgumentParser, resumed_with: str, required: bool) -> None:
+    """Declare `--out` and `--resume` of a run; `resumed_with` tells what a run goes on with."""
+    add_out(parser, "the run's folder", required=required)
+    text = f"go on with the run in DIR, {resumed_with}"
+    parser.add_argument("--resume", action="store_true", help=text)
+
+
+def add_out(
+    parser: argparse.ArgumentParser,
+    text: str,
+    metavar: str = "DIR",
+    default: Path | None = None,
+    required: bool = False,
+) -> None:
+    """Declare `--out`, a path; `text` is its help."""
+    parser.add_argument(
+        "--out", type=Path, metavar=metavar, default=default, required=required, help=text
+    )
+
+
+def add_configuration(parser: argparse.ArgumentParser, presets: str, default: str) -> None:
+    """Declare `--preset` and `--config`; `presets` names those to choose from."""
+    add = parser.add_argument
+    add("--preset", metavar="NAME", help=f"{presets} (default: {default})")
+    add("--config", type=Path, metavar="FILE", help="a YAML file instead of a preset")
+
+
+def add_seed(
+    parser: argparse.ArgumentParser,
+    of: str = "of everything that is random",
+    default: int | None = None,
+) -> None:
+    """Declare `--seed`, a whole number; without a default the preset's holds."""
+    shown = "the preset's" if default is None else "%(default)s"
+    text = f"{of} (default: {shown})"
+    parser.add_argument("--seed", type=whole_number, default=default, metavar="N", help=text)
+
+
+def add_device(
+    parser: argparse.ArgumentParser,
+    text: str = "cpu or cuda (default: the preset's)",
+    default: str | None = None,
+) -> None:
+    """Declare `--device`, a name that is checked where the device is taken."""
+    parser.add_argument("--device", default=default, metavar="NAME", help=text)
+
+
+def add_overrides(
+    parser: argparse.ArgumentParser, example: str, what: str = "change one value, for instance"
+) -> None:
+    """Declare `--set`, which may be repeated, as `args.overrides`, a list of NAME=VALUE."""
+    parser.add_argument(
+        "--set",
+        dest="overrides",
+        action="append",
+        default=[],
+        metavar="NAME=VALUE",
+        help=f"{what} {example}; may be repeated",
+    )
+
+
+def add_json(parser: argparse.ArgumentParser, text: str = "print the result as JSON") -> None:
+    """Declare `--json`."""
+    parser.add_argument("--json", action="store_true", help=text)
+
+
+def add_quiet(parser: argparse.ArgumentParser) -> None:
+    """Declare `--quiet`; ask `shows_progress` for it."""
+    parser.add_argument("--quiet", action="store_true", help="draw no progress bar")
+
+
+def shows_progress(args: argparse.Namespace) -> bool:
+    """Whether to draw a progress bar on standard error."""
+    return not args.quiet and sys.stderr.isatty()
+
+
+def changes(args: argparse.Namespace, **names: str) -> list[Override]:
+    """What the arguments change in a configuration: options of their own, then `--set`.
+
+    Args:
+        args: the arguments.
+        names: option by the field of the configuration that it sets, `field="option"`.
+    """
+    values = {field: getattr(args, option) for field, option in names.items()}
+    given: dict[str, Any] = {name: value for name, value in values.items() if value is not None}
+    return [given, *args.overrides]
+
+
+def whole_number(text: str) -> int:
+    """A whole number; `2e5` is one too.
+
+    Raises:
+        argparse.ArgumentTypeError: when it is none.
+    """
+    try:
+        return int(text)
+    except ValueError:
+        pass
+    try:
+        number = float(text)
+    except ValueError:
+        number = float("nan")
+    if not number.is_integer():
+        raise argparse.ArgumentTypeError(f"must be a whole number, not {text!r}")
+    return int(number)
