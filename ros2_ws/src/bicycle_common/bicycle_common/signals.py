@@ -55,6 +55,7 @@ def run_module(name: str) -> NoReturn:
     """
     on_signals(_leave)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
+    _check_shared_memory(name)
     main = importlib.import_module(name).main
     try:
         signal.signal(signal.SIGINT, _interrupt)
@@ -79,6 +80,15 @@ def importing() -> Iterator[None]:
     yield
     if mine:
         signal.signal(signal.SIGINT, _interrupt)
+
+
+def _check_shared_memory(name: str) -> None:
+    """End a program that would load ROS where that would kill it."""
+    from bicycle_common import shared_memory
+
+    if ".nodes." in name and (reason := shared_memory.refusal()):
+        print(f"{name.rpartition('.')[2]}: {reason}", file=sys.stderr)
+        sys.exit(1)
 
 
 def _status_of(main: Callable[[], int | None]) -> str | int | None:
