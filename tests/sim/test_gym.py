@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bicycle_sim.task.scenario import Region, Scenario, named
+from bicycle_sim.task.scenario import SCENARIOS, Region, Scenario, named
 
 gymnasium = pytest.importorskip("gymnasium")
 
@@ -196,7 +196,7 @@ def test_observations_stay_inside_however_wild() -> None:
         ({"fall": "stop"}, "fall must be one of freeze, terminate"),
         ({"observation_scale": (1.0, 2.0)}, "six numbers above zero"),
         ({"observation_scale": (1.0,) * 5 + (0.0,)}, "six numbers above zero"),
-        ({"render_mode": "human"}, "render_mode must be None"),
+        ({"render_mode": "human"}, "render_mode must be None or rgb_array, not 'human'"),
         (
             {"scenario": replace(FAR, torque_limit=0.0, displacement_limit=0.0)},
             "allows no action at all",
@@ -225,3 +225,50 @@ def test_the_docstring_states_the_spaces() -> None:
     known = {"pi": math.pi, "-pi": -math.pi}
     np.testing.assert_allclose(space.low, [known.get(text) or float(text) for text in low])
     np.testing.assert_allclose(space.high, [known.get(text) or float(text) for text in high])
+
+
+def test_every_scenario_has_an_id_of_its_own() -> None:
+    for name in SCENARIOS:
+        env = gymnasium.make(f"bicycle/{name}-v0")
+        assert env.unwrapped.task.scenario == SCENARIOS[name]
+
+
+def test_a_picture_shows_the_bicycle() -> None:
+    env = gymnasium.make("bicycle_sim:BicycleGoal-v0", render_mode="rgb_array")
+    env.reset(seed=3)
+    upright = env.render()
+    assert upright.shape == (480, 640, 3)
+    assert upright.dtype == np.uint8
+    assert np.array_equal(upright, env.render())
+    task = env.unwrapped.task
+    task.state = replace(task.state, lean_angle=np.array([0.5]))
+    leaning = env.render()
+    middle = np.any(leaning != upright, axis=-1)
+    assert middle[150:350, 200:450].mean() > 0.05, "the rider leans"
+    assert np.argwhere(frame(leaning))[:, 1].mean() < np.argwhere(frame(upright))[:, 1].mean(), (
+        "to the left"
+    )
+
+
+def frame(picture: np.ndarray) -> np.ndarray:
+    """Where the bicycle's frame is."""
+    return (picture[:, :, 0] > 150) & (picture[:, :, 1] < 90)
+
+
+def test_many_bicycles_have_a_picture_each() -> None:
+    envs = gymnasium.make_vec("BicycleGoal-v0", num_envs=2, render_mode="rgb_array")
+    envs.reset(seed=1)
+    first, second = envs.render()
+    assert first.shape == second.shape == (480, 640, 3)
+    assert BicycleVectorEnv(num_envs=2).render() is None
+
+
+def test_success_is_told_where_the_goal_is_reached() -> None:
+    env = BicycleEnv(NEAR)
+    _, info = env.reset(seed=0)
+    told = [info["is_success"]]
+    ended = False
+    while not ended:
+        _, _, ended, _, info = env.step(np.zeros(2, np.float32))
+        told.append(info["is_success"])
+    assert told == [False] * (len(told) - 1) + [True]

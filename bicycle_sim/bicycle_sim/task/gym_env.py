@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
@@ -24,7 +24,11 @@ from bicycle_sim.plants.choi.parameters import Physics
 from bicycle_sim.task import registration
 from bicycle_sim.task.registration import ENV_ID
 from bicycle_sim.task.scenario import Scenario, named
+from bicycle_sim.task.scene import Scene
 from bicycle_sim.task.task import BicycleTask, Step
+
+if TYPE_CHECKING:
+    from bicycle_sim.task.render import Renderer
 
 __all__ = ["AUTHORS_SCALE", "ENV_ID", "FALLS", "BicycleEnv", "BicycleVectorEnv"]
 
@@ -33,7 +37,10 @@ AUTHORS_SCALE = (math.pi / 2, 1.0, math.pi / 6, 1.0, 1.0, 1.0)
 
 FALLS = ("freeze", "terminate")
 
-_METADATA: dict[str, Any] = {"render_modes": [], "render_fps": 40}
+WHEEL_RADIUS = 0.34
+"""m, of the wheels in pictures."""
+
+_METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 40}
 
 
 class _Face:
@@ -82,9 +89,32 @@ class _Face:
         ended = step.terminated | step.fallen if self.ends_at_fall else step.terminated
         return self.observe(step.observation), step, ended
 
+    def render(self, renderers: Sequence[Renderer]) -> tuple[np.ndarray, ...]:
+        """Pictures of the first bicycles, one for each renderer, (480, 640, 3) uint8."""
+        state, task = self.task.state, self.task
+        return tuple(
+            renderer.draw(
+                Scene(
+                    rear=(float(state.rear_x[index]), float(state.rear_y[index])),
+                    front=(float(state.front_x[index]), float(state.front_y[index])),
+                    lean_angle=float(state.lean_angle[index]),
+                    steer_angle=float(state.steer_angle[index]),
+                    speed=float(state.speed[index]),
+                    goal=(float(task.goal_x[index]), float(task.goal_y[index])),
+                    goal_radius=task.scenario.goal_radius,
+                    wheel_radius=WHEEL_RADIUS,
+                    fallen=bool(task.fallen[index]),
+                )
+            )
+            for index, renderer in enumerate(renderers)
+        )
+
     def info(self, step: Step | None = None) -> dict[str, np.ndarray]:
         """What is known beside the observation, arrays of shape (N,); see `BicycleEnv`."""
         found = {
+            "is_success": np.zeros(self.task.count, dtype=bool)
+            if step is None
+            else step.terminated.copy(),
             "fallen": self.task.fallen.copy(),
             "goal_distance": self.task.goal_distance(),
             "speed": self.task.state.speed.copy(),
@@ -143,6 +173,7 @@ class BicycleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     | key                        | meaning                                        | unit |
     | -------------------------- | ---------------------------------------------- | ---- |
+    | is_success                 | whether the goal was reached in this step      | bool |
     | fallen                     | whether the bicycle lies                       | bool |
     | goal_distance              | rear contact to goal                           | m    |
     | speed                      | v                                              | m/s  |
@@ -168,16 +199,16 @@ class BicycleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             physics: `faithful`, `corrected`, or any physics.
             fall: `freeze` or `terminate`.
             observation_scale: six divisors, such as AUTHORS_SCALE; SI units by default.
-            render_mode: None; there is no picture.
+            render_mode: None, or `rgb_array` for pictures of (480, 640, 3) uint8.
 
         Raises:
             ValueError: on an unknown name or value.
         """
-        require(render_mode is None, f"render_mode must be None, not {render_mode!r}")
-        self.render_mode = None
+        self.render_mode = _checked(render_mode)
         self._face = _Face(scenario, physics, fall, observation_scale, 1)
         self.action_space = self._face.action_space
         self.observation_space = self._face.observation_space
+        self._renderers: list[Renderer] = []
 
     @property
     def task(self) -> BicycleTask:
@@ -196,7 +227,15 @@ class BicycleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         super().reset(seed=seed)
         self.task.rng = self.np_random
         self.task.reset()
+        self._renderers = []
         return self._face.observe(self.task.observation())[0], _only(self._face.info())
+
+    def render(self) -> np.ndarray | None:
+        """Return a picture of the bicycle from behind, or None without a render mode."""
+        if self.render_mode is None:
+            return None
+        self._renderers = self._renderers or _renderers(1)
+        return self._face.render(self._renderers)[0]
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """One time step, 0.025 s.
@@ -233,8 +272,7 @@ class BicycleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             ValueError: on an unknown name or value.
         """
-        require(render_mode is None, f"render_mode must be None, not {render_mode!r}")
-        self.render_mode = None
+        self.render_mode = _checked(render_mode)
         self.num_envs = num_envs
         self._face = _Face(scenario, physics, fall, observation_scale, num_envs)
         self.single_action_space = self._face.action_space
@@ -242,6 +280,7 @@ class BicycleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._ended = np.zeros(num_envs, dtype=bool)
+        self._renderers: list[Renderer] = []
 
     @property
     def task(self) -> BicycleTask:
@@ -261,7 +300,15 @@ class BicycleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.task.rng = self.np_random
         self._ended = np.zeros(self.num_envs, dtype=bool)
         self.task.reset()
+        self._renderers = []
         return self._face.observe(self.task.observation()), _masked(self._face.info())
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """Return one picture for each bicycle, or None without a render mode."""
+        if self.render_mode is None:
+            return None
+        self._renderers = self._renderers or _renderers(self.num_envs)
+        return self._face.render(self._renderers)
 
     def step(
         self, actions: np.ndarray
@@ -277,6 +324,8 @@ class BicycleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         reward, info = step.reward + 0.0, self._face.info(step)
         if fresh.any():
             self.task.reset(fresh)
+            for index in np.flatnonzero(fresh[: len(self._renderers)]):
+                self._renderers[index].clear()
             observation = self._face.observe(self.task.observation())
             ended, truncated = ended & ~fresh, truncated & ~fresh
             reward[fresh] = 0.0
@@ -284,6 +333,27 @@ class BicycleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             info = {name: np.where(fresh, begun[name], value) for name, value in info.items()}
         self._ended = ended | truncated
         return observation, reward, ended, truncated, _masked(info)
+
+
+def _checked(render_mode: str | None) -> str | None:
+    """Return a render mode that there is.
+
+    Raises:
+        ValueError: on any other.
+    """
+    known = _METADATA["render_modes"]
+    require(
+        render_mode is None or render_mode in known,
+        f"render_mode must be None or {' or '.join(known)}, not {render_mode!r}",
+    )
+    return render_mode
+
+
+def _renderers(count: int) -> list[Renderer]:
+    """Make renderers; matplotlib is imported by who wants pictures only."""
+    from bicycle_sim.task.render import Renderer
+
+    return [Renderer() for _ in range(count)]
 
 
 def _only(info: dict[str, np.ndarray]) -> dict[str, Any]:

@@ -1,0 +1,28 @@
+"""What a picture of a bicycle shows, whoever draws it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What a picture shows, in the paper's signs."""
+
+    rear: tuple[float, float]
+    """m, rear contact."""
+    front: tuple[float, float]
+    """m, front contact."""
+    lean_angle: float
+    """rad, positive to the left."""
+    steer_angle: float
+    """rad, positive to the left."""
+    speed: float
+    """m/s."""
+    goal: tuple[float, float]
+    """m."""
+    goal_radius: float
+    """m."""
+    wheel_radius: float
+    """m."""
+    fallen: bool
