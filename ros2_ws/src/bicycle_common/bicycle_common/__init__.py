@@ -1,1 +1,1 @@
-"""What all packages share: types, conventions, validation, and the plumbing of nodes."""
+"""Shared by all packages: types, conventions, validation, and the plumbing of nodes."""

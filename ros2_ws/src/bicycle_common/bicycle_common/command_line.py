@@ -1,4 +1,4 @@
-"""Command lines whose mistakes are one line, and ROS's own words among the arguments."""
+"""Command-line parsing: one line for a user's mistake, and ROS arguments among the options."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 from bicycle_common.validation import empty_word
 
 FAILED = 1
-"""Exit status when the work failed."""
+"""Exit status of a failure."""
 
 USAGE_ERROR = 2
 """Exit status for a user's mistake."""
@@ -20,11 +20,11 @@ INTERRUPTED = 130
 """Exit status after Ctrl-C."""
 
 _RULE = re.compile(r"(__[a-z]+|[A-Za-z_/~][\w/~.]*):=\S*")
-"""`name:=value`, as ROS writes parameters and remapping rules."""
+"""A parameter or remapping rule in ROS syntax, `name:=value`."""
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """A parser for a script that has its own `--help`."""
+    """Parser of a program that prints its own `--help`."""
 
     def error(self, message: str) -> NoReturn:
         """End the program with status 2 and one line, without the usage."""
@@ -32,7 +32,7 @@ class OneLineParser(argparse.ArgumentParser):
         raise SystemExit(2)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As always, but a word that is empty is a mistake."""
+        """Parse as `argparse` does, but refuse an empty word."""
         words = list(sys.argv[1:] if args is None else args)
         if mistake := empty_word(words):
             self.error(mistake)
@@ -41,14 +41,14 @@ class OneLineParser(argparse.ArgumentParser):
     def parse_with_ros(self, words: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
         """Parse a command line that may hold `__ns:=/name`, `/from:=/to` and `--ros-args ...`.
 
-        The value of an option is never taken for one of ROS's words. A program of this kind has
-        no parameters, so `name:=value` is a mistake.
+        An option's value is never read as a ROS argument. These programs have no parameters, so
+        `name:=value` is an error.
 
         Args:
             words: the command line without the program's name.
 
         Returns:
-            What was parsed, and the arguments for ROS, which are none or begin with `--ros-args`.
+            The parsed options, and the ROS arguments: empty, or beginning with `--ros-args`.
         """
         for word in words:
             if any("\udc80" <= letter <= "\udcff" for letter in word):
@@ -76,7 +76,7 @@ class OneLineParser(argparse.ArgumentParser):
         return own, ros
 
     def _values(self, option: str, words: list[str]) -> list[str]:
-        """Take the words that an option has for values."""
+        """Take the words that are values of `option`."""
         action = next(self._known(option), None)
         if action is None or "=" in option or not words:
             return []
@@ -93,7 +93,7 @@ class OneLineParser(argparse.ArgumentParser):
         return taken
 
     def _known(self, option: str) -> Iterator[argparse.Action]:
-        """The option of that name, here or of a verb."""
+        """Yield the actions of the option of that name, of this parser or of a subcommand."""
         for action in self._actions:
             if option in action.option_strings:
                 yield action
@@ -102,7 +102,7 @@ class OneLineParser(argparse.ArgumentParser):
                     yield from verb._known(option)
 
     def _rule(self, word: str) -> str:
-        """A remapping rule, but no parameter."""
+        """Return a remapping rule; end the program on a parameter."""
         if not word.startswith(("__", "/")):
             self.error(f"there are no parameters here, so {word!r} does nothing")
         return word
@@ -113,7 +113,7 @@ RULES = "FROM:=TO"
 
 
 def _until_end(words: list[str]) -> list[str]:
-    """Take ROS's words, up to a lone `--`."""
+    """Take the ROS arguments, up to a lone `--`."""
     taken = []
     while words and (word := words.pop(0)) != "--":
         taken.append(word)

@@ -1,8 +1,8 @@
-"""Which quantities change sign between the paper's convention and REP-103's, and nothing else.
+"""Quantities whose sign differs between the paper's convention and REP-103.
 
-Inside, the paper's: lean omega > 0 to the left, psi_g > 0 for a goal to the right. In messages,
-REP-103: roll > 0 to the right, heading error > 0 for a goal to the left. Negation is exact and
-its own inverse, so one function serves both ways, for numbers and for whole columns of a bag.
+The code uses the paper's signs: lean omega > 0 to the left, psi_g > 0 for a goal to the right.
+Messages use REP-103: roll > 0 to the right, heading error > 0 for a goal to the left. Negation
+is exact and its own inverse, so one function converts both ways, for numbers and bag columns.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import Any
 
 MIRRORED = frozenset(("lean_angle", "lean_rate", "lean_acceleration", "heading_error"))
-"""Names of the quantities that are negated."""
+"""Names of the negated quantities."""
 
 
 def mirror(name: str, value: Any) -> Any:
-    """The quantity `name` in the other convention; a number or an array."""
+    """Return the quantity `name` in the other convention; a number or an array."""
     return -value if name in MIRRORED else value

@@ -1,4 +1,4 @@
-"""The commands that start the stack's programs, and where their files are."""
+"""Commands that start the stack's programs, and the location of their files."""
 
 from __future__ import annotations
 
@@ -14,27 +14,27 @@ MODULES = {
     "simulator": "bicycle_sim.nodes.sim_node",
     "controller": "bicycle_controller.nodes.controller_node",
 }
-"""The nodes of a ride, in the order they are started."""
+"""Modules of the nodes of a ride, in start order."""
 
 
 CONFIGURED = ("simulator", "controller")
-"""Those that have parameters."""
+"""Nodes that have parameters."""
 
 
 def program(name: str) -> list[str]:
-    """The program of one node, a key of `MODULES`, without arguments."""
+    """Return the command of one node, a key of `MODULES`, without arguments."""
     return [sys.executable, "-m", MODULES[name]]
 
 
 def node_command(
     name: str, config: Path, parameters: Sequence[str], parameter_files: Sequence[Path] = ()
 ) -> list[str]:
-    """The command that starts a node which has parameters.
+    """Return the command that starts a node with parameters.
 
     Args:
         name: one of `CONFIGURED`.
         config: folder with one parameter file per node.
-        parameters: ``NODE.name:=value``, of any node; those of others are left out.
+        parameters: ``NODE.name:=value`` of any node; those of other nodes are ignored.
         parameter_files: read after the node's own.
     """
     ros = ["--ros-args"]
@@ -48,15 +48,15 @@ def node_command(
 
 
 def workspace() -> Path:
-    """The workspace that the scripts belong to, or the present folder without one."""
+    """Return the scripts' workspace, or the current folder if there is none."""
     return Path(os.environ.get("BICYCLE_WS", Path.cwd()))
 
 
 def config_folder() -> Path:
-    """The folder of the parameter files: beside the sources, or where colcon installed them.
+    """Return the folder of the parameter files: beside the sources, or where colcon installed them.
 
     Raises:
-        ValueError: when neither is there.
+        ValueError: if it is in neither place.
     """
     sources = Path(__file__).resolve().parents[2] / "bicycle_bringup"
     prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
@@ -68,10 +68,10 @@ def config_folder() -> Path:
 
 
 def checked_parameter(word: str) -> str:
-    """``NODE.name:=value`` as it is.
+    """Return ``NODE.name:=value`` unchanged.
 
     Raises:
-        ValueError: when it names no node with parameters.
+        ValueError: if NODE is no node with parameters.
     """
     node, dot, _ = word.partition(":=")[0].partition(".")
     if not dot or node not in CONFIGURED:

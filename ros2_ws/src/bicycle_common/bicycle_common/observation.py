@@ -1,4 +1,4 @@
-"""The six states of the paper that a policy sees, and how a goal lies to a bicycle."""
+"""Observation of a policy (the paper's six states), and the bearing of a goal."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bicycle_common.types import BicycleState, Point2D
 
 
 def observation(snapshot: BicycleState, heading_error: float) -> np.ndarray:
-    """The six states of the paper, shape (6,), with a heading error psi_g in rad."""
+    """Return the paper's six states, shape (6,), with a heading error psi_g in rad."""
     return np.array(
         [
             snapshot.steer_angle,
@@ -25,7 +25,7 @@ def observation(snapshot: BicycleState, heading_error: float) -> np.ndarray:
 
 
 def goal_bearing(numbers: dict[str, float], goal: Point2D | None) -> tuple[float, float]:
-    """Heading error psi_g (rad) and distance (m) of a goal from a state; NaN without one."""
+    """Return heading error psi_g (rad) and distance (m) of a goal from a state; NaN without one."""
     if goal is None:
         return math.nan, math.nan
     x, y = numbers["rear_x"], numbers["rear_y"]

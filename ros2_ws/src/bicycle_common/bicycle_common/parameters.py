@@ -12,7 +12,7 @@ Value = bool | int | float | str
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter as a user meets it."""
+    """One parameter with its description and bounds."""
 
     name: str
     default: Value
@@ -25,7 +25,7 @@ class Parameter:
         """Check a value of the right type.
 
         Raises:
-            ValueError: when it is outside the range or none of the choices.
+            ValueError: if it is out of range or none of the choices.
         """
         if self.choices and value not in self.choices:
             raise ValueError(
@@ -46,19 +46,19 @@ def parameter(
     high: float | None = None,
     choices: tuple[str, ...] = (),
 ) -> Any:
-    """A dataclass field that becomes a ROS parameter."""
+    """Return a dataclass field that becomes a ROS parameter."""
     facts = {"description": description, "low": low, "high": high, "choices": choices}
     return field(default=default, metadata=facts)
 
 
 def parameters_of(settings: type) -> Iterator[Parameter]:
-    """The parameters of a settings class."""
+    """Yield the parameters of a settings class."""
     for item in fields(settings):
         yield Parameter(item.name, item.default, **item.metadata)  # type: ignore[arg-type]
 
 
 def describe(settings: type) -> str:
-    """A table of the parameters for `--help`."""
+    """Return a table of the parameters for `--help`."""
     lines = []
     for item in parameters_of(settings):
         about = item.description

@@ -1,11 +1,11 @@
-"""The look of every picture: colours of text and lines, and matplotlib's settings."""
+"""Common style of all plots: colours of text and lines, and matplotlib's settings."""
 
 from __future__ import annotations
 
 from typing import Any
 
 INK, FAINT, GRID = "#1f2933", "#7b8794", "#e4e7eb"
-"""Colours of text and dark lines, of what is less important, and of grids."""
+"""Colours of text and dark lines, of secondary elements, and of grids."""
 
 STYLE: dict[str, Any] = {
     "font.family": "sans-serif",
@@ -22,4 +22,4 @@ STYLE: dict[str, Any] = {
     "xtick.color": FAINT,
     "ytick.color": FAINT,
 }
-"""For `matplotlib.rc_context`."""
+"""Settings for `matplotlib.rc_context`."""

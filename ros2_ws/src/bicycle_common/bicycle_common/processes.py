@@ -1,4 +1,4 @@
-"""The nodes of a ride as child processes: started with a log, watched, ended in good order."""
+"""Nodes of a ride as child processes: start with a log, watch, and stop."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from pathlib import Path
 from bicycle_common import signals
 
 PATIENCE = 10.0
-"""s that a process gets to follow a signal: on a busy machine it is slow, not stuck."""
+"""Time for a process to react to a signal (s): on a busy machine it is slow, not stuck."""
 FIRST_WORD, NEXT_WORD = 2.0, 10.0
-"""s after which people are told that somebody is waited for, and between such lines."""
+"""Wait before the first message about a process that is still saving, and between messages (s)."""
 ASKED = (-signal.SIGINT, -signal.SIGTERM, 128 + signal.SIGINT, 128 + signal.SIGTERM)
-"""Ends as good as any of a process that has nothing to save, such as one that is starting."""
+"""Exit statuses that count as clean for a process with nothing to save, such as one starting up."""
 LOOK = 0.05
-"""s between two looks at a process that is waited for."""
+"""Polling period while waiting for a process (s)."""
 
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
@@ -29,25 +29,25 @@ _PR_SET_PDEATHSIG = 1
 
 @dataclass(frozen=True)
 class Exit:
-    """The unasked end of one process."""
+    """Unexpected end of one process."""
 
     name: str
     status: int
     """Exit status, negative for the signal that killed it."""
 
     def __str__(self) -> str:
-        """Say it as a person would."""
+        """Return a description for the user."""
         if self.status < 0:
             return f"{self.name} was killed by {signal.Signals(-self.status).name}"
         return f"{self.name} exited with status {self.status}"
 
 
 class Vigil:
-    """Waits for a process that is saving, tells people so, and leaves it where they want that.
+    """Waits for a process that is saving, tells the user, and stops waiting on Ctrl-C.
 
     Args:
-        say: takes a line.
-        interrupts: how many Ctrl-C have come; one after a line of `say` ends the wait.
+        say: prints a line.
+        interrupts: returns the number of Ctrl-C so far; one after a line of `say` ends the wait.
     """
 
     def __init__(self, say: Callable[[str], object], interrupts: Callable[[], int]) -> None:
@@ -56,13 +56,13 @@ class Vigil:
         self.begin("")
 
     def begin(self, what: str) -> None:
-        """Begin to wait for something, which `what` says in the present tense."""
+        """Begin to wait; `what` describes for what, in the present tense."""
         self._what = what
         self._told: int | None = None
         self._next = FIRST_WORD
 
     def goes_on(self, waited: float) -> bool:
-        """Whether to wait on, after `waited` seconds."""
+        """Return True to continue the wait after `waited` seconds."""
         if self._told is not None and self._interrupts() > self._told:
             return False
         if waited >= self._next:
@@ -75,17 +75,17 @@ class Vigil:
 
 
 class ManagedProcess:
-    """One node in a session of its own, so that a terminal's Ctrl-C reaches the ride alone.
+    """One node in its own session, so that a terminal's Ctrl-C reaches only the ride.
 
-    It is told to end when this process is gone, however that ended, and its output goes to a log.
+    The kernel ends it if this process ends in any way. Its output goes to a log.
 
     Args:
-        name: for people and for the log's name.
+        name: for messages and the log's file name.
         command: program and arguments.
-        log: file that its output is added to.
-        registry: folder where stop.sh looks for what runs; None leaves no note.
-        saves: what it writes that must not be lost: then it is waited for, and never killed.
-        early: whether it starts by `bicycle_common.signals`, so that no signal is too early.
+        log: file to which its output is appended.
+        registry: folder where stop.sh looks for running processes; None to leave no entry.
+        saves: what it writes; such a process is waited for and never killed. Empty for nothing.
+        early: True if it starts through `bicycle_common.signals`, which handles early signals.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class ManagedProcess:
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self) -> None:
-        """Start it, or start it again."""
+        """Start or restart it."""
         with self.log.open("ab") as log:
             self._process = subprocess.Popen(
                 self.command,
@@ -124,18 +124,18 @@ class ManagedProcess:
 
     @property
     def running(self) -> bool:
-        """Whether it was started and has not ended."""
+        """True if it was started and has not ended."""
         return self._process is not None and self._process.poll() is None
 
     def ended(self) -> Exit | None:
-        """How it ended; None while it runs."""
+        """Return how it ended; None while it runs."""
         if self._process is None or self._process.poll() is None:
             return None
         self._forget()
         return Exit(self.name, self._process.returncode)
 
     def last_lines(self, count: int = 3) -> list[str]:
-        """The end of its log."""
+        """Return the last lines of its log."""
         try:
             lines = self.log.read_text(errors="replace").splitlines()
         except OSError:
@@ -143,16 +143,16 @@ class ManagedProcess:
         return [line for line in lines if line.strip()][-count:]
 
     def stop(self, vigil: Vigil | None = None, patience: float = PATIENCE) -> int | None:
-        """End it: SIGINT, then SIGTERM, then SIGKILL, each after `patience` seconds.
+        """Stop it: SIGINT, then SIGTERM, then SIGKILL, each after `patience` seconds.
 
-        One that saves gets no SIGKILL: it is waited for.
+        A process that saves gets no SIGKILL: it is waited for.
 
         Args:
-            vigil: tells of that and may end the wait; without it, nobody is told.
-            patience: s.
+            vigil: reports the wait and may end it; None for a silent wait.
+            patience: wait before each further signal, s.
 
         Returns:
-            Its exit status; None if it never ran, or was left to end alone.
+            Its exit status; None if it never ran, or was left to end on its own.
         """
         if self._process is None:
             return None
@@ -166,7 +166,7 @@ class ManagedProcess:
             waited = time.monotonic() - began
             if steps and waited >= steps[0][0]:
                 self._process.send_signal(steps.pop(0)[1])
-                # One that is stopped would not follow.
+                # A process stopped by SIGSTOP would not react.
                 self._process.send_signal(signal.SIGCONT)
             if self.saves and vigil is not None and not vigil.goes_on(waited):
                 return None
@@ -176,11 +176,11 @@ class ManagedProcess:
         return self._process.returncode
 
     def is_well(self, status: int) -> bool:
-        """Whether that is how it should end: with 0, or asked to before it had begun to save."""
+        """Return True for a good end: status 0, or asked to end before it had begun to save."""
         return status == 0 or (status in ASKED and not (self.saves and Path(self.saves).exists()))
 
     def left(self) -> str:
-        """A line for people who did not wait for it."""
+        """Return a line for a user who did not wait for it."""
         assert self._process is not None
         return (
             f"left the {self.name} (process {self._process.pid}), which goes on writing "
@@ -188,19 +188,19 @@ class ManagedProcess:
         )
 
     def _forget(self) -> None:
-        """Remove the note for stop.sh."""
+        """Remove the entry for stop.sh."""
         if self._note is not None:
             self._note.unlink(missing_ok=True)
 
 
 class ProcessGroup:
-    """The processes of one ride.
+    """Processes of one ride.
 
     Args:
-        commands: program and arguments of each, by name, in the order to start them.
-        folder: where their logs go.
+        commands: program and arguments of each, by name, in start order.
+        folder: folder of their logs.
         registry: as for `ManagedProcess`.
-        saves: by name, what one writes; see `ManagedProcess`.
+        saves: what a process writes, by name; see `ManagedProcess`.
         early: as for `ManagedProcess`.
     """
 
@@ -220,26 +220,26 @@ class ProcessGroup:
         }
 
     def start(self, *names: str) -> None:
-        """Start these, or all."""
+        """Start the named processes, or all."""
         for name in names or self._children:
             self._children[name].start()
 
     def ended(self) -> list[Exit]:
-        """Those that have ended."""
+        """Return the ends of all that have ended."""
         exits = (child.ended() for child in self._children.values())
         return [exit_ for exit_ in exits if exit_ is not None]
 
     def log_tail(self, name: str) -> str:
-        """The last line of one's log, and where the rest is."""
+        """Return the last line of one process's log, and the log's path."""
         child = self._children[name]
         lines = child.last_lines(1)
         return f"{lines[0] if lines else 'it said nothing'} (log: {child.log})"
 
     def stop(self, *order: str, vigil: Vigil | None = None) -> list[str]:
-        """End these one after the other.
+        """Stop the processes one after the other.
 
         Returns:
-            A line about each that was left, or ended otherwise than with status 0.
+            A line for each that was left, or ended with another status than 0.
         """
         lines = []
         for name in order:
@@ -255,26 +255,26 @@ class ProcessGroup:
 
     @property
     def left(self) -> bool:
-        """Whether one of them still runs."""
+        """Return True if one of them still runs."""
         return any(child.running for child in self._children.values())
 
 
 def _die_with_parent() -> None:
-    """Have the kernel send SIGTERM when the ride is gone, even by SIGKILL."""
+    """Ask the kernel to send SIGTERM when the parent ends, even by SIGKILL."""
     _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _begin_early() -> None:
-    """The same for a program that unblocks signals when it can answer them."""
+    """As `_die_with_parent`, for a program that unblocks signals once it can handle them."""
     signals.block()
     _die_with_parent()
 
 
 def _start_time(pid: int) -> str:
-    """When a process began, in the kernel's ticks; stop.sh compares it."""
+    """Return when a process started, in kernel ticks; stop.sh compares it."""
     return Path(f"/proc/{pid}/stat").read_text().rpartition(") ")[2].split()[19]
 
 
 def registry_of(workspace: Path) -> Path:
-    """The folder where stop.sh looks for this domain's processes."""
+    """Return the folder where stop.sh looks for this domain's processes."""
     return workspace / "runs" / "pids" / os.environ.get("ROS_DOMAIN_ID", "0")

@@ -1,9 +1,9 @@
-"""Signals from a program's first moment to its last: asked to end, it ends, in no other words.
+"""Signal handling from a program's start to its end, without tracebacks.
 
-Importing what a program needs takes a second, in which Python's own answer to Ctrl-C is a
-traceback from the middle of some library; and when a program has done its work Python gives the
-signals back before it is gone, so that one that comes then kills it, whatever it had to tell. So
-a program of ours begins here, with a module that imports next to nothing:
+Imports take a second, during which Ctrl-C would print a traceback from inside some library. At
+exit Python restores the default handlers before the process is gone, so that a late signal would
+kill it and change its exit status. So every program starts with this module, which imports
+next to nothing:
 
     if __name__ == "__main__":
         from bicycle_common.signals import run_module
@@ -34,20 +34,20 @@ AGAIN = 1.0
 
 
 def on_signals(handler: Callable[[int, FrameType | None], object]) -> None:
-    """Have `handler` called when the program is asked to end, or its terminal is closed."""
+    """Call `handler` when the program is asked to end, or its terminal is closed."""
     for number in ENDING:
-        # nohup has SIGHUP ignored.
+        # nohup ignores SIGHUP; keep that.
         if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, handler)
 
 
 def block() -> None:
-    """Let signals wait: for a child between fork and exec, whose program unblocks them."""
+    """Block the signals: for a child between fork and exec, whose program unblocks them."""
     signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
 
 
 def run_module(name: str) -> NoReturn:
-    """Import a module and run its `main`, which takes nothing and gives an exit status.
+    """Import a module and run its `main`, which takes nothing and returns an exit status.
 
     A signal ends the program quietly, with 128 + its number, until `main` answers signals itself.
     There SIGINT raises KeyboardInterrupt; a second SIGINT ends the program at once. When `main` is

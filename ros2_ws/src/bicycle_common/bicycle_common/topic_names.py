@@ -1,7 +1,7 @@
-"""The names of all topics and services, one home for nodes and for what reads bags.
+"""Names of all topics and services, for nodes and for readers of bags.
 
-They are relative, so that a namespace makes one bicycle of a fleet, but for `CLOCK` and
-`DIAGNOSTICS`, which are absolute by convention. A bag of one bicycle has them below `/`, see
+Names are relative, so that a namespace selects one bicycle of a fleet; only `CLOCK` and
+`DIAGNOSTICS` are absolute, by convention. A bag of one bicycle has them below `/`, see
 `in_bag`.
 """
 
@@ -34,5 +34,5 @@ LOAD_POLICY = "bicycle/load_policy"
 
 
 def in_bag(name: str) -> str:
-    """The absolute name of a relative one, for a bicycle without a namespace."""
+    """Return the absolute name of a relative one, for a bicycle without a namespace."""
     return f"/{name}"

@@ -1,6 +1,6 @@
-"""What the packages tell each other: states, commands, starts, pushes and transitions.
+"""Types shared by the packages: states, commands, starts, pushes and transitions.
 
-Everything is in the paper's signs and symbols. `conventions.py` has what messages change.
+All values use the paper's signs and symbols; `conventions.py` lists the sign changes in messages.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ Point2D = tuple[float, float]
 
 
 FARTHEST_START = 1e5
-"""m: beyond this a double no longer resolves a step's motion well."""
+"""Largest start coordinate (m): beyond it a double no longer resolves a step's motion well."""
 
 
 FASTEST_START = 20.0
-"""m/s: beyond this one step is half a wheelbase long."""
+"""Largest start speed (m/s): beyond it one step is half a wheelbase long."""
 
 
 class CommandSource(IntEnum):
-    """Where the input of a step came from; the numbers are those of BicycleState."""
+    """Source of a step's input; the numbers are those of BicycleState."""
 
     INITIAL = 0
     FRESH = 1
@@ -36,7 +36,7 @@ class CommandSource(IntEnum):
 
 @dataclass(frozen=True)
 class Command:
-    """What a controller wants done in the step after the state it answers."""
+    """Input that a controller requests for the step after the state it answers."""
 
     episode: int
     step: int
@@ -54,16 +54,16 @@ class Command:
 
     @property
     def action(self) -> tuple[float, float, float]:
-        """(T, d, F) in N m, m, N."""
+        """Action (T, d, F) in N m, m, N."""
         return self.torque, self.displacement, self.pedal_force
 
 
 @dataclass(frozen=True)
 class InitialPose:
-    """Where an episode begins: upright, handlebar straight.
+    """Start of an episode: upright, handlebar straight.
 
     Raises:
-        ValueError: on a value that is not finite or beyond reason.
+        ValueError: on a value that is not finite or out of range.
     """
 
     x: float
@@ -119,27 +119,27 @@ class BicycleState:
     """m/s (v)."""
     fallen: bool = False
     goal: Point2D | None = None
-    """m, the goal that the applied command pursued."""
+    """Goal that the applied command pursued, m."""
     heading_error: float = math.nan
-    """rad, positive when that goal lies to the right (psi_g); NaN without a goal."""
+    """rad, positive if that goal lies to the right (psi_g); NaN without a goal."""
     goal_distance: float = math.nan
     """m from the rear contact; NaN without a goal."""
     command_source: CommandSource = CommandSource.INITIAL
     command_step: int = -1
     """Step answered by the applied command, -1 for none."""
     controller: str = ""
-    """Who sent the applied command; empty for none."""
+    """Sender of the applied command; empty for none."""
     action: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), compare=False)
     """(T, d, F) as commanded, N m, m, N. A state message does not carry it."""
 
 
 @dataclass(frozen=True)
 class Push:
-    """A push that acted, in the paper's signs."""
+    """A push that was applied, in the paper's signs."""
 
     episode: int
     step: int
-    """Of the state that was pushed."""
+    """Step of the pushed state."""
     lean_rate: float
     """rad/s added to its lean rate, positive to the left."""
 
@@ -150,7 +150,7 @@ class Transition:
 
     episode: int
     step: int
-    """Of the state that the action was taken in."""
+    """Step of the state in which the action was taken."""
     goal: Point2D
     """m."""
     goal_id: int
@@ -159,15 +159,15 @@ class Transition:
     action: tuple[float, float, float]
     """(T, d, F) as commanded, N m, m, N."""
     reward: float
-    """Equation 20, of the next state."""
+    """Reward of the next state (equation 20)."""
     next_observation: np.ndarray
     """(6,)."""
     terminated: bool
-    """The goal was reached."""
+    """True if the goal was reached."""
     truncated: bool
-    """The pursuit was cut here: reset, new goal, or no command."""
+    """True if the pursuit was cut here: reset, new goal, or no command."""
     fallen: bool
-    """The next state is a fallen one."""
+    """True if the bicycle has fallen in the next state."""
     speed: float
     """m/s before the step."""
     policy: str

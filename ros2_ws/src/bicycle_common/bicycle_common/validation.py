@@ -1,4 +1,4 @@
-"""Checks of configurations and command lines: each mistake is one line that names the field."""
+"""Checks of configurations and command lines; each error is one line that names the field."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from typing import Any
 
 
 def nearest(name: str, known: Iterable[str]) -> str:
-    """` (did you mean 'x'?)` for the closest of `known`, or nothing."""
+    """Return ` (did you mean 'x'?)` for the closest of `known`, or an empty text."""
     found = difflib.get_close_matches(name, list(known), n=1, cutoff=0.5)
     return f" (did you mean {found[0]!r}?)" if found else ""
 
 
 def empty_word(words: Sequence[str]) -> str:
-    """What is wrong with a command line that has an empty word or `--option=`; empty if nothing.
+    """Return the complaint about an empty word or `--option=` in a command line; empty if none.
 
-    Most come of a shell's variable that is not set, and would be taken for the present folder.
+    Most come from a shell variable that is not set, and would be taken for the current folder.
     """
     for before, word in zip(["", *words], words, strict=False):
         if word == "":
@@ -34,7 +34,7 @@ def reject_unknown(config: type, data: object) -> None:
     """Check that `data` is a mapping whose keys are all fields of the dataclass `config`.
 
     Raises:
-        ValueError: naming the first unknown key and the nearest field.
+        ValueError: names the first unknown key and the nearest field.
     """
     if not isinstance(data, dict):
         raise ValueError(f"{config.__name__} must be a mapping, not {type(data).__name__}")
@@ -48,17 +48,17 @@ def require(condition: bool, message: str) -> None:
     """Raise ValueError with `message` unless `condition` holds.
 
     Raises:
-        ValueError: when it does not.
+        ValueError: if it does not.
     """
     if not condition:
         raise ValueError(message)
 
 
 def as_pair(value: Any) -> tuple[float, float]:
-    """Two finite numbers from any sequence, as JSON and YAML give lists for tuples.
+    """Return two finite numbers from any sequence, as JSON and YAML give lists for tuples.
 
     Raises:
-        ValueError: when it is not two numbers.
+        ValueError: if it is not two finite numbers.
     """
     try:
         first, second = value
@@ -71,7 +71,7 @@ def require_between(name: str, value: float, low: float, high: float) -> None:
     """Check that `low` <= `value` <= `high`.
 
     Raises:
-        ValueError: when it is not.
+        ValueError: if it is not.
     """
     require(low <= value <= high, f"{name} must lie within {low} and {high}, not {value!r}")
 
@@ -80,7 +80,7 @@ def require_positive(name: str, value: float) -> None:
     """Check that `value` is finite and above zero.
 
     Raises:
-        ValueError: when it is not.
+        ValueError: if it is not.
     """
     require(math.isfinite(value) and value > 0, f"{name} must be above zero, not {value!r}")
 
@@ -89,7 +89,7 @@ def require_choice(name: str, value: str, choices: tuple[str, ...]) -> None:
     """Check that `value` is one of `choices`.
 
     Raises:
-        ValueError: when it is not.
+        ValueError: if it is not.
     """
     require(value in choices, f"{name} must be one of {', '.join(choices)}, not {value!r}")
 
@@ -98,15 +98,15 @@ def require_layers(name: str, sizes: tuple[int, ...]) -> None:
     """Check that there is a hidden layer and that each has units.
 
     Raises:
-        ValueError: when it is not so.
+        ValueError: if there is none, or one has no units.
     """
     require(len(sizes) > 0 and min(sizes) > 0, f"{name} needs sizes above zero, not {sizes}")
 
 
 def require_scale(name: str, scale: tuple[float, ...]) -> None:
-    """Check for one divisor above zero per observation.
+    """Check that there is one divisor above zero per observation.
 
     Raises:
-        ValueError: when there are not six.
+        ValueError: if there are not six.
     """
     require(len(scale) == 6 and min(scale) > 0, f"{name} needs six values above zero, not {scale}")

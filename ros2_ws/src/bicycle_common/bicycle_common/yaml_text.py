@@ -1,8 +1,8 @@
-"""YAML in and out, with bounds: text of foreign origin costs a second and some memory at most.
+"""YAML input and output with bounds: untrusted text costs at most a second and some memory.
 
-PyYAML's safe loader runs no code, but it follows aliases (8 kB of them unfold to more values than
-any memory holds), nests as deep as the C stack, and multiplies out numbers of a million digits.
-libyaml is used where it is there: it is ten times as fast.
+PyYAML's safe loader runs no code, but it follows aliases (8 kB of them expand to more values than
+any memory holds), recurses as deep as the C stack, and multiplies out numbers of a million digits.
+libyaml is used if available: it is ten times as fast.
 """
 
 from __future__ import annotations
@@ -16,26 +16,26 @@ YAMLError = yaml.YAMLError
 
 
 class BoundsError(YAMLError):
-    """Text that is longer, deeper or more than this module's bounds."""
+    """Text that exceeds this module's bounds on length, depth or count."""
 
 
 MOST_BYTES = 8 * 2**20
-"""Of a text: the metadata of a bag in 10,000 files has 3 MB."""
+"""Largest size of a text (bytes): the metadata of a bag in 10,000 files has 3 MB."""
 MOST_VALUES = 300_000
-"""In a text, each alias counted as all that it stands for."""
+"""Largest number of values in a text; each alias counts as everything it stands for."""
 MOST_DEPTH = 50
-"""Lists and mappings within one another."""
+"""Deepest nesting of lists and mappings."""
 MOST_DIGITS = 100
-"""Characters of a number."""
+"""Most characters of a number."""
 MOST_TAGS = 100
-"""`%TAG` directives, each of which libyaml compares with all before it."""
+"""Most `%TAG` directives: libyaml compares each with all before it."""
 
 _Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _Dumper: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 
 
 class _Loader(_Base):  # type: ignore[misc]
-    """The safe loader, without numbers that take minutes to be read."""
+    """Safe loader without numbers that take minutes to parse."""
 
 
 def _number(kind: str) -> None:
@@ -54,15 +54,15 @@ for _kind in ("int", "float", "timestamp"):
 
 
 def dump(content: Any) -> str:
-    """YAML text of plain data, keys in their order."""
+    """Return plain data as YAML text, keys in their order."""
     return str(yaml.dump(content, Dumper=_Dumper, sort_keys=False, allow_unicode=True))
 
 
 def load(text: str) -> Any:
-    """Plain data of YAML text.
+    """Parse YAML text into plain data.
 
     Raises:
-        YAMLError: It is not YAML, or beyond one of this module's bounds.
+        YAMLError: if it is not YAML, or exceeds one of this module's bounds.
     """
     check_bounds(text)
     try:
@@ -70,26 +70,26 @@ def load(text: str) -> Any:
     except YAMLError:
         raise
     except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        # PyYAML's own constructors let these out on values that do not fit their tag.
+        # PyYAML's own constructors raise these on values that do not fit their tag.
         raise YAMLError(f"a value is not of its tag: {error}") from None
 
 
 def read(path: Path) -> Any:
-    """Plain data of a YAML file.
+    """Parse a YAML file into plain data.
 
     Raises:
-        OSError, UnicodeDecodeError: It cannot be read, or is not text.
+        OSError, UnicodeDecodeError: if it cannot be read, or is not text.
         YAMLError: See `load`.
     """
     return load(read_text(path))
 
 
 def read_text(path: Path) -> str:
-    """The text of a file that is not longer than YAML may be.
+    """Return the text of a file that is within the size limit of YAML.
 
     Raises:
-        OSError, UnicodeDecodeError: It cannot be read, or is not text.
-        YAMLError: It is too long.
+        OSError, UnicodeDecodeError: if it cannot be read, or is not text.
+        YAMLError: if it is too long.
     """
     with path.open("rb") as file:
         content = file.read(MOST_BYTES + 1)
@@ -99,10 +99,10 @@ def read_text(path: Path) -> str:
 
 
 def check_bounds(text: str) -> None:
-    """Count values and depth on the parser's events: nothing is built yet, nothing recurses.
+    """Check number of values and depth on the parser's events: nothing is built, nothing recurses.
 
     Raises:
-        YAMLError: It is not YAML; `BoundsError` where it is beyond one of this module's bounds.
+        YAMLError: if it is not YAML; `BoundsError` if it exceeds one of this module's bounds.
     """
     if len(text) > MOST_BYTES:
         raise BoundsError(f"it is longer than {MOST_BYTES} bytes")

@@ -1,1 +1,1 @@
-"""The ROS side that all nodes share: topics, conversions, parameters, start and stop."""
+"""ROS side that all nodes share: topics, conversions, parameters, start and stop."""

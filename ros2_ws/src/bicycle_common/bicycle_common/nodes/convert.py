@@ -1,9 +1,10 @@
-"""Messages <-> the numbers that the pure code works on; the signs are those of `signs.py`.
+"""Conversions between messages and the numbers of the pure code; signs as in `conventions.py`.
 
-Inside, the paper's convention: lean omega > 0 to the left, heading psi counter-clockwise from
-+y, psi_g > 0 for a goal to the right. In messages, REP-103: roll > 0 to the right, yaw
+The code uses the paper's convention: lean omega > 0 to the left, heading psi counter-clockwise
+from +y, psi_g > 0 for a goal to the right. Messages use REP-103: roll > 0 to the right, yaw
 counter-clockwise from +x, heading error > 0 for a goal to the left. Negation is exact, and the
-heading is taken from the contacts as the dynamics do, so a state survives the trip to the bit.
+heading is computed from the contacts as in the dynamics, so a state survives a round trip to
+the bit.
 """
 
 from __future__ import annotations
@@ -41,39 +42,39 @@ BODY = (
     "steer_rate",
     "speed",
 )
-"""Numbers of a state that a message has under the same name, but for their signs."""
+"""Fields of a state that a message has under the same name, up to sign."""
 UNIT_TOLERANCE = 1e-3
-"""How far a quaternion's length may be from one."""
+"""Largest deviation of a quaternion's length from one."""
 
 
 def to_stamp(nanoseconds: int) -> Time:
-    """A time in ns as a stamp."""
+    """Return a time in ns as a stamp."""
     return Time(sec=int(nanoseconds // 10**9), nanosec=int(nanoseconds % 10**9))
 
 
 def to_header(nanoseconds: int, frame: str = ODOM_FRAME) -> Header:
-    """A header at a time in ns."""
+    """Return a header with a time in ns."""
     return Header(stamp=to_stamp(nanoseconds), frame_id=frame)
 
 
 def to_point(point: Point2D | None, z: float = 0.0) -> PointMessage:
-    """A point of the plane, m; NaN where there is none."""
+    """Return a point of the plane, m; NaN without a point."""
     x, y = (math.nan, math.nan) if point is None else point
     return PointMessage(x=float(x), y=float(y), z=float(z))
 
 
 def to_quaternion(yaw: float, roll: float = 0.0) -> Quaternion:
-    """First roll about the forward axis, then yaw about the vertical one, rad."""
+    """Return the rotation by roll about the forward axis, then yaw about the vertical axis, rad."""
     cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
     cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
     return Quaternion(x=cy * sr, y=sy * sr, z=sy * cr, w=cy * cr)
 
 
 def to_yaw(quaternion: Quaternion) -> float:
-    """Yaw of a quaternion, rad.
+    """Return the yaw of a quaternion, rad.
 
     Raises:
-        ValueError: when it is not finite or not of unit length.
+        ValueError: if it is not finite or not of unit length.
     """
     x, y, z, w = (float(getattr(quaternion, name)) for name in "xyzw")
     length = math.sqrt(x * x + y * y + z * z + w * w)
@@ -85,12 +86,12 @@ def to_yaw(quaternion: Quaternion) -> float:
 
 
 def yaw_of(snapshot: BicycleState) -> float:
-    """REP-103 yaw of a state, rad."""
+    """Return the REP-103 yaw of a state, rad."""
     return float(heading_to_yaw(snapshot.heading))
 
 
 def from_snapshot(snapshot: BicycleState, nanoseconds: int) -> BicycleStateMessage:
-    """The state message at a simulated time in ns."""
+    """Return the state message at a simulated time in ns."""
     return BicycleStateMessage(
         header=to_header(nanoseconds),
         episode=int(snapshot.episode),
@@ -111,7 +112,7 @@ def from_snapshot(snapshot: BicycleState, nanoseconds: int) -> BicycleStateMessa
 
 
 def to_snapshot(message: BicycleStateMessage) -> BicycleState:
-    """The state that a message carries; `Simulator.restore` can go on from it.
+    """Return the state of a message; `Simulator.restore` can continue from it.
 
     Raises:
         ValueError: on an unknown command source.
@@ -138,7 +139,7 @@ def to_snapshot(message: BicycleStateMessage) -> BicycleState:
 
 
 def is_finite(snapshot: BicycleState) -> bool:
-    """Whether every number that a controller works with is finite."""
+    """Return True if every number that a controller uses is finite."""
     skipped = ("heading_error", "goal_distance")
     return all(
         math.isfinite(value)
@@ -148,7 +149,7 @@ def is_finite(snapshot: BicycleState) -> bool:
 
 
 def from_command(command: Command, stamp: Time) -> BicycleCommand:
-    """The command message."""
+    """Return the command message."""
     return BicycleCommand(
         header=Header(stamp=stamp),
         episode=int(command.episode),
@@ -165,7 +166,7 @@ def from_command(command: Command, stamp: Time) -> BicycleCommand:
 
 
 def to_command(message: BicycleCommand) -> Command:
-    """The command that a message carries, good or bad: `CommandValidator` judges it."""
+    """Return the command of a message, valid or not; `CommandValidator` judges it."""
     return Command(
         episode=int(message.episode),
         step=int(message.step),
@@ -180,7 +181,7 @@ def to_command(message: BicycleCommand) -> Command:
 
 
 def from_transition(transition: Transition, nanoseconds: int) -> TransitionMessage:
-    """The transition message, in the paper's signs."""
+    """Return the transition message, in the paper's signs."""
     return TransitionMessage(
         header=to_header(nanoseconds),
         episode=int(transition.episode),
@@ -199,7 +200,7 @@ def from_transition(transition: Transition, nanoseconds: int) -> TransitionMessa
 
 
 def to_transition(message: TransitionMessage) -> Transition:
-    """The transition that a message carries, but for its goal, which is NaN."""
+    """Return the transition of a message; its goal is NaN, because no message carries it."""
     return Transition(
         episode=int(message.episode),
         step=int(message.step),
@@ -218,7 +219,7 @@ def to_transition(message: TransitionMessage) -> Transition:
 
 
 def from_push(push: Push, nanoseconds: int) -> PushMessage:
-    """The message about a push that acted, at the simulated time after its step in ns."""
+    """Return the message of an applied push, at the simulated time after its step in ns."""
     return PushMessage(
         header=to_header(nanoseconds),
         episode=int(push.episode),
@@ -228,26 +229,26 @@ def from_push(push: Push, nanoseconds: int) -> PushMessage:
 
 
 def to_push(message: PushMessage) -> Push:
-    """The push that a message tells of."""
+    """Return the push of a message."""
     rate = mirror("lean_rate", message.lean_rate)
     return Push(int(message.episode), int(message.step), rate)
 
 
 def to_start(pose: Pose, speed: float) -> InitialPose:
-    """Where a pose puts the bicycle: its rear contact and its yaw; speed in m/s.
+    """Return the start that a pose describes: its rear contact and its yaw; speed in m/s.
 
     Raises:
-        ValueError: on a pose that is not finite, not a rotation, or beyond reason.
+        ValueError: on a pose that is not finite, not a rotation, or out of range.
     """
     heading = float(yaw_to_heading(to_yaw(pose.orientation)))
     return InitialPose(float(pose.position.x), float(pose.position.y), heading, float(speed))
 
 
 def to_goal(frame: str, position: PointMessage, farthest: float = 1e4) -> Point2D:
-    """The point of a goal; its height, orientation and stamp do not matter.
+    """Return the point of a goal; its height, orientation and stamp are ignored.
 
     Raises:
-        ValueError: on an unknown frame, or when it is not finite or beyond `farthest` m.
+        ValueError: on an unknown frame, or if the point is not finite or beyond `farthest` m.
     """
     x, y = float(position.x), float(position.y)
     if frame not in GOAL_FRAMES:

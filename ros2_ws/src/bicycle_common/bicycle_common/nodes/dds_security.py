@@ -1,4 +1,4 @@
-"""DDS security where it is asked for and cannot be had: a node must not run open by mistake."""
+"""Refuse to start a node without DDS security if the environment asks for it."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ MEANINGS = {
     f"{PREFIX}ENABLE": ("true", "false"),
     f"{PREFIX}STRATEGY": ("Enforce", "Permissive"),
 }
-"""Values that ROS knows; it takes any other for the open one."""
+"""Values that ROS knows; ROS treats any other as "open"."""
 PLUGIN = b"builtin.PKI-DH"
-"""Fast DDS's authentication: the library holds this name only if it was built with security."""
+"""Fast DDS's authentication plugin: the library contains this name only if built with security."""
 
 
 def complaint(environment: Mapping[str, str], library: Path | None) -> str:
-    """Why a node may not start, in one line; nothing where it may.
+    """Return the reason why a node may not start, in one line; empty if it may.
 
     Args:
-        environment: with the variables of SROS2, if any.
-        library: Fast DDS; None for another middleware, which answers for itself.
+        environment: environment variables, with those of SROS2 if set.
+        library: Fast DDS; None for another middleware, which checks for itself.
     """
     asked = sorted(name for name in environment if name.startswith(PREFIX) and environment[name])
     for name, known in MEANINGS.items():
@@ -40,7 +40,7 @@ def complaint(environment: Mapping[str, str], library: Path | None) -> str:
 
 
 def fast_dds() -> Path | None:
-    """The Fast DDS library of this process; None where another middleware is used."""
+    """Return the Fast DDS library of this process; None if another middleware is used."""
     rclpy.get_rmw_implementation_identifier()  # loads the middleware
     for line in Path("/proc/self/maps").read_text().splitlines():
         path = Path(line.partition("/")[1] + line.partition("/")[2])
@@ -50,7 +50,7 @@ def fast_dds() -> Path | None:
 
 
 def refusal() -> str:
-    """Why no node may start in this process, in one line; nothing where it may."""
+    """Return the reason why no node may start in this process, in one line; empty if it may."""
     if not any(name.startswith(PREFIX) for name in os.environ):
         return ""
     return complaint(os.environ, fast_dds())

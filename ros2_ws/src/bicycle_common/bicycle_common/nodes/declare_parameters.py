@@ -1,4 +1,4 @@
-"""ROS parameters from a settings class: declared with descriptors, typos refused."""
+"""Declare ROS parameters from a settings class, with descriptors; refuse typos."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from bicycle_common.validation import nearest
 Settings = TypeVar("Settings")
 
 MOST_SHOWN = 200
-"""Characters of a value in an error line."""
+"""Largest number of characters of a value in an error line."""
 _FOREIGN = ("use_sim_time", "qos_overrides.", "start_type_description_service")
 
 
 def declare(node: Node, settings: type[Settings]) -> Settings:
-    """Declare every field of `settings` as a read-only parameter and read what was given.
+    """Declare every field of `settings` as a read-only parameter and read the given values.
 
     Raises:
         UserError: on an unknown parameter, a wrong type, or a value out of range.
@@ -41,7 +41,7 @@ def declare(node: Node, settings: type[Settings]) -> Settings:
 
 
 def _declare_one(node: Node, item: Parameter, given: dict[str, RosParameter]) -> Any:
-    """Declare one parameter; a whole number will do for a float."""
+    """Declare one parameter; an integer is accepted for a float."""
     override = given.get(item.name)
     if (
         override is not None
@@ -71,13 +71,13 @@ def _declare_one(node: Node, item: Parameter, given: dict[str, RosParameter]) ->
 
 
 def _shown(given: RosParameter) -> str:
-    """A value for an error line."""
+    """Return a value as text for an error line."""
     text = repr(given.value)
     return text if len(text) <= MOST_SHOWN else f"{text[:MOST_SHOWN]}..."
 
 
 def _descriptor(item: Parameter) -> ParameterDescriptor:
-    """What `ros2 param describe` shows."""
+    """Return the descriptor that `ros2 param describe` shows."""
     descriptor = ParameterDescriptor(description=item.description, read_only=True)
     if item.choices:
         descriptor.additional_constraints = "one of " + ", ".join(item.choices)

@@ -1,4 +1,4 @@
-"""Diagnostics as REP-107 wants them: `node: subject`, a level, one line, named values."""
+"""Diagnostics in REP-107's form: `node: subject`, a level, one line, named values."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.E
 def status(
     name: str, level: bytes, message: str, values: Mapping[str, object]
 ) -> DiagnosticStatus:
-    """One entry of a DiagnosticArray; floats are shown with six digits."""
+    """Return one entry of a DiagnosticArray; floats are shown with six digits."""
     return DiagnosticStatus(
         level=level,
         name=name,
@@ -25,11 +25,11 @@ def status(
 
 
 def percentiles(samples: list[float], name: str) -> dict[str, float]:
-    """Median and 99th percentile of samples in s, under `name`, in ms; nothing without any."""
+    """Return median and 99th percentile of samples in s, under `name`, in ms; empty for none."""
     finite = [1e3 * value for value in samples if math.isfinite(value)]
     if not finite:
         return {}
-    # Not numpy's, which loads its masked arrays at the first call and holds up the ride by 0.1 s.
+    # Not numpy's: its first call loads masked arrays and blocks the loop for 0.1 s.
     cuts = quantiles(finite if len(finite) > 1 else 2 * finite, n=100, method="inclusive")
     return {f"{name} p50 (ms)": cuts[49], f"{name} p99 (ms)": cuts[98]}
 

@@ -1,4 +1,4 @@
-"""A file that a node touches while it serves its callbacks, for whoever watches over it."""
+"""File that a node touches while it serves its callbacks, for a supervisor."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from pathlib import Path
 
 VARIABLE = "BICYCLE_HEARTBEAT"
 PERIOD = 1.0
-"""s between two touches."""
+"""Time between two touches (s)."""
 
 
 class Heartbeat:
-    """Touches the file that BICYCLE_HEARTBEAT names; does nothing without that variable.
+    """Touches the file named by BICYCLE_HEARTBEAT; does nothing without that variable.
 
-    A supervisor compares the file's age, which costs the loop nothing; a check that joins the ROS
-    graph would take a core for half a second each time.
+    A supervisor reads the file's age, which costs the loop nothing; a check that joins the ROS
+    graph would use a core for half a second each time.
 
     Raises:
-        OSError: the file cannot be written.
+        OSError: if the file cannot be written.
     """
 
     def __init__(self) -> None:
@@ -28,7 +28,7 @@ class Heartbeat:
         self.beat()
 
     def beat(self) -> None:
-        """Touch the file if the last time was a second ago."""
+        """Touch the file if the last touch was a second ago."""
         if self._path is not None and time.monotonic() >= self._next:
             self._next = time.monotonic() + PERIOD
             self._path.touch()

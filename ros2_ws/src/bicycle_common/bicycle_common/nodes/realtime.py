@@ -1,4 +1,4 @@
-"""Real-time priority for the nodes of the 40 Hz loop, so that nothing else makes them wait."""
+"""Real-time priority for the nodes of the 40 Hz loop, so that no other process delays them."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ _THREADS = Path("/proc/self/task")
 
 
 def priority_parameter() -> int:
-    """The parameter that nodes of the loop have for it, a dataclass field."""
+    """Return the dataclass field of the priority parameter of nodes in the loop."""
     return parameter(
         10, "SCHED_FIFO priority in real time, where the system permits it; 0 is none", 0, 99
     )
 
 
 class Priority:
-    """The priority of this process's threads."""
+    """Scheduling priority of this process's threads."""
 
     def __init__(self) -> None:
         self._now = 0
 
     def take(self, priority: int) -> str:
-        """Have all threads scheduled so; those they start later are too.
+        """Set the priority of all threads; threads started later inherit it.
 
         Args:
-            priority: 1 to 99 for SCHED_FIFO, 0 for the ordinary.
+            priority: 1 to 99 for SCHED_FIFO, 0 for the default scheduler.
 
         Returns:
-            What to tell the user, in one line; empty where nothing changes.
+            A line for the user; empty if nothing changes.
         """
         if priority == self._now:
             return ""
@@ -40,7 +40,7 @@ class Priority:
         self._now = priority
         try:
             for thread in _THREADS.iterdir():
-                with contextlib.suppress(ProcessLookupError):  # it has ended meanwhile
+                with contextlib.suppress(ProcessLookupError):  # the thread has ended since
                     os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority))
         except PermissionError:
             return (

@@ -1,4 +1,4 @@
-"""Start, spin and end a node: clean on signals, one line for a user's mistake."""
+"""Start, spin and stop a node: clean exit on signals, one line for a user's mistake."""
 
 from __future__ import annotations
 
@@ -27,29 +27,29 @@ from bicycle_common.nodes.heartbeat import VARIABLE, Heartbeat
 from bicycle_common.signals import on_signals
 
 WAKE_PERIOD = 0.1
-"""s: how soon a signal is noticed; the executor sleeps in C, where Python's handlers wait."""
+"""Longest delay until a signal is noticed (s): the executor sleeps in C code."""
 
 LOOP_EXECUTOR: Callable[[], Executor] = EventsExecutor or SingleThreadedExecutor
-"""For nodes of the control loop: a step takes less than half the usual one's processor time.
+"""Executor of the control loop's nodes; it uses less than half the default one's processor time.
 
-In Jazzy it knows no guard condition and no callback that is a coroutine, and it spins at full
-speed when it is told to wait without a limit. A native Jazzy from before rclpy 7.1.4 has none.
+In Jazzy it supports neither guard conditions nor coroutine callbacks, and it spins at full
+speed when told to wait without a limit. Jazzy before rclpy 7.1.4 does not have it.
 """
 
 
 class UserError(Exception):
-    """A mistake of the user; its text is one line with the remedy."""
+    """A user's mistake; its text is one line with the remedy."""
 
 
 class Closing(Protocol):
-    """A node that has something to do while its topics still work."""
+    """Node that has work to do at shutdown, while its topics still work."""
 
     def close(self) -> None:
-        """Publish or save what is left."""
+        """Publish or save the rest."""
 
 
 class _Stop:
-    """Set by the first signal."""
+    """Flag that the first signal sets."""
 
     def __init__(self) -> None:
         self.asked = False
@@ -68,11 +68,11 @@ def run(
     """Run one node until a signal, on one thread.
 
     Args:
-        name: of the program, in front of error lines.
-        make: makes the node; it may raise UserError.
+        name: the program's name, printed in front of error lines.
+        make: creates the node; it may raise UserError.
         usage: printed by `--help`.
         args: command line with the program's name; the process's own by default.
-        executor: makes what calls the node's callbacks.
+        executor: creates the executor that calls the node's callbacks.
 
     Returns:
         The exit status: 0 after SIGINT, SIGTERM or `--help`, 2 for a user's mistake.
@@ -101,8 +101,8 @@ def start_ros(words: Sequence[str]) -> None:
         words: ROS arguments, with the program's name if there are any.
 
     Raises:
-        UserError: on arguments or an environment that ROS does not take, and where DDS security is
-            asked for that the middleware does not have.
+        UserError: on arguments or an environment that ROS rejects, and if DDS security is requested
+            but missing in the middleware.
     """
     refusal = dds_security.refusal()
     if refusal:
@@ -116,10 +116,10 @@ def start_ros(words: Sequence[str]) -> None:
 
 
 def made_heartbeat() -> Heartbeat:
-    """The node's heartbeat.
+    """Create the node's heartbeat.
 
     Raises:
-        UserError: its file cannot be written.
+        UserError: if its file cannot be written.
     """
     try:
         return Heartbeat()
@@ -131,10 +131,10 @@ def made_heartbeat() -> Heartbeat:
 
 
 def start_tool(name: str, words: Sequence[str] = ()) -> None:
-    """Start rclpy for a tool; ends the program with status 2 and one line if that cannot be.
+    """Start rclpy for a tool; on failure end the program with status 2 and one line.
 
     Args:
-        name: in front of that line.
+        name: printed in front of that line.
         words: ROS arguments, such as a namespace.
     """
     try:
@@ -145,10 +145,10 @@ def start_tool(name: str, words: Sequence[str] = ()) -> None:
 
 
 def without_ros(words: Sequence[str]) -> list[str]:
-    """The words of a command line, with the program's name, that are not ROS's, without it.
+    """Return the words of a command line (program name first) that are not ROS arguments.
 
     Raises:
-        UserError: ROS cannot read them.
+        UserError: if ROS cannot parse them.
     """
     _check_parameter_files(words)
     try:
@@ -158,10 +158,10 @@ def without_ros(words: Sequence[str]) -> list[str]:
 
 
 def _check_parameter_files(words: Sequence[str]) -> None:
-    """Refuse what rcl's own reader of YAML would take minutes and all memory for.
+    """Refuse a parameter file on which rcl's YAML parser would spend minutes and all memory.
 
     Raises:
-        UserError: a parameter file is beyond the bounds of `yaml_text`.
+        UserError: if a parameter file exceeds the bounds of `yaml_text`.
     """
     for option, file in pairwise(words):
         if option != "--params-file":
@@ -173,14 +173,14 @@ def _check_parameter_files(words: Sequence[str]) -> None:
                 f"cannot read the parameter file {file}: {error}; write plain parameters"
             ) from None
         except (OSError, UnicodeDecodeError, yaml_text.YAMLError):
-            pass  # rcl says so
+            pass  # rcl reports it
 
 
 def _understood(words: list[str], usage: str) -> bool:
-    """Whether to go on: not after `--help`.
+    """Return True to continue, False after `--help`.
 
     Raises:
-        UserError: on a word that belongs to nobody.
+        UserError: on an unknown word.
     """
     others = without_ros(words)
     if "--help" in others or "-h" in others:
@@ -199,11 +199,11 @@ def _spin(
     make_executor: Callable[[], Executor],
     stop: _Stop,
 ) -> None:
-    """Make the node and serve it until `stop` is asked for."""
+    """Create the node and spin it until `stop` is set."""
     start_ros(words)
     heart = made_heartbeat()
     node = make()
-    # What is there now stays: searching it for garbage would stop the loop for tens of ms.
+    # Freeze the start-up objects: a full collection would block the loop for tens of ms.
     gc.collect()
     gc.freeze()
     executor = make_executor()
@@ -220,5 +220,5 @@ def _spin(
 
 
 def _first_line(error: Exception) -> str:
-    """The first line of an exception's text."""
+    """Return the first line of an exception's text."""
     return (str(error).strip() or type(error).__name__).splitlines()[0]

@@ -41,14 +41,14 @@ from bicycle_common import topic_names
 ODOM_FRAME = "odom"
 BASE_FRAME = "base_link"
 GOAL_FRAMES = ("odom", "map")
-"""Frames that goals may be in: the simulated truth has the identity between the two."""
+"""Frames allowed for goals: with simulated ground truth the two are identical."""
 
 STATE_PERIOD = 0.1
-"""s after which the present state is published again while nothing moves."""
+"""Period at which the state is published again while nothing moves (s)."""
 
 
 def _profile(depth: int, latched: bool = False, reliable: bool = True) -> QoSProfile:
-    """Keep the last `depth`; latched ones are kept for who comes later."""
+    """Return a profile that keeps the last `depth`; latched messages reach late subscribers."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
@@ -58,7 +58,7 @@ def _profile(depth: int, latched: bool = False, reliable: bool = True) -> QoSPro
 
 
 def _offered(depth: int, deadline: float) -> QoSProfile:
-    """A publisher's profile that offers a deadline, s."""
+    """Return a publisher's profile that offers a deadline, s."""
     profile = _profile(depth)
     profile.deadline = Duration(seconds=deadline)
     return profile
@@ -66,7 +66,7 @@ def _offered(depth: int, deadline: float) -> QoSProfile:
 
 @dataclass(frozen=True)
 class Topic:
-    """One topic: its name, its type, and the profiles to publish and to subscribe with."""
+    """One topic: its name, its type, and its profiles for publishers and subscribers."""
 
     name: str
     type: Any
@@ -80,10 +80,10 @@ def _topic(name: str, kind: Any, depth: int = 5, latched: bool = False) -> Topic
 
 
 RESEND = 2400
-"""Messages that a publisher keeps for a recorder that is behind, a minute of them at 40 Hz.
+"""Messages that a publisher keeps for a slow recorder: one minute at 40 Hz.
 
-Subscribers take the newest. Only what somebody has not confirmed is kept: 10 MB in the simulator
-beside a recorder that stands still.
+Subscribers take the newest. Only unconfirmed messages are kept: 10 MB in the simulator if a
+recorder stands still.
 """
 
 STATE = Topic(topic_names.STATE, BicycleState, _offered(RESEND, 2.5 * STATE_PERIOD), _profile(5))
@@ -129,7 +129,7 @@ TOPICS: tuple[Topic, ...] = (
     HAND_OVER,
     TRAINER,
 )
-"""All of them."""
+"""All topics."""
 
 
 @dataclass(frozen=True)
@@ -148,16 +148,16 @@ LOAD_POLICY = Service(topic_names.LOAD_POLICY, LoadPolicy)
 
 
 def advertise(node: Node, *topics: Topic) -> dict[str, Publisher]:
-    """Publishers of `topics` by the topics' names."""
+    """Return publishers of `topics` by topic name."""
     return {t.name: node.create_publisher(t.type, t.name, t.publish) for t in topics}
 
 
 def listen(node: Node, topic: Topic, callback: Callable[[Any], None], depth: int = 0) -> None:
-    """Call `callback` with every message of `topic`; with a depth, of the newest only."""
+    """Call `callback` with every message of `topic`; with a depth, with the newest only."""
     profile = topic.subscribe if depth == 0 else depth
     node.create_subscription(topic.type, topic.name, callback, profile)
 
 
 def serve(node: Node, service: Service, callback: Callable[[Any, Any], Any]) -> None:
-    """Answer calls of `service`."""
+    """Handle calls of `service`."""
     node.create_service(service.type, service.name, callback)
