@@ -13,7 +13,7 @@ VERSION = next(
 
 
 def sibling(name: str) -> str:
-    """The requirement of a package of this repository: the folder, where it is beside this one."""
+    """Return the requirement of a package of this repository: its folder, if beside this one."""
     root = Path(__file__).resolve().parent.parent
     for folder in (root / name, root / "ros2_ws" / "src" / name):
         if (folder / "setup.py").is_file():
@@ -36,7 +36,7 @@ setup(
         ]
     },
     ext_modules=[
-        # Not a module but a library, see policy/inference.py, which does without it.
+        # A plain shared library, loaded with ctypes by policy/inference.py; numpy is the fallback.
         Extension(
             f"{NAME}.policy._inference",
             [f"{NAME}/policy/inference.cpp"],

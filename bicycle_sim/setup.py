@@ -13,7 +13,7 @@ VERSION = next(
 
 
 def sibling(name: str) -> str:
-    """The requirement of a package of this repository: the folder, where it is beside this one."""
+    """Return the requirement of a package of this repository: its folder, if beside this one."""
     root = Path(__file__).resolve().parent.parent
     for folder in (root / name, root / "ros2_ws" / "src" / name):
         if (folder / "setup.py").is_file():
@@ -29,8 +29,8 @@ setup(
         f"{NAME}.plants.whipple": ["*.cpp", "*.h", "bicycles/*.yaml", "bicycles/licences/*.txt"]
     },
     ext_modules=[
-        # Not modules but libraries, see native_task.py and plants/whipple/native.py, which do
-        # without them.
+        # Plain shared libraries, loaded with ctypes by native_task.py and whipple/native.py;
+        # numpy is the fallback.
         Extension(
             f"{NAME}.task._native_task",
             [f"{NAME}/task/native_task.cpp"],
@@ -41,7 +41,7 @@ setup(
             f"{NAME}.plants.whipple._whipple",
             [f"{NAME}/plants/whipple/whipple.cpp"],
             depends=[f"{NAME}/plants/whipple/whipple_lanes.h"],
-            # No flag here changes a result: products and sums are rounded one by one.
+            # No flag may change a result: products and sums are rounded one by one.
             extra_compile_args=[
                 "-O3",
                 "-ffp-contract=off",

@@ -34,7 +34,7 @@ def named(files: Iterable[str]) -> list[Requirement]:
 
 
 def needed(roots: Iterable[Requirement]) -> set[str]:
-    """Canonical names of the installed packages that these need, themselves among them."""
+    """Return canonical names of the installed packages that these need, themselves among them."""
     found: set[str] = set()
     seen: set[tuple[str, frozenset[str]]] = set()
     waiting = list(roots)

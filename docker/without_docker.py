@@ -65,7 +65,7 @@ def call(*words: object, **options: Any) -> str:
 
 
 def works(*words: str) -> bool:
-    """Whether a program ends with status 0."""
+    """Return True if a program ends with status 0."""
     return subprocess.run(words, capture_output=True).returncode == 0
 
 
@@ -120,7 +120,7 @@ def size(target: str) -> str:
 
 
 def inside(made: str, words: Sequence[str], **variables: str) -> list[str]:
-    """The command that runs something in a container, as its user."""
+    """Return the command that runs something in a container, as its user."""
     environment = {"ROS_DOMAIN_ID": DOMAIN, **variables}
     settings = [word for item in environment.items() for word in ("--env", "=".join(item))]
     return ["buildah", "run", "--isolation", "chroot", *settings, made, "--", *words]
@@ -139,7 +139,7 @@ def ride() -> dict[str, Any]:
 
 
 def node_below(pid: int) -> int:
-    """The node among what a process has started: buildah would not pass a signal on.
+    """Return the node among what a process has started: buildah would not pass a signal on.
 
     Raises:
         TrialError: there is none.
@@ -182,7 +182,7 @@ class Service:
         return inside(self._made, words, **self._environment)
 
     def until_healthy(self) -> float:
-        """s from the start until its health check passed.
+        """Return s from the start until its health check passed.
 
         Raises:
             TrialError: it ended, or was not healthy within `HEALTHY_WITHIN`.

@@ -8,7 +8,7 @@ import sys
 
 __version__ = "0.1.0"
 
-if "gymnasium" in sys.modules:  # whoever does not use Gymnasium does not pay for it
+if "gymnasium" in sys.modules:  # load Gymnasium environments only for programs that use Gymnasium
     from bicycle_sim.task import registration
 
     registration.register()

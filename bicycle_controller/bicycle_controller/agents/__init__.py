@@ -1,1 +1,1 @@
-"""The learning algorithms: losses and update rules, no files and no simulator."""
+"""Learning algorithms: losses and update rules, without files or a simulator."""

@@ -1,4 +1,4 @@
-"""An actor's answers while it learns, in few calls: for one bicycle the calls are what counts."""
+"""Fast inference of an actor during training; with one bicycle the cost per call dominates."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from bicycle_controller.agents.networks import Actor, linear_layers
 
 
 class Answer:
-    """An actor's actions for raw observations; the bits of calling the actor.
+    """Actions of an actor for raw observations, bit-equal to calling the actor.
 
-    A plain actor on the CPU is taken apart into its products. Another one is called as it is.
+    A plain actor on the CPU is decomposed into its matrix products. Others are called as they are.
     """
 
     def __init__(self, actor: Actor, scale: Tensor) -> None:
-        """Keep the actor's parameters where they are: who changes them does so in place.
+        """Keep references to the actor's parameters, which must be changed in place.
 
         Args:
             actor: on its device.
-            scale: (6,) that observations are divided by, on the same device.
+            scale: (6,) divisors of the observations, on the same device.
         """
         self._actor, self._scale = actor, scale
         self._divisor = scale.cpu().numpy()
@@ -30,7 +30,7 @@ class Answer:
         self._plain = scale.device.type == "cpu" and not actor.norms and not actor.symmetric
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
-        """Normalised actions (N, actions) for raw observations (N, 6)."""
+        """Return normalised actions (N, actions) for raw observations (N, 6)."""
         if not self._plain:
             return self._called(observation)
         x = torch.from_numpy(observation.astype(np.float32) / self._divisor)

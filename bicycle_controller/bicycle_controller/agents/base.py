@@ -1,4 +1,4 @@
-"""What the training loop needs of an algorithm."""
+"""Interface of an algorithm, as the training loop uses it."""
 
 from __future__ import annotations
 
@@ -13,50 +13,50 @@ class Chooser(Protocol):
     """Chooses actions."""
 
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """Normalised actions (N, actions) for raw observations (N, 6), without noise."""
+        """Return normalised actions (N, actions) for raw observations (N, 6), without noise."""
 
 
 class Memory(Protocol):
-    """What an agent learns from: the replay memory, or the rollout of an on-policy learner."""
+    """Source of an agent's data: the replay memory, or the rollout of an on-policy learner."""
 
     def add(self, rows: np.ndarray) -> None:
         """Store transitions (M, width), in the order of `replay.Batch`'s fields."""
 
     def state_dict(self) -> dict[str, Any]:
-        """All that it holds."""
+        """Return its whole state."""
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state`."""
+        """Restore `state`."""
 
 
 class Agent(Chooser, Protocol):
     """A learner with a deterministic actor.
 
     Attributes:
-        backend: what makes its gradients; the same numbers come from the same one only.
+        backend: implementation of the gradients; only the same one gives the same numbers.
     """
 
     backend: str
 
     @property
     def actor(self) -> Actor:
-        """The current policy, for scaled observations."""
+        """Current policy, for scaled observations."""
 
     @property
     def deployed(self) -> Actor:
-        """The policy to score and keep: the actor, or its running average."""
+        """Policy to score and keep: the actor, or its running average."""
 
     def anneal(self, progress: float) -> None:
         """Set the learning rates for a run of which the share `progress` is done."""
 
     def update(self, memory: Any, count: int, /) -> None:
-        """Make `count` updates from the memory of its kind."""
+        """Make `count` updates from the agent's memory."""
 
     def metrics(self) -> dict[str, float]:
-        """Means of what was logged since the last call."""
+        """Return the means of the values logged since the last call."""
 
     def state_dict(self) -> dict[str, Any]:
-        """Networks, targets, optimisers, generators and counters."""
+        """Return the networks, targets, optimisers, generators and counters."""
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state`, to the bit."""
+        """Restore `state`, to the bit."""

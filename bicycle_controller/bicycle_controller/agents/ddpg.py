@@ -1,6 +1,6 @@
 """Deep deterministic policy gradient by autograd: the readable reference.
 
-Equations (14) to (18) of the paper, and behind switches of `DdpgConfig` what was found since.
+Equations (14) to (18) of the paper, and later extensions behind switches of `DdpgConfig`.
 `fused.py` makes the same update without autograd.
 """
 
@@ -23,7 +23,7 @@ from bicycle_controller.config.run import DdpgConfig
 from bicycle_controller.data.replay_buffer import OBSERVATIONS, Batch, ReplayBuffer
 
 LOG_EVERY = 12
-"""Updates between two that enter the metrics."""
+"""Updates between two that are logged."""
 
 
 class Ddpg:
@@ -33,7 +33,7 @@ class Ddpg:
         actor: the policy.
         critics: one, or the twins.
         actor_target: slow copy of the actor.
-        actor_average: running average of the actor, kept where `actor_average` is above 0.
+        actor_average: running average of the actor, maintained if the config's is above 0.
         critic_targets: slow copies of the critics.
         updates: critic updates made.
     """
@@ -43,13 +43,13 @@ class Ddpg:
     def __init__(
         self, config: DdpgConfig, actions: int, seed: int, device: torch.device | str = "cpu"
     ) -> None:
-        """Draw the networks.
+        """Initialise the networks.
 
         Args:
             config: every number and switch.
             actions: numbers per action.
-            seed: of the networks' start, of the draws from the memory and of smoothing noise.
-            device: where networks and updates live.
+            seed: of initialisation, draws from the memory and smoothing noise.
+            device: of networks and updates.
         """
         self.config, self.device, self.updates = config, torch.device(device), 0
         start = torch.Generator().manual_seed(seed)
@@ -77,7 +77,7 @@ class Ddpg:
         self.critic_targets = copy.deepcopy(self.critics).requires_grad_(False)
         self.actor_average = copy.deepcopy(self.actor_target)
         actor, critics = self.actor.parameters(), self.critics.parameters()
-        # Any optimiser with a state will do: the fused learner has its own.
+        # Not typed as Adam: the fused learner has its own optimiser.
         self.actor_optimiser: Any = torch.optim.Adam(actor, config.actor_learning_rate, fused=True)
         self.critic_optimiser: Any = torch.optim.Adam(
             critics, config.critic_learning_rate, fused=True
@@ -88,7 +88,7 @@ class Ddpg:
         self._counts: dict[str, int] = {}
 
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """Normalised actions (N, actions) for raw observations (N, 6), without noise."""
+        """Return normalised actions (N, actions) for raw observations (N, 6), without noise."""
         return self._answer(observation)
 
     @cached_property
@@ -97,7 +97,7 @@ class Ddpg:
 
     @property
     def deployed(self) -> Actor:
-        """The policy to score and keep: the actor, or its running average."""
+        """Policy to score and keep: the actor, or its running average."""
         return self.actor_average if self.config.actor_average > 0 else self.actor
 
     def anneal(self, progress: float) -> None:
@@ -113,11 +113,11 @@ class Ddpg:
 
     @property
     def logs(self) -> bool:
-        """Whether this update enters the metrics: every one would cost more than it tells."""
+        """True if this update is logged; to log every one would cost too much time."""
         return self.updates % LOG_EVERY < self.config.actor_every
 
     def update(self, replay: ReplayBuffer, count: int) -> None:
-        """Make `count` updates from one draw out of the memory."""
+        """Make `count` updates from one draw of the memory."""
         size = self.config.batch
         drawn = self._prepared(replay.sample(count * size, self.generator))
         with _flushed_denormals():
@@ -125,7 +125,7 @@ class Ddpg:
                 self._learn(batch)
 
     def update_on(self, batch: Batch) -> None:
-        """Make one update from `batch`, as it came from the memory."""
+        """Make one update from `batch`, as drawn from the memory."""
         self._learn(self._prepared(batch))
 
     def _learn(self, batch: Batch) -> None:
@@ -139,14 +139,14 @@ class Ddpg:
 
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
-        """The critics' targets y (B,), equation (15), for a scaled batch."""
+        """Return the critics' targets y (B,), equation (15), for a scaled batch."""
         action = self._smoothed(self.actor_target(batch.next_observation[:, :OBSERVATIONS]))
         values = [critic(batch.next_observation, action) for critic in self.critic_targets]
         target = batch.reward + batch.discount * torch.stack(values).amin(dim=0)
         return target.clamp(self.config.value_min, 0.0) if self.config.bound_values else target
 
     def _smoothed(self, action: Tensor) -> Tensor:
-        """TD3's clipped noise on the target's action."""
+        """Return the target's action with TD3's clipped noise."""
         config = self.config
         if config.smoothing == 0:
             return action
@@ -155,7 +155,7 @@ class Ddpg:
         return (action + noise).clamp(-1.0, 1.0)
 
     def _prepared(self, batch: Batch) -> Batch:
-        """The batch with scaled observations and rewards, half of it mirrored if so wished."""
+        """Return the batch with scaled observations and rewards, half of it mirrored if asked."""
         observation = batch.observation / self.scale
         next_observation = batch.next_observation / self.scale
         action, shown = batch.action, batch.shown
@@ -165,7 +165,7 @@ class Ddpg:
             sign = (2 * sign - 1).to(action.dtype)
             observation[:, :OBSERVATIONS] *= sign
             next_observation[:, :OBSERVATIONS] *= sign
-            # Torque and displacement change sides, the pedal force does not.
+            # Torque and displacement change sign, the pedal force does not.
             action = torch.cat([action[:, :2] * sign, action[:, 2:]], dim=1)
             if shown is not None:
                 shown = torch.cat([shown[:, :2] * sign, shown[:, 2:]], dim=1)
@@ -174,7 +174,7 @@ class Ddpg:
         return Batch(observation, action, next_observation, reward, batch.discount, *rest, shown)
 
     def _wanted(self, batch: Batch) -> Tensor:
-        """The actions that imitation pulls towards, (B, actions)."""
+        """Return the actions that imitation aims at, (B, actions)."""
         if self.config.bc_to == "recorded":
             return batch.action
         assert batch.shown is not None
@@ -200,7 +200,7 @@ class Ddpg:
         return functional.mse_loss(value, target)
 
     def _update_actor(self, batch: Batch) -> None:
-        """Equation (17): up the first critic's slope; with bc_weight not far from the data."""
+        """Equation (17): ascend the first critic's gradient; bc_weight stays near the data."""
         config = self.config
         self.critics.requires_grad_(False)
         raw = self.actor.raw(batch.observation[:, :OBSERVATIONS])
@@ -229,7 +229,7 @@ class Ddpg:
 
     @torch.no_grad()
     def _update_average(self) -> None:
-        """The averaged actor, as (18) with a share of its own."""
+        """Update the averaged actor, as (18) with its own share."""
         if self.config.actor_average > 0:
             _follow([self.actor_average], [self.actor], self.config.actor_average)
 
@@ -244,13 +244,13 @@ class Ddpg:
         self._counts[name] = self._counts.get(name, 0) + 1
 
     def metrics(self) -> dict[str, float]:
-        """Means of the losses and values since the last call."""
+        """Return the means of the losses and values since the last call."""
         means = {name: float(total) / self._counts[name] for name, total in self._sums.items()}
         self._sums, self._counts = {}, {}
         return means
 
     def state_dict(self) -> dict[str, Any]:
-        """Networks, targets, optimisers, generator and counter."""
+        """Return the networks, targets, optimisers, generator and counter."""
         networks = ("actor", "critics", "actor_target", "critic_targets", "actor_average")
         optimisers = ("actor_optimiser", "critic_optimiser")
         state = {name: getattr(self, name).state_dict() for name in (*networks, *optimisers)}
@@ -259,7 +259,7 @@ class Ddpg:
         return state | {"generator": generator, "updates": self.updates, "notes": notes}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state`, to the bit."""
+        """Restore `state`, to the bit."""
         for name, value in state.items():
             if name == "generator":
                 self.generator.set_state(value.cpu())
@@ -274,9 +274,9 @@ class Ddpg:
 
 @contextmanager
 def _flushed_denormals() -> Iterator[None]:
-    """Count numbers below 1e-38 as zero within this.
+    """Treat numbers below 1e-38 as zero in this context.
 
-    Adam's means of units without a gradient decay to such, which makes its steps twice as long.
+    Adam's moments of units without a gradient decay to denormals, which double its time.
     """
     torch.set_flush_denormal(True)
     try:
@@ -286,7 +286,7 @@ def _flushed_denormals() -> Iterator[None]:
 
 
 def _follow(slow: list[nn.Module], main: list[nn.Module], share: float) -> None:
-    """Let `share` of the main networks' parameters enter the slow ones'."""
+    """Blend `share` of the main networks' parameters into the slow ones."""
     slow_values = [item.data for net in slow for item in net.parameters()]
     main_values = [item.data for net in main for item in net.parameters()]
     torch._foreach_lerp_(slow_values, main_values, share)

@@ -1,8 +1,8 @@
-"""The update of `ddpg.py` with hand-written gradients: the same numbers in a third of the time.
+"""Update of `ddpg.py` with hand-written gradients: the same numbers in a third of the time.
 
-All parameters, gradients, moments and targets are flat vectors with named views that ask for no
-gradient, and every large result goes into memory that was there before. Every switch of
-`DdpgConfig` is supported; a test holds it against the autograd reference.
+All parameters, gradients, moments and targets are flat vectors with named views that need no
+gradient, and every large result is written into preallocated memory. Every switch of
+`DdpgConfig` is supported; a test compares it with the autograd reference.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from bicycle_controller.config.run import DdpgConfig
 from bicycle_controller.data.replay_buffer import OBSERVATIONS, Batch
 
 BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8
-"""Adam's own defaults."""
+"""Adam's defaults."""
 
 
 class FlatAdam:
@@ -38,11 +38,11 @@ class FlatAdam:
         """Start with zero moments.
 
         Args:
-            networks: whose parameters the values are.
+            networks: owners of the parameters in `values`.
             values: flat, changed by `step`.
             gradient: flat, read by `step`.
-            turned: how they lie in memory, see `fused_net`.
-            like: torch's own, for the learning rate and the form of the saved state.
+            turned: their memory layout, see `fused_net`.
+            like: torch's Adam, for the learning rate and the format of the saved state.
         """
         self.values, self.gradient = values, gradient
         self._groups = like.state_dict()["param_groups"]
@@ -72,7 +72,7 @@ class FlatAdam:
         )
 
     def state_dict(self) -> dict[str, Any]:
-        """As torch's Adam gives it, so that any backend may go on."""
+        """Return the state in the format of torch's Adam, so that any backend can load it."""
         state = {
             index: {"step": self.count.clone(), "exp_avg": mean, "exp_avg_sq": square}
             for index, (mean, square) in enumerate(self._moments)
@@ -80,7 +80,7 @@ class FlatAdam:
         return {"state": state, "param_groups": self._groups}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state`."""
+        """Restore `state`."""
         for index, found in state["state"].items():
             mean, square = self._moments[index]
             mean.copy_(found["exp_avg"])
@@ -89,7 +89,7 @@ class FlatAdam:
 
 
 def _use_native(config: DdpgConfig, device: torch.device) -> bool:
-    """Whether `native.cpp` does the work: it knows one thread of the CPU only."""
+    """Return True if `native.cpp` can be used: it supports one thread of the CPU only."""
     if config.backend == "native" and (device.type != "cpu" or load() is None):
         raise ValueError("ddpg.backend=native needs the CPU and a C++ compiler: choose auto")
     plain = config.backend == "auto" and device.type == "cpu" and torch.get_num_threads() == 1
@@ -97,12 +97,12 @@ def _use_native(config: DdpgConfig, device: torch.device) -> bool:
 
 
 class FusedDdpg(Ddpg):
-    """`Ddpg` without autograd; networks and checkpoints look the same from outside."""
+    """`Ddpg` without autograd; networks and checkpoints have the same interface."""
 
     def __init__(
         self, config: DdpgConfig, actions: int, seed: int, device: torch.device | str = "cpu"
     ) -> None:
-        """Draw the same networks as `Ddpg` and move them into flat memory."""
+        """Create the same networks as `Ddpg` and move them into flat memory."""
         super().__init__(config, actions, seed, device)
         batch = config.batch
         net = NativeNet if _use_native(config, self.device) else FusedNet
@@ -135,7 +135,7 @@ class FusedDdpg(Ddpg):
         self.actor_optimiser.rate, self.critic_optimiser.rate = actor, critic
 
     def targets(self, batch: Batch) -> Tensor:
-        """The critics' targets y (B,), equation (15), for a scaled batch."""
+        """Return the critics' targets y (B,), equation (15), for a scaled batch."""
         seen = batch.next_observation[:, :OBSERVATIONS]
         action = self._smoothed(self._raw(self._actor_target, seen).tanh())
         values = [net.forward(batch.next_observation, action) for net in self._critic_targets]
@@ -144,13 +144,13 @@ class FusedDdpg(Ddpg):
         return target.clamp_(self.config.value_min, 0.0) if self.config.bound_values else target
 
     def _raw(self, actor: FusedNet | NativeNet, seen: Tensor) -> Tensor:
-        """What enters the actor's tanh, (B, actions), for scaled observations (B, 6)."""
+        """Return the input of the actor's tanh, (B, actions), for scaled observations (B, 6)."""
         if not self.config.symmetric_actor:
             return actor.forward(seen)
         return folded(actor.forward(torch.cat([seen, -seen])))
 
     def _update_critics(self, batch: Batch, target: Tensor) -> None:
-        """Equation (14); the slope of the loss at Q is 2 (Q - y) / B, bounded by Huber's."""
+        """Equation (14); the loss's gradient in Q is 2 (Q - y) / B, bounded by Huber's."""
         config, size = self.config, len(target)
         for index, net in enumerate(self._critics):
             value = net.forward(batch.observation, batch.action)
@@ -167,7 +167,7 @@ class FusedDdpg(Ddpg):
         self.critic_optimiser.step()
 
     def _update_actor(self, batch: Batch) -> None:
-        """Equation (17): the critic's slope at the action, through tanh into the actor."""
+        """Equation (17): the critic's gradient in the action, through tanh into the actor."""
         config = self.config
         raw = self._raw(self._actor, batch.observation[:, :OBSERVATIONS])
         action = torch.tanh(raw)

@@ -1,7 +1,7 @@
-"""A multilayer perceptron with hand-written gradients on flat, preallocated memory.
+"""Multilayer perceptron with hand-written gradients on flat, preallocated memory.
 
-It works on the parameters of an `Actor` or a `Critic`, which become views of one flat vector,
-so that one call of Adam and one of the target update serve all of them.
+It uses the parameters of an `Actor` or a `Critic`, which become views of one flat vector, so that
+one call of Adam and one target update serve all of them.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from bicycle_controller.agents.networks import Actor, Critic, linear_layers
 
 ATEN = torch.ops.aten
 NARROW = 16
-"""Inputs up to which a layer is narrow, see `_views`."""
+"""Largest number of inputs of a narrow layer, see `_views`."""
 
 
 class Flat:
-    """The parameters of several networks as views of one vector.
+    """Parameters of several networks as views of one vector.
 
     Attributes:
         values: all parameters, network by network.
-        sizes: how many each network has.
+        sizes: number of parameters of each network.
     """
 
     def __init__(self, networks: Sequence[nn.Module], turned: bool) -> None:
@@ -38,7 +38,7 @@ class Flat:
 
 
 def flat_views(networks: Sequence[nn.Module], flat: Tensor, turned: bool) -> list[Tensor]:
-    """`flat` in the shapes of the networks' parameters, in their order; see `_views`."""
+    """Return `flat` in the shapes of the networks' parameters, in their order; see `_views`."""
     sizes = [sum(item.numel() for item in net.parameters()) for net in networks]
     parts = zip(networks, torch.split(flat, sizes), strict=True)
     return [view for net, part in parts for view in _views(net, part, turned)]
@@ -49,16 +49,16 @@ def _parameters(networks: Sequence[nn.Module]) -> list[nn.Parameter]:
 
 
 def gradient_views(network: nn.Module, flat: Tensor, turned: bool = False) -> dict[str, Tensor]:
-    """Views of `flat` by the names of the network's parameters; for `turned` see `_views`."""
+    """Return views of `flat` by the network's parameter names; for `turned` see `_views`."""
     names = [name for name, _ in network.named_parameters()]
     return dict(zip(names, _views(network, flat, turned), strict=True))
 
 
 def _views(network: nn.Module, flat: Tensor, turned: bool) -> list[Tensor]:
-    """`flat` in the shapes of the network's parameters, in their order.
+    """Return `flat` in the shapes of the network's parameters, in their order.
 
-    With `turned` the weight of a layer with few inputs lies transposed in memory: torch makes
-    the product for its gradient five times faster so.
+    With `turned` the weight of a layer with few inputs is stored transposed: torch then computes
+    the product for its gradient five times faster.
     """
     sizes = [item.numel() for item in network.parameters()]
     parts = torch.split(flat, sizes)
@@ -76,7 +76,7 @@ def _is_narrow(shape: Sequence[int]) -> bool:
 class FusedNet:
     """Forward and backward pass of one network for batches of one size.
 
-    Each pass reuses the same memory, so a result is good until the next pass.
+    Each pass reuses the same memory, so a result is valid until the next pass.
 
     Attributes:
         gradient: flat, in the order of the network's parameters; the last `backward`'s.
@@ -84,10 +84,10 @@ class FusedNet:
     """
 
     def __init__(self, network: Actor | Critic, batch: int, gradient: Tensor | None) -> None:
-        """Prepare the memory.
+        """Allocate the memory.
 
         Args:
-            network: its parameters are read where they are, so they must stay there.
+            network: its parameters are used in place, so they must not be moved.
             batch: B.
             gradient: flat memory for `backward`; None for a network that is never trained.
         """
@@ -105,7 +105,7 @@ class FusedNet:
         self._inputs = [torch.empty(batch, w.shape[1], device=device) for w in self._weights]
         self._slopes = [torch.empty(batch, w.shape[1], device=device) for w in self._weights]
         hidden = [layer.out_features for layer in self.layers[:-1]]
-        # What a layer gives goes straight into the next one's input, left of the action.
+        # A layer's output is written directly into the next one's input, left of the action.
         pairs = list(zip(self._inputs[1:], hidden, strict=True))
         self._hidden = [memory[:, :width] for memory, width in pairs]
         self._products = self._hidden
@@ -115,7 +115,7 @@ class FusedNet:
         self.output = torch.empty(batch, self.layers[-1].out_features, device=device)
 
     def forward(self, observation: Tensor, action: Tensor | None = None) -> Tensor:
-        """(B, outputs) of scaled observations (B, inputs), and for a critic of actions (B, A)."""
+        """Return (B, outputs) of scaled observations (B, inputs); a critic has actions (B, A)."""
         if self.join == 0:
             self._inputs[0][:, : observation.shape[1]] = observation
         else:
@@ -146,7 +146,7 @@ class FusedNet:
         self._moments.append((mean, scale))
 
     def backward(self, slope: Tensor) -> None:
-        """Fill `gradient` from the loss's slope at the output, (B, outputs)."""
+        """Fill `gradient` from the loss's gradient in the output, (B, outputs)."""
         for index in range(len(self.layers) - 1, -1, -1):
             torch.mm(slope.t(), self._inputs[index], out=self._grads[f"layers.{index}.weight"])
             torch.sum(slope, 0, out=self._grads[f"layers.{index}.bias"])
@@ -154,7 +154,7 @@ class FusedNet:
                 slope = self._through_hidden(slope, index, learn=True)
 
     def action_slope(self, slope: Tensor) -> Tensor:
-        """The loss's slope at the action (B, A), from that at the output; a critic's only."""
+        """Return a critic's gradient in the action (B, A), from that in the output."""
         for index in range(len(self.layers) - 1, self.join, -1):
             slope = self._through_hidden(slope, index, learn=False)
         before = self._hidden[self.join - 1].shape[1] if self.join > 0 else self.network.inputs
@@ -162,7 +162,7 @@ class FusedNet:
         return torch.mm(columns.t().contiguous(), slope.t()).t()
 
     def _through_hidden(self, slope: Tensor, index: int, learn: bool) -> Tensor:
-        """From the slope at layer `index`'s product to that at the product before it."""
+        """Propagate the gradient from layer `index`'s product to the product before it."""
         hidden = self._hidden[index - 1]
         width = hidden.shape[1]
         result = self._slopes[index][:, :width]

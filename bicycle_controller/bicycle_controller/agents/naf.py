@@ -17,7 +17,7 @@ from bicycle_controller.config.algorithms import NafConfig
 from bicycle_controller.data.replay_buffer import OBSERVATIONS, Batch, ReplayBuffer
 
 LOG_EVERY = 12
-"""Updates between two that enter the metrics."""
+"""Updates between two that are logged."""
 
 
 class NafNetwork(nn.Module):
@@ -30,7 +30,7 @@ class NafNetwork(nn.Module):
     """
 
     def __init__(self, config: NafConfig, actions: int, generator: torch.Generator) -> None:
-        """Draw the start; `generator` is on the CPU."""
+        """Initialise the weights; `generator` is on the CPU."""
         super().__init__()
         self.actor = Actor(OBSERVATIONS, config.hidden, actions)
         initialise(self.actor, config.initialisation, generator)
@@ -42,7 +42,7 @@ class NafNetwork(nn.Module):
         self._below = torch.tril_indices(actions, actions).tolist()
 
     def forward(self, observation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """V (B,), mu (B, A) and L (B, A, A) for scaled observations (B, 6).
+        """Return V (B,), mu (B, A) and L (B, A, A) for scaled observations (B, 6).
 
         L is lower-triangular; its diagonal is the exponential of the layer's output, so that
         P = L L^T is positive definite.
@@ -57,18 +57,18 @@ class NafNetwork(nn.Module):
         return self.value(features), mean, lower
 
     def state_value(self, observation: Tensor) -> Tensor:
-        """V (B,) alone, of scaled observations (B, 6)."""
+        """Return V (B,) only, for scaled observations (B, 6)."""
         found: Tensor = self.value(self.actor.features(observation))
         return found
 
     def q(self, observation: Tensor, action: Tensor) -> Tensor:
-        """Q (B,) of scaled observations (B, 6) and normalised actions (B, A)."""
+        """Return Q (B,) for scaled observations (B, 6) and normalised actions (B, A)."""
         value, mean, lower = self(observation)
         return value + advantage(action - mean, lower)
 
 
 def advantage(offset: Tensor, lower: Tensor) -> Tensor:
-    """A (B,) = -1/2 |L^T (a - mu)|^2 for a - mu (B, A) and L (B, A, A)."""
+    """Return A (B,) = -1/2 |L^T (a - mu)|^2 for a - mu (B, A) and L (B, A, A)."""
     stretched = (lower.transpose(-2, -1) @ offset.unsqueeze(-1)).squeeze(-1)
     return -0.5 * stretched.square().sum(-1)
 
@@ -77,7 +77,7 @@ class Naf(SingleNetworkAgent[NafConfig]):
     """V, mu and L, and their slow copy.
 
     Attributes:
-        target: slow copy, of which V makes the targets.
+        target: slow copy, whose V gives the targets.
     """
 
     parts = ("network", "target", "optimiser", "notes")
@@ -85,26 +85,26 @@ class Naf(SingleNetworkAgent[NafConfig]):
     def __init__(
         self, config: NafConfig, actions: int, seed: int, device: torch.device | str = "cpu"
     ) -> None:
-        """Draw the network.
+        """Initialise the network.
 
         Args:
             config: every number and switch.
             actions: numbers per action.
-            seed: of the network's start and of the draws from the memory.
-            device: where networks and updates live.
+            seed: of initialisation and draws from the memory.
+            device: of networks and updates.
         """
         network = NafNetwork(config, actions, torch.Generator().manual_seed(seed))
         super().__init__(config, network, seed + 1, device)
         self.target = copy.deepcopy(self.network).requires_grad_(False)
 
     def update(self, replay: ReplayBuffer, count: int) -> None:
-        """Make `count` updates from one draw out of the memory."""
+        """Make `count` updates from one draw of the memory."""
         size = self.config.batch
         for batch in replay.sample(count * size, self.generator).parts(size):
             self.update_on(batch)
 
     def update_on(self, batch: Batch) -> None:
-        """Make one update from `batch`, as it came from the memory."""
+        """Make one update from `batch`, as drawn from the memory."""
         value = self.network.q(batch.observation / self.scale, batch.action)
         loss = functional.mse_loss(value, self.targets(batch))
         if self.updates % LOG_EVERY == 0:
@@ -116,7 +116,7 @@ class Naf(SingleNetworkAgent[NafConfig]):
 
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
-        """y (B,) = r + gamma V'(s'), for a batch as it came from the memory."""
+        """Return y (B,) = r + gamma V'(s'), for a batch as drawn from the memory."""
         following = self.target.state_value(batch.next_observation / self.scale)
         target: Tensor = batch.reward * self.config.reward_scale + batch.discount * following
         return target

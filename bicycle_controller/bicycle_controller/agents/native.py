@@ -1,7 +1,7 @@
-"""`FusedNet` in C++: a compiler in the machine makes it twice as fast, none loses nothing.
+"""`FusedNet` in C++: twice as fast if a compiler is installed; optional.
 
-`native.cpp` is compiled once for the processor it runs on, into the user's cache. Where that
-cannot be done the training goes on with torch, and one line says why.
+`native.cpp` is compiled once for the processor it runs on, into the user's cache. If that fails,
+training uses torch, and one line says why.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ FLAGS = ("-O3", "-march=native", "-std=c++17", "-shared", "-fPIC")
 SOURCES = ("native.cpp", "gemm.h")
 COMPILERS = ("c++", "g++", "clang++")
 PATIENCE = 120
-"""s that the compiler may take."""
+"""Time limit of the compiler (s)."""
 
 
 class _Layer(ctypes.Structure):
@@ -46,15 +46,15 @@ class NativeNet:
     """Forward and backward pass of one network on the CPU, in one thread; see `FusedNet`."""
 
     def __init__(self, network: Actor | Critic, batch: int, gradient: Tensor | None) -> None:
-        """Prepare the memory.
+        """Allocate the memory.
 
         Args:
-            network: its parameters are read where they are, so they must stay there.
+            network: its parameters are used in place, so they must not be moved.
             batch: B.
             gradient: flat memory for `backward`; None for a network that is never trained.
 
         Raises:
-            RuntimeError: when the library cannot be had, or there is no memory.
+            RuntimeError: if the library is not available, or memory is exhausted.
         """
         library = load()
         if library is None:
@@ -75,7 +75,7 @@ class NativeNet:
         weakref.finalize(self, library.net_free, self._net)
 
     def forward(self, observation: Tensor, action: Tensor | None = None) -> Tensor:
-        """(B, outputs) of scaled observations (B, inputs), and for a critic of actions (B, A)."""
+        """Return (B, outputs) of scaled observations (B, inputs); a critic has actions (B, A)."""
         seen = observation.contiguous()
         acted = None if action is None else action.contiguous()
         self._library.net_forward(
@@ -87,19 +87,19 @@ class NativeNet:
         return self.output
 
     def backward(self, slope: Tensor) -> None:
-        """Fill `gradient` from the loss's slope at the output, (B, outputs)."""
+        """Fill `gradient` from the loss's gradient in the output, (B, outputs)."""
         slope = slope.contiguous()
         self._library.net_backward(self._net, slope.data_ptr())
 
     def action_slope(self, slope: Tensor) -> Tensor:
-        """The loss's slope at the action (B, A), from that at the output; a critic's only."""
+        """Return a critic's gradient in the action (B, A), from that in the output."""
         slope = slope.contiguous()
         self._library.net_action_slope(self._net, slope.data_ptr(), self._action_slope.data_ptr())
         return self._action_slope
 
 
 def _layers(network: Actor | Critic, gradient: Tensor | None) -> ctypes.Array[_Layer]:
-    """The network as native.cpp wants it."""
+    """Return the network as an array of native.cpp's layers."""
     slopes: dict[str, Tensor] = {}
     if gradient is not None:
         slopes = gradient_views(network, gradient)
@@ -123,7 +123,7 @@ def _layers(network: Actor | Critic, gradient: Tensor | None) -> ctypes.Array[_L
 
 @functools.cache
 def load() -> ctypes.CDLL | None:
-    """The compiled library, or None after one line on standard error."""
+    """Return the compiled library, or None after one line on standard error."""
     try:
         library = ctypes.CDLL(str(_compiled()))
     except (OSError, subprocess.SubprocessError) as error:
@@ -140,11 +140,11 @@ def load() -> ctypes.CDLL | None:
 
 
 def _compiled() -> Path:
-    """The library's file, compiled if need be.
+    """Return the library's file; compile it if it is missing.
 
     Raises:
-        OSError: when there is no compiler, it fails, or there is no place to write to.
-        subprocess.TimeoutExpired: when compiling takes too long.
+        OSError: if there is no compiler, it fails, or no folder is writable.
+        subprocess.TimeoutExpired: if compiling takes too long.
     """
     package = resources.files("bicycle_controller.agents")
     sources = {name: package.joinpath(name).read_bytes() for name in SOURCES}
@@ -172,7 +172,7 @@ def _compiled() -> Path:
 
 
 def _processor() -> str:
-    """What the machine code depends on."""
+    """Return a key of everything that the machine code depends on."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
     kinds = ("flags", "Features", "model name")

@@ -1,4 +1,4 @@
-"""The actor and the critic of section 4.1 of the paper (figure 7, Table 2), and state values."""
+"""Actor and critic of section 4.1 of the paper (figure 7, Table 2), and state values."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import torch
 from torch import Tensor, nn
 
 OUTPUT_RANGE = 3e-3
-"""Half width of the uniform start of output layers (Table 2, errata row 30)."""
+"""Half width of the uniform initialisation of output layers (Table 2, errata row 30)."""
 
 
 class Actor(nn.Module):
-    """The policy: observations to normalised actions.
+    """Policy: observations to normalised actions.
 
     Attributes:
-        layers: the products, `layer.{i}` in a policy file.
-        norms: layer normalisations after each hidden product, or none.
+        layers: linear layers, `layer.{i}` in a policy file.
+        norms: layer normalisations after each hidden layer's product, or none.
     """
 
     def __init__(
@@ -29,15 +29,15 @@ class Actor(nn.Module):
         layer_norm: bool = False,
         symmetric: bool = False,
     ) -> None:
-        """Build it with torch's own start; see `initialise`.
+        """Build it with torch's default initialisation; see `initialise`.
 
         Args:
             inputs: numbers per observation.
             hidden: units of each hidden layer.
             actions: numbers per action.
-            layer_norm: whether a layer normalisation follows each hidden product.
-            symmetric: whether what it does to the left mirrors what it does to the right: the
-                mean of its answer and of the mirror image of its answer to the mirror image.
+            layer_norm: True to follow each hidden product by a layer normalisation.
+            symmetric: True to make left and right mirror images: the output is the mean of the
+                network's answer and of the mirror image of its answer to the mirrored observation.
         """
         super().__init__()
         self.inputs, self.symmetric = inputs, symmetric
@@ -46,7 +46,7 @@ class Actor(nn.Module):
         self.norms = nn.ModuleList(nn.LayerNorm(size) for size in hidden if layer_norm)
 
     def features(self, observation: Tensor) -> Tensor:
-        """The last hidden layer, (..., units), for scaled observations (..., inputs)."""
+        """Return the last hidden layer, (..., units), for scaled observations (..., inputs)."""
         x = observation
         for index, layer in enumerate(self.layers[:-1]):
             x = layer(x)
@@ -54,53 +54,53 @@ class Actor(nn.Module):
         return x
 
     def raw(self, observation: Tensor) -> Tensor:
-        """What enters the tanh, (..., actions), for scaled observations (..., inputs)."""
+        """Return the input of tanh, (..., actions), for scaled observations (..., inputs)."""
         if not self.symmetric:
             return self.layers[-1](self.features(observation))
         return folded(self.layers[-1](self.features(torch.cat([observation, -observation]))))
 
     def forward(self, observation: Tensor) -> Tensor:
-        """Actions within [-1, 1], (..., actions), for scaled observations (..., inputs)."""
+        """Return actions within [-1, 1], (..., actions), for scaled observations (..., inputs)."""
         return torch.tanh(self.raw(observation))
 
 
 def folded(both: Tensor) -> Tensor:
-    """A symmetric actor's answer (B, actions) from its network's for (2B,) [seen, mirrored]."""
+    """Return a symmetric actor's output (B, actions) from its network's (2B,) [seen, mirrored]."""
     seen, mirrored = both.chunk(2)
     return 0.5 * (seen + _sides(both) * mirrored)
 
 
 def unfolded(slope: Tensor) -> Tensor:
-    """The slope at `folded`'s argument (2B, actions), from that at its result (B, actions)."""
+    """Return the gradient in `folded`'s input (2B, actions) from its output's (B, actions)."""
     return 0.5 * torch.cat([slope, _sides(slope) * slope])
 
 
 def _sides(like: Tensor) -> Tensor:
-    """-1 for what changes sides in a mirror, torque and displacement; 1 for the pedal force."""
+    """Return -1 for actions that a mirror negates (torque, displacement), 1 for pedal force."""
     sides = torch.ones_like(like[0])
     sides[:2] = -1.0
     return sides
 
 
 class Value(Actor):
-    """The value of a state, V(s): an actor's layers with one output and no tanh."""
+    """Value of a state, V(s): an actor's layers with one output and no tanh."""
 
     def __init__(self, inputs: int, hidden: Sequence[int]) -> None:
-        """Build it with torch's own start.
+        """Build it with torch's default initialisation.
 
         Args:
             inputs: numbers per observation, or per feature of another network.
-            hidden: units of each hidden layer; none makes it one product.
+            hidden: units of each hidden layer; an empty one makes it one linear layer.
         """
         super().__init__(inputs, hidden, 1)
 
     def forward(self, observation: Tensor) -> Tensor:
-        """V (...,) of (..., inputs)."""
+        """Return V (...,) for (..., inputs)."""
         return self.raw(observation).squeeze(-1)
 
 
 class Critic(nn.Module):
-    """The value of an action: the action enters at a hidden layer, the second in the paper."""
+    """Value of an action; the action enters at a hidden layer, the second one in the paper."""
 
     def __init__(
         self,
@@ -110,14 +110,14 @@ class Critic(nn.Module):
         action_layer: int = 2,
         layer_norm: bool = False,
     ) -> None:
-        """Build it with torch's own start; see `initialise`.
+        """Build it with torch's default initialisation; see `initialise`.
 
         Args:
             inputs: numbers per observation.
             hidden: units of each hidden layer.
             actions: numbers per action.
-            action_layer: hidden layer that the action enters at, 1 is the first.
-            layer_norm: whether a layer normalisation follows each hidden product.
+            action_layer: hidden layer at which the action enters; 1 is the first.
+            layer_norm: True to follow each hidden product by a layer normalisation.
         """
         super().__init__()
         self.inputs = inputs
@@ -128,7 +128,7 @@ class Critic(nn.Module):
         self.norms = nn.ModuleList(nn.LayerNorm(size) for size in hidden if layer_norm)
 
     def forward(self, observation: Tensor, action: Tensor) -> Tensor:
-        """Q (...,) of observations (..., inputs) and normalised actions (..., actions)."""
+        """Return Q (...,) for observations (..., inputs) and normalised actions (..., actions)."""
         x = observation
         for index, layer in enumerate(self.layers):
             if index == self.action_layer - 1:
@@ -140,12 +140,12 @@ class Critic(nn.Module):
 
 
 def linear_layers(network: Actor | Critic) -> list[nn.Linear]:
-    """The network's products, in order."""
+    """Return the network's linear layers, in order."""
     return [layer for layer in network.layers if isinstance(layer, nn.Linear)]
 
 
 def initialise(network: Actor | Critic, scheme: str, generator: torch.Generator) -> None:
-    """Draw a network's start.
+    """Initialise a network's parameters.
 
     Args:
         network: changed in place.
@@ -169,7 +169,7 @@ def initialise(network: Actor | Critic, scheme: str, generator: torch.Generator)
 
 
 def policy_tensors(actor: Actor) -> dict[str, np.ndarray]:
-    """The actor's weights under the names of a policy file, copied.
+    """Return copies of the actor's weights under the names of a policy file.
 
     A symmetric actor becomes a plain one of twice the width: its network beside its mirror image.
     """
@@ -181,7 +181,7 @@ def policy_tensors(actor: Actor) -> dict[str, np.ndarray]:
 
 
 def _doubled(tensors: dict[str, np.ndarray], last: int) -> dict[str, np.ndarray]:
-    """The tensors of the plain network that does what a symmetric one does."""
+    """Return the tensors of the plain network that is equivalent to a symmetric one."""
     result = {}
     for index in range(last + 1):
         weight, bias = tensors[f"layer.{index}.weight"], tensors[f"layer.{index}.bias"]

@@ -1,8 +1,8 @@
 """Proximal policy optimisation (section 5.2 of the paper; Schulman et al. 2017).
 
 The policy is a normal distribution about mu(s) = tanh(network(s)) with one standard deviation
-per action that does not depend on the state. Its mean is what is scored, kept and deployed
-(errata row 38), so it is an `Actor` as DDPG's.
+per action that does not depend on the state. Its mean is scored, kept and deployed (errata row
+38), so it is an `Actor`, as with DDPG.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from bicycle_controller.data.replay_buffer import OBSERVATIONS, Batch
 from bicycle_controller.data.rollout_buffer import RolloutBuffer, advantages
 
 ADAM_EPSILON = 1e-5
-"""Of Adam, as in the usual implementations of PPO."""
+"""Adam's epsilon, as in the common implementations of PPO."""
 
 
 @dataclass(frozen=True)
 class Samples:
-    """B actions of a rollout and what the update needs to know of them."""
+    """B actions of a rollout and the data that the update needs."""
 
     observation: Tensor
     """(B, 6), scaled."""
@@ -51,7 +51,7 @@ class PpoNetwork(nn.Module):
     """
 
     def __init__(self, config: PpoConfig, actions: int, generator: torch.Generator) -> None:
-        """Draw the start: orthogonal, as usual for PPO; `generator` is on the CPU."""
+        """Initialise the weights: orthogonal, as is common for PPO; `generator` is on the CPU."""
         super().__init__()
         self.shared = config.shared
         self.actor = Actor(OBSERVATIONS, config.hidden, actions)
@@ -65,58 +65,58 @@ class PpoNetwork(nn.Module):
                 nn.init.zeros_(layer.bias)
 
     def forward(self, observation: Tensor) -> tuple[Tensor, Tensor]:
-        """mu (B, actions) and V (B,) of scaled observations (B, 6)."""
+        """Return mu (B, actions) and V (B,) for scaled observations (B, 6)."""
         features = self.actor.features(observation)
         mean = torch.tanh(self.actor.layers[-1](features))
         return mean, self.value(features if self.shared else observation)
 
     def log_probability(self, mean: Tensor, action: Tensor) -> Tensor:
-        """Logarithm (B,) of the density of actions (B, actions) about `mean`."""
+        """Return the logarithm (B,) of the density of actions (B, actions) about `mean`."""
         offset = (action - mean) / self.log_std.exp()
         constant = 0.5 * math.log(2.0 * math.pi)
         return -(0.5 * offset.square() + self.log_std + constant).sum(-1)
 
     def entropy(self) -> Tensor:
-        """H, the same in every state."""
+        """Return the entropy H, the same in every state."""
         return (self.log_std + 0.5 * math.log(2.0 * math.pi * math.e)).sum()
 
 
 def clipped_objective(ratio: Tensor, advantage: Tensor, clip: float) -> Tensor:
-    """J^CLIP of section 5.2, for ratios (B,) and advantages (B,)."""
+    """Return J^CLIP of section 5.2, for ratios (B,) and advantages (B,)."""
     bounded = ratio.clamp(1.0 - clip, 1.0 + clip)
     return torch.min(ratio * advantage, bounded * advantage).mean()
 
 
 class Ppo(SingleNetworkAgent[PpoConfig]):
-    """The policy, its value and their optimiser."""
+    """The policy, its value function and their optimiser."""
 
     def __init__(
         self, config: PpoConfig, actions: int, seed: int, device: torch.device | str = "cpu"
     ) -> None:
-        """Draw the network.
+        """Initialise the network.
 
         Args:
             config: every number and switch.
             actions: numbers per action.
-            seed: of the network's start, of the actions drawn and of the minibatches.
-            device: where the network and its updates live.
+            seed: of initialisation, drawn actions and minibatches.
+            device: of the network and its updates.
         """
         network = PpoNetwork(config, actions, torch.Generator().manual_seed(seed))
         super().__init__(config, network, seed + 1, device, ADAM_EPSILON)
 
     @torch.no_grad()
     def sample(self, observation: np.ndarray) -> np.ndarray:
-        """Actions (N, actions) drawn for raw observations (N, 6); they may lie beyond 1."""
+        """Draw actions (N, actions) for raw observations (N, 6); they may exceed 1."""
         mean = self.actor(self.scaled(observation))
         drawn = torch.randn(mean.shape, generator=self.generator, device=self.device)
         action: np.ndarray = (mean + self.network.log_std.exp() * drawn).cpu().numpy()
         return action
 
     def update(self, rollout: RolloutBuffer, count: int) -> None:
-        """Make `count` updates, one minibatch each, and empty the rollout.
+        """Make `count` updates, one minibatch each, and clear the rollout.
 
         Raises:
-            ValueError: when the rollout is not full.
+            ValueError: if the rollout is not full.
         """
         if not rollout.full:
             raise ValueError(f"the rollout is not full: {rollout.rounds} of {len(rollout.rows)}")
@@ -127,14 +127,14 @@ class Ppo(SingleNetworkAgent[PpoConfig]):
         rollout.clear()
 
     def _minibatches(self, rows: int) -> Iterator[Tensor]:
-        """Indices of minibatches for ever; each row once before any comes again."""
+        """Yield indices of minibatches without end; each row once before any is repeated."""
         while True:
             order = torch.randperm(rows, generator=self.generator, device=self.device)
             yield from torch.split(order, self.config.batch)
 
     @torch.no_grad()
     def samples(self, rollout: RolloutBuffer) -> Samples:
-        """The rollout's T x N actions, judged by the policy and the value as they are."""
+        """Return the rollout's T x N actions with the current policy's and value's data."""
         rows = torch.from_numpy(rollout.rows.reshape(-1, rollout.rows.shape[-1])).to(self.device)
         sizes = [OBSERVATIONS, rollout.actions, OBSERVATIONS, 1, 1, 1, 1, 1]
         parts = torch.split(rows, sizes, dim=1)
@@ -155,7 +155,7 @@ class Ppo(SingleNetworkAgent[PpoConfig]):
         return Samples(observation, batch.action, log_probability, advantage, advantage + value)
 
     def objective(self, samples: Samples) -> Tensor:
-        """J^CLIP' of section 5.2, to be made large."""
+        """Return J^CLIP' of section 5.2, to be maximised."""
         config, network = self.config, self.network
         advantage = samples.advantage
         if config.normalise_advantages and len(advantage) > 1:

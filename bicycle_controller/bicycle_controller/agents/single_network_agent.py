@@ -1,4 +1,4 @@
-"""What NAF and PPO share: one network with an actor in it, one optimiser, one generator."""
+"""Common base of NAF and PPO: one network that contains an actor, one optimiser, one generator."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ class SingleNetworkAgent(Generic[Config]):
     """A network and its optimiser.
 
     Attributes:
-        network: of which `actor` is the policy.
-        generator: of the draws, on the device.
-        scale: (6,) that observations are divided by.
-        updates: updates made.
+        network: its `actor` is the policy.
+        generator: of random draws, on the device.
+        scale: (6,) divisors of the observations.
+        updates: number of updates made.
     """
 
     backend = "autograd"
     parts: tuple[str, ...] = ("network", "optimiser", "notes")
-    """Of the saved state, beside generator and counter."""
+    """Attributes in the saved state, besides generator and counter."""
     network: Any
 
     def __init__(
@@ -40,14 +40,14 @@ class SingleNetworkAgent(Generic[Config]):
         device: torch.device | str,
         epsilon: float = 1e-8,
     ) -> None:
-        """Take the network to its device.
+        """Move the network to its device.
 
         Args:
             config: every number and switch.
-            network: as drawn, on the CPU.
-            seed: of the draws.
-            device: where the network and its updates live.
-            epsilon: of Adam.
+            network: initialised, on the CPU.
+            seed: of the random draws.
+            device: of the network and its updates.
+            epsilon: Adam's.
         """
         self.config: Config = config
         self.device, self.updates = torch.device(device), 0
@@ -61,17 +61,17 @@ class SingleNetworkAgent(Generic[Config]):
 
     @property
     def actor(self) -> Actor:
-        """The policy, for scaled observations."""
+        """Policy, for scaled observations."""
         actor: Actor = self.network.actor
         return actor
 
     @property
     def deployed(self) -> Actor:
-        """The policy to score and keep: the same."""
+        """Policy to score and keep: the same actor."""
         return self.actor
 
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """Normalised actions (N, actions) for raw observations (N, 6), without noise."""
+        """Return normalised actions (N, actions) for raw observations (N, 6), without noise."""
         return self._answer(observation)
 
     @cached_property
@@ -79,7 +79,7 @@ class SingleNetworkAgent(Generic[Config]):
         return Answer(self.actor, self.scale)
 
     def scaled(self, observation: np.ndarray) -> Tensor:
-        """Raw observations (N, 6), scaled and on the device."""
+        """Return the raw observations (N, 6), scaled and on the device."""
         raw = torch.as_tensor(observation, dtype=torch.float32, device=self.device)
         return raw / self.scale
 
@@ -90,7 +90,7 @@ class SingleNetworkAgent(Generic[Config]):
             group["lr"] = share * self.config.learning_rate
 
     def descend(self, loss: Tensor) -> None:
-        """Make one update against a loss."""
+        """Make one update that reduces a loss."""
         self.optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         if self.config.grad_clip > 0:
@@ -99,16 +99,16 @@ class SingleNetworkAgent(Generic[Config]):
         self.updates += 1
 
     def metrics(self) -> dict[str, float]:
-        """Means of what was noted since the last call."""
+        """Return the means of the values noted since the last call."""
         return self.notes.take()
 
     def state_dict(self) -> dict[str, Any]:
-        """The parts, the generator and the counter."""
+        """Return the parts, the generator and the counter."""
         state = {name: getattr(self, name).state_dict() for name in self.parts}
         return state | {"generator": self.generator.get_state(), "updates": self.updates}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state`, to the bit."""
+        """Restore `state`, to the bit."""
         for name in self.parts:
             getattr(self, name).load_state_dict(state[name])
         self.generator.set_state(state["generator"].cpu())

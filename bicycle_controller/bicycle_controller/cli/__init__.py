@@ -1,1 +1,1 @@
-"""The command `bicycle`, one module a command."""
+"""Command `bicycle`, one module per subcommand."""

@@ -1,4 +1,4 @@
-"""The chart that people of the field know: real and imaginary parts of the modes over speed."""
+"""Chart of a bicycle's modes: real and imaginary parts of the eigenvalues over speed."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from bicycle_sim.plants.whipple import linear
 from bicycle_sim.plants.whipple.catalogue import Described
 
 POINTS = 1001
-"""Speeds that the curves are drawn through."""
+"""Number of speeds along a curve."""
 COLOURS = {"weave": "#3a5ba0", "capsize": "#e08e0b", "castering": "#0b8457"}
 STABLE = "#e3f4ec"
 DAMPED = 15.0
-"""1/s below zero where the chart ends; castering leaves it at some speed."""
+"""Lower end of the chart, 1/s below zero; castering leaves it at some speed."""
 
 
 def draw(described: Described, fastest: float, path: Path) -> None:
@@ -28,11 +28,11 @@ def draw(described: Described, fastest: float, path: Path) -> None:
 
     Args:
         described: the bicycle.
-        fastest: m/s at the right edge.
-        path: the file; its ending says what kind.
+        fastest: right end of the speed axis, m/s.
+        path: of the file; its suffix selects the format.
 
     Raises:
-        ValueError: on an ending that matplotlib cannot write.
+        ValueError: on a suffix that matplotlib does not support.
     """
     bicycle = described.parameters.bicycle
     speeds = np.linspace(0.0, fastest, POINTS)
@@ -73,7 +73,7 @@ def _title(described: Described, critical: linear.CriticalSpeeds) -> str:
 
 
 def _name(axes: Axes, name: str, speeds: np.ndarray, real: np.ndarray) -> None:
-    """Write a mode's name beside its curve, where that is on the chart."""
+    """Write a mode's name beside its curve, within the chart."""
     seen = np.flatnonzero(real > -DAMPED + 1.0)
     if not len(seen):
         return

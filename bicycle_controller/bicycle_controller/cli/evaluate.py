@@ -1,4 +1,4 @@
-"""`bicycle evaluate`: its arguments and what it does with them."""
+"""Arguments and execution of `bicycle evaluate`."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_disturbances(parser: argparse.ArgumentParser) -> None:
-    """Declare what may be done to the bicycle, see `rides.Disturbance`."""
+    """Declare the arguments that disturb the bicycle, see `rollouts.Disturbance`."""
     add = parser.add_argument_group("disturbances").add_argument
     add("--roll-kick", type=float, metavar="RAD_S", help="jump of the lean rate, left or right")
     add("--kick-time", type=float, metavar="S", help="when that happens (default: 2)")
@@ -71,7 +71,7 @@ def _add_disturbances(parser: argparse.ArgumentParser) -> None:
 
 
 def _numbers(text: str) -> tuple[float, ...]:
-    """One number for all six observations, or six."""
+    """Parse one number for all six observations, or six."""
     try:
         values = tuple(float(word) for word in text.split(","))
     except ValueError:
@@ -82,16 +82,16 @@ def _numbers(text: str) -> tuple[float, ...]:
 
 
 def run_command(args: argparse.Namespace) -> int:
-    """Score, print, and write when asked to.
+    """Score the controllers, print the result, and write it on request.
 
     Returns:
         The exit status.
 
     Raises:
-        ValueError: on a user's mistake, one line with the remedy.
+        ValueError: on a user's mistake; one line with the remedy.
     """
     if args.out is not None:
-        # Now, not after an hour of riding.
+        # Fail before an hour of riding, not after it.
         args.out.parent.mkdir(parents=True, exist_ok=True)
     first = load_controller(args.controller)
     scenario, physics = _world(args, first)
@@ -130,14 +130,14 @@ def run_command(args: argparse.Namespace) -> int:
 def _unlike(
     name: str, scenario: Scenario, physics: Physics, disturbance: Disturbance
 ) -> list[str]:
-    """In what the rides differ from those that a controller was trained on."""
+    """Return the differences between the rides and the controller's training."""
     if disturbance.speed is not None:
         scenario = replace(scenario, start_speed=disturbance.speed, speed_limits=None)
     return unlike_training(load_controller(name, physics), physics, scenario)
 
 
 def _world(args: argparse.Namespace, controller: Controller) -> tuple[Scenario, Physics]:
-    """The scenario and physics asked for, or those the controller was trained on."""
+    """Return the requested scenario and physics, or those of the controller's training."""
     trained = controller.info if isinstance(controller, Policy) else None
     if args.scenario is None and trained is not None:
         scenario = trained.scenario
@@ -155,7 +155,7 @@ def _world(args: argparse.Namespace, controller: Controller) -> tuple[Scenario, 
 
 
 def _disturbance(args: argparse.Namespace) -> Disturbance:
-    """What the arguments do to the bicycle."""
+    """Return the disturbance that the arguments describe."""
     names = vars(Disturbance())
     given = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
     return Disturbance(**given)

@@ -1,4 +1,4 @@
-"""`bicycle export`: its arguments and what it does with them."""
+"""Arguments and execution of `bicycle export`."""
 
 from __future__ import annotations
 
@@ -48,14 +48,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_command(args: argparse.Namespace) -> int:
-    """Write the files, and print what was written.
+    """Write the files, and print their names.
 
     Returns:
         The exit status.
 
     Raises:
-        ValueError: on a user's mistake, one line with the remedy.
-        ExportError: when the runtimes disagree.
+        ValueError: on a user's mistake; one line with the remedy.
+        ExportError: if the runtimes disagree.
     """
     formats = args.format or list(FORMATS)
     for name in formats:
@@ -83,7 +83,7 @@ def run_command(args: argparse.Namespace) -> int:
 
 
 def _save_onnx(policy: Policy, path: Path, args: argparse.Namespace) -> dict[str, float]:
-    """Write the ONNX model; torch takes part in the comparison where it is installed."""
+    """Write the ONNX model; compare it with torch too if that is installed."""
     from bicycle_controller.policy.export import save_onnx
 
     try:
@@ -94,10 +94,10 @@ def _save_onnx(policy: Policy, path: Path, args: argparse.Namespace) -> dict[str
 
 
 def _evaluation(path: Path, known_as: set[str]) -> dict[str, Any]:
-    """A summary written by `bicycle evaluate --out` of the policy with one of these ids.
+    """Read a summary that `bicycle evaluate --out` wrote for the policy with one of these ids.
 
     Raises:
-        ValueError: when it is not one, or is about another policy.
+        ValueError: if it is not one, or belongs to another policy.
     """
     try:
         summary: dict[str, Any] = json.loads(path.read_text())
@@ -115,7 +115,7 @@ def _evaluation(path: Path, known_as: set[str]) -> dict[str, Any]:
 
 
 def _told(result: dict[str, Any]) -> str:
-    """The result in a few lines."""
+    """Return the result as a few lines."""
     lines = [f"{result['policy_id']}: wrote {', '.join(result['files'].values())}"]
     for name, value in result.get("parity", {}).items():
         lines.append(f"{name} and numpy differ by at most {value:.1e} of the action limits")

@@ -1,4 +1,4 @@
-"""`bicycle info`: its arguments and what it does with them."""
+"""Arguments and execution of `bicycle info`."""
 
 from __future__ import annotations
 
@@ -63,13 +63,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_command(args: argparse.Namespace) -> int:
-    """Print what is known of a bicycle, and draw it when asked to.
+    """Print the properties of a bicycle, and draw its modes on request.
 
     Returns:
         The exit status.
 
     Raises:
-        ValueError: on a user's mistake, one line with the remedy.
+        ValueError: on a user's mistake; one line with the remedy.
     """
     require(
         0.0 < args.to <= linear.FASTEST, f"--to must be above 0 and at most 30, not {args.to:g}"
@@ -99,7 +99,7 @@ def run_command(args: argparse.Namespace) -> int:
 
 
 def summary(described: Described, speeds: np.ndarray) -> dict[str, Any]:
-    """All that the command tells, as plain data: SI units, complex numbers as [real, imaginary].
+    """Return the command's result as plain data: SI units, complex numbers as [real, imaginary].
 
     Args:
         described: the bicycle.
@@ -149,14 +149,14 @@ def summary(described: Described, speeds: np.ndarray) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """A complex number as [real, imaginary], a pair as a list of two."""
+    """Return a complex number as [real, imaginary], a pair as a list of two."""
     if np.ndim(value):
         return [_plain(one) for one in value]
     return [float(value.real), float(value.imag)]
 
 
 def warnings(b: Bicycle) -> list[str]:
-    """What no rigid body can have, though measurements do within their errors."""
+    """Return warnings about values that no rigid body has, though measurements with errors may."""
     bodies = {
         "R": (b.IRxx, b.IRyy, b.IRxx),
         "B": (b.IBxx, b.IByy, b.IBzz),
@@ -191,7 +191,7 @@ def _list_as_text(found: list[dict[str, Any]]) -> str:
 
 
 def _ranges(ranges: list[list[float | None]]) -> str:
-    """Ranges of speed in words."""
+    """Return ranges of speed as text."""
     words = [
         f"{low:.3f} to {high:.3f} m/s" if high is not None else f"from {low:.3f} m/s on"
         for low, high in ranges
@@ -200,7 +200,7 @@ def _ranges(ranges: list[list[float | None]]) -> str:
 
 
 def as_text(facts: dict[str, Any]) -> str:
-    """The summary as aligned text."""
+    """Return the summary as aligned text."""
     critical = facts["critical_speeds"]
 
     def speeds(name: str) -> str:
@@ -236,7 +236,7 @@ def as_text(facts: dict[str, Any]) -> str:
 
 
 def _table(table: list[dict[str, Any]]) -> str:
-    """Speed, weave, capsize and castering in columns."""
+    """Return a table with columns for speed, weave, capsize and castering."""
     lines = [f"{'m/s':>6}  {'weave':>24}  {'capsize':>12}  {'castering':>12}"]
     for row in table:
         (real, imaginary), (other, _) = row["weave"]

@@ -1,4 +1,4 @@
-"""`bicycle learn`: its arguments and what it does with them."""
+"""Arguments and execution of `bicycle learn`."""
 
 from __future__ import annotations
 
@@ -54,10 +54,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def config_of(args: argparse.Namespace) -> RunConfig:
-    """The configuration of a new run.
+    """Return the configuration of a new run.
 
     Raises:
-        ValueError: on an unknown name, a value out of range or a file that cannot be read.
+        ValueError: on an unknown name, a value out of range or an unreadable file.
     """
     overrides = options.changes(args, seed="seed", device="device", offline_updates="updates")
     if args.config is not None and args.preset is not None:
@@ -68,14 +68,14 @@ def config_of(args: argparse.Namespace) -> RunConfig:
 
 
 def run_command(args: argparse.Namespace) -> int:
-    """Describe the data and learn from them, or go on learning.
+    """Describe the data and learn from them, or resume learning.
 
     Returns:
-        The exit status: 0, 1 when no candidate could be kept, or 128 + the number of the signal
-        that interrupted it.
+        The exit status: 0; 1 if no candidate was kept; or 128 + the number of the signal that
+        interrupted it.
 
     Raises:
-        ValueError: on a user's mistake, one line with the remedy.
+        ValueError: on a user's mistake; one line with the remedy.
     """
     progress = options.shows_progress(args)
     if args.out is None and not args.report:
@@ -101,7 +101,7 @@ def run_command(args: argparse.Namespace) -> int:
 
 
 def _refuse_with_resume(args: argparse.Namespace) -> None:
-    """A resumed run has its own bags and configuration."""
+    """Refuse options that contradict `--resume`: that run has its own bags and configuration."""
     names = ("bags", "preset", "config", "scenario", "seed", "device", "updates", "overrides")
     given = [name for name in names if getattr(args, name) not in (None, [])]
     if given:
@@ -109,7 +109,7 @@ def _refuse_with_resume(args: argparse.Namespace) -> None:
 
 
 def _told(result: offline.Learned, args: argparse.Namespace, about: dict[str, Any]) -> int:
-    """Print the result; returns the exit status."""
+    """Print the result; return the exit status."""
     data = {"data": about} if about else {}
     line = json.dumps({"out": str(args.out), **asdict(result), **data})
     print(line if args.json else told(result, args.out))
@@ -126,7 +126,7 @@ def _told(result: offline.Learned, args: argparse.Namespace, about: dict[str, An
 
 
 def told(result: offline.Learned, out: Path) -> str:
-    """The result in a few lines."""
+    """Return the result as a few lines."""
     made = f"{result.updates:,} updates from {result.transitions:,} transitions"
     lines = [f"{result.status} after {made} in {result.wall_s:.0f} s ({result.cpu_s:.0f} s CPU)"]
     if result.best is not None:

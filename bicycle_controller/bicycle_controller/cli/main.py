@@ -1,8 +1,8 @@
-"""The command `bicycle`: all that needs no ROS.
+"""Command `bicycle`: everything that needs no ROS.
 
-Each command is a module of this folder with `add_arguments(parser)` and `run_command(args)`,
-which returns the exit status. It is imported only when it is asked for, so that `bicycle --help`
-is quick and riding needs nothing that only training needs.
+Each subcommand is a module of this folder with `add_arguments(parser)` and `run_command(args)`,
+which returns the exit status. It is imported on demand, so that `bicycle --help` is fast and
+riding does not need the packages of training.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Parser(argparse.ArgumentParser):
         self.exit(USAGE_ERROR, f"{self.prog}: {message}; see {self.prog} --help\n")
 
     def parse(self, arguments: list[str]) -> argparse.Namespace:
-        """As `parse_args`, but names the option nearest to one that does not exist."""
+        """Parse as `parse_args` does, but name the nearest option for an unknown one."""
         if mistake := empty_word(arguments):
             self.error(mistake)
         args, unknown = self.parse_known_args(arguments)
@@ -53,7 +53,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def overview() -> Parser:
-    """The parser for `bicycle` without a command."""
+    """Return the parser of `bicycle` without a subcommand."""
     lines = [f"  {name:10} {text}" for name, text in COMMANDS.items()]
     parser = Parser(
         prog="bicycle",
@@ -67,13 +67,13 @@ def overview() -> Parser:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run a command.
+    """Run a subcommand.
 
     Args:
         argv: the words after `bicycle`; those of this process by default.
 
     Returns:
-        The exit status: 2 for a user's mistake, 1 when the work failed, 130 after Ctrl-C.
+        The exit status: 2 for a user's mistake, 1 on failure, 130 after Ctrl-C.
     """
     arguments = sys.argv[1:] if argv is None else argv
     name = arguments[0] if arguments else "--help"
@@ -89,7 +89,7 @@ def main(argv: list[str] | None = None) -> int:
         print(f"bicycle {name}: interrupted", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
-        # The reader of the output has left; nothing more can be told to it.
+        # The reader of the output has closed it; nothing more can be printed.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except ModuleNotFoundError as error:
@@ -151,7 +151,7 @@ def _run(name: str, arguments: list[str]) -> int:
 
 
 def _report(name: str, message: str, error: Exception) -> int:
-    """One line for a mistake; the whole story with BICYCLE_TRACEBACK=1, for developers."""
+    """Print one line for a mistake; the full traceback with BICYCLE_TRACEBACK=1."""
     if os.environ.get("BICYCLE_TRACEBACK") == "1":
         raise error
     print(f"bicycle {name}: {' '.join(message.split())}", file=sys.stderr)

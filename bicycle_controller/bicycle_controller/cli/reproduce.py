@@ -1,4 +1,4 @@
-"""`bicycle reproduce`: its arguments and what it does with them."""
+"""Arguments and execution of `bicycle reproduce`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bicycle_controller.reproduce.results import write_results
 from bicycle_controller.reproduce.runner import Options, redraw, reproduce
 
 MOST = 1_000_000
-"""Episodes, seeds and parallel runs."""
+"""Upper bound of episodes, seeds and parallel runs."""
 EPILOG = """\
 FIGURE is 9 to 16, robustness, or all; why-naf, why-ppo, why-displacement and why-speed look for
 why a claim does not hold. Training runs are kept in OUT/runs: what was stopped, by Ctrl-C or
@@ -52,13 +52,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_command(args: argparse.Namespace) -> int:
-    """Make what is asked for.
+    """Run the requested experiments.
 
     Returns:
         The exit status: 0, or 128 + the number of the signal that interrupted training.
 
     Raises:
-        ValueError: on a user's mistake, one line with the remedy.
+        ValueError: on a user's mistake; one line with the remedy.
     """
     chosen = experiments.find(args.figure)
     modes = _modes(args.physics)
@@ -95,7 +95,7 @@ def run_command(args: argparse.Namespace) -> int:
 
 
 def _modes(asked: str | None) -> tuple[str, ...]:
-    """The physics to run."""
+    """Return the physics to run."""
     if asked is None:
         return MODES
     if asked not in MODES:
@@ -104,7 +104,7 @@ def _modes(asked: str | None) -> tuple[str, ...]:
 
 
 def _arms(asked: str | None, chosen: list[Experiment]) -> tuple[str, ...]:
-    """Names of the arms to train, checked against those that there are."""
+    """Return the names of the arms to train; refuse unknown ones."""
     if asked is None:
         return ()
     known = list(dict.fromkeys(arm.name for item in chosen for arm in item.arms))
@@ -116,7 +116,7 @@ def _arms(asked: str | None, chosen: list[Experiment]) -> tuple[str, ...]:
 def _tell(
     chosen: list[Experiment], modes: tuple[str, ...], args: argparse.Namespace, page: Path
 ) -> None:
-    """Where everything is, or all numbers as JSON."""
+    """Print the paths of the results, or all numbers as JSON."""
     folders = [args.out / item.name / mode for item in chosen for mode in modes]
     folders = [folder for folder in folders if folder.exists()]
     if args.json:

@@ -1,4 +1,4 @@
-"""`bicycle sweep`: its arguments and what it does with them."""
+"""Arguments and execution of `bicycle sweep`."""
 
 from __future__ import annotations
 
@@ -53,13 +53,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_command(args: argparse.Namespace) -> int:
-    """Run what is not done yet and print the results of all.
+    """Run all unfinished jobs and print the results of all.
 
     Returns:
-        The exit status: 1 when a run failed.
+        The exit status: 1 if a run failed.
 
     Raises:
-        ValueError: on a user's mistake, one line with the remedy.
+        ValueError: on a user's mistake; one line with the remedy.
     """
     require(1 <= args.seeds <= MOST_SEEDS, f"--seeds must be 1 to {MOST_SEEDS}, not {args.seeds}")
     require(args.episodes >= 1, f"--episodes must be at least 1, not {args.episodes}")
@@ -84,7 +84,7 @@ def run_command(args: argparse.Namespace) -> int:
 
 
 def _table(groups: list[dict[str, Any]]) -> str:
-    """A line for each preset on each scenario."""
+    """Return a table with a line for each preset on each scenario."""
     header = ["preset", "scenario", "runs", "failed", "reached: least", "median", "fell: most"]
     lines = [[*header, "time s", "cpu s"]]
     for group in groups:

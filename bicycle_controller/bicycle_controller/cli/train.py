@@ -1,4 +1,4 @@
-"""`bicycle train`: its arguments and what it does with them."""
+"""Arguments and execution of `bicycle train`."""
 
 from __future__ import annotations
 
@@ -42,10 +42,10 @@ def overrides_of(args: argparse.Namespace) -> list[loading.Override]:
 
 
 def config_of(args: argparse.Namespace) -> RunConfig:
-    """The configuration of a new run.
+    """Return the configuration of a new run.
 
     Raises:
-        ValueError: on an unknown name, a value out of range or a file that cannot be read.
+        ValueError: on an unknown name, a value out of range or an unreadable file.
     """
     if args.config is not None and args.preset is not None:
         raise ValueError("give --config or --preset, not both: a file may say 'extends: fast'")
@@ -55,13 +55,13 @@ def config_of(args: argparse.Namespace) -> RunConfig:
 
 
 def run_command(args: argparse.Namespace) -> int:
-    """Train, or go on training.
+    """Train, or resume training.
 
     Returns:
         The exit status: 0, or 128 + the number of the signal that interrupted it.
 
     Raises:
-        ValueError: on a user's mistake, one line with the remedy.
+        ValueError: on a user's mistake; one line with the remedy.
     """
     progress = options.shows_progress(args)
     if args.resume:
@@ -82,7 +82,7 @@ def run_command(args: argparse.Namespace) -> int:
 
 
 def told(result: online.Result, args: argparse.Namespace) -> str:
-    """The result in a few lines."""
+    """Return the result as a few lines."""
     made = f"{result.steps} steps and {result.updates} updates in {result.wall_s:.0f} s"
     lines = [f"{result.status} after {made} ({result.cpu_s:.0f} s of processor time)"]
     if result.best is not None:

@@ -1,1 +1,1 @@
-"""The configuration of a training: dataclasses, checks, YAML and overrides."""
+"""Configuration of a training: dataclasses, checks, YAML and overrides."""

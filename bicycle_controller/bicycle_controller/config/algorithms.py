@@ -1,7 +1,7 @@
-"""What each learning algorithm is made of: frozen dataclasses, validated on creation.
+"""Configurations of the learning algorithms: frozen dataclasses, validated on creation.
 
-What the paper's Tables 2 and 3 give has no default here: its one home is `presets/`. Everything
-that goes beyond the paper is a switch that is off by default.
+Values of the paper's Tables 2 and 3 have no default here: they stand only in `presets/`.
+Everything beyond the paper is a switch that is off by default.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from bicycle_common.validation import (
 )
 
 CRITIC_EXTRAS = {"speed": 3.0, "goal_distance": 10.0}
-"""What a critic may see beside the six observations, and what it is divided by: m/s and m."""
+"""Extra inputs of a critic beside the six observations, and their divisors: m/s and m."""
 
 NATURAL_SCALE = (0.8, 3.0, 0.3, 1.0, 5.0, 2.0)
 """Natural ranges of the six observations, in the order of `task.OBSERVATION_FIELDS`."""
@@ -28,7 +28,7 @@ NATURAL_SCALE = (0.8, 3.0, 0.3, 1.0, 5.0, 2.0)
 
 @dataclass(frozen=True)
 class DdpgConfig:
-    """Deep deterministic policy gradient (section 4 of the paper) and what may be added to it.
+    """Deep deterministic policy gradient (section 4 of the paper) and its optional extensions.
 
     Raises:
         ValueError: on a value out of range or a switch that contradicts another.
@@ -52,29 +52,29 @@ class DdpgConfig:
     batch: int
     """Transitions per update (Table 3)."""
     capacity: int
-    """Transitions that the replay memory holds (Table 3)."""
+    """Capacity of the replay memory, in transitions (Table 3)."""
     fall: str
     """`frozen`: the fallen bicycle's steps enter the replay up to the step limit (errata row
     25); `absorbing`: it starts again at once and its fall is worth r_fall / (1 - gamma)."""
     observation_scale: tuple[float, ...]
-    """What each observation is divided by (errata row 35), see `NATURAL_SCALE`."""
+    """Divisor of each observation (errata row 35), see `NATURAL_SCALE`."""
 
     action_layer: int = 2
-    """Hidden layer of the critic that the action enters at; 1 is the first."""
+    """Hidden layer of the critic at which the action enters; 1 is the first."""
     reward_scale: float = 1.0
     """Factor on every reward."""
     fall_penalty: float = 0.0
-    """Taken from the reward of every step that a bicycle lies, so that a fall costs
+    """Subtracted from the reward of every step in which a bicycle lies, so that a fall costs
     fall_penalty / (1 - gamma) more; before `reward_scale`."""
     cost_cap: float = 0.0
-    """Most that one step may cost, before `fall_penalty`; with a fall above it, turning round is
-    never worth a fall. 0 caps nothing."""
+    """Largest cost of one step, before `fall_penalty`; if a fall costs more, turning round is
+    never worth a fall. 0 disables the cap."""
     step_cost: float = 0.0
-    """Taken from every reward, so that sooner is better also where the heading is right."""
+    """Subtracted from every reward, so that an early arrival pays even with the right heading."""
     n_step: int = 1
     """Rewards summed before the critic's own estimate is used."""
     critic_sees: tuple[str, ...] = ()
-    """Which of `CRITIC_EXTRAS` the critics see too while they learn; the actor never does, so it
+    """Subset of `CRITIC_EXTRAS` that the critics see during training; the actor never does, so it
     rides from the six observations (asymmetric actor-critic, Pinto et al. 2018)."""
     critics: int = 1
     """2: twin critics whose minimum is the target (TD3)."""
@@ -85,41 +85,40 @@ class DdpgConfig:
     actor_every: int = 1
     """Critic updates per update of the actor and the targets (TD3: 2)."""
     symmetric_actor: bool = False
-    """Whether the actor does to the left what it does to the right, mirrored: it then has no side
-    that it leans or weaves to, and rides straight at a goal ahead. Its policy file is twice as
-    wide."""
+    """True if the actor's left and right are mirror images: it then prefers no side, and rides
+    straight at a goal ahead. Its policy file is twice as wide."""
     actor_layer_norm: bool = False
-    """Whether layer normalisation follows each hidden product of the actor."""
+    """True if layer normalisation follows each hidden product of the actor."""
     critic_layer_norm: bool = False
-    """The same for the critics; bounds what they extrapolate."""
+    """Same for the critics; bounds their extrapolation."""
     bound_values: bool = False
-    """Whether targets are clipped to [reward_min / (1 - gamma), 0], all that can be true."""
+    """True to clip targets to [reward_min / (1 - gamma), 0], the range of possible values."""
     reward_min: float = -25.0
-    """Least reward of a step, shaping included, for `bound_values`; `fall_penalty` and
-    `step_cost` are taken off it too."""
+    """Least reward of a step, shaping included, for `bound_values`; `fall_penalty` and `step_cost`
+    are subtracted from it too."""
     huber: float = 0.0
-    """Where the critic's loss turns from square to linear; 0 keeps it square."""
+    """Error at which the critic's loss changes from square to linear; 0 keeps it square."""
     grad_clip: float = 0.0
-    """Largest norm of each network's gradient; 0 does not clip."""
+    """Largest norm of each network's gradient; 0 disables clipping."""
     learning_rate_end: float = 1.0
-    """Share of both learning rates that is left at the last step, reached in a straight line."""
+    """Final share of both learning rates, reached linearly at the last step."""
     actor_average: float = 0.0
-    """Share of the actor that enters, at each of its updates, the averaged actor that is scored
+    """Share of the actor blended, at each of its updates, into the averaged actor that is scored
     and kept; 0 keeps the actor itself."""
     mirror: bool = False
-    """Whether half of every batch is mirrored left to right (exact in corrected physics)."""
+    """True if half of every batch is mirrored left to right (exact in corrected physics)."""
     saturation_penalty: float = 0.0
     """Weight of the squared pre-tanh outputs in the actor's loss."""
     bc_weight: float = 0.0
     """TD3+BC: weight of the squared distance to the stored action against normalised Q."""
     bc_to: str = "recorded"
-    """Which action that is: the `recorded` one, exploration and all, or what the run's `teacher`
-    would have done in that state, whoever rode (Ross et al. 2011, DAgger)."""
+    """Target action of that term: the `recorded` one, including exploration, or the one that the
+    run's `teacher` would choose in that state, whoever rode (Ross et al. 2011, DAgger)."""
     bc_alpha: float = 2.5
-    """TD3+BC: what lambda = bc_alpha / mean|Q| is made of."""
+    """TD3+BC: numerator of lambda = bc_alpha / mean|Q|."""
     backend: str = "auto"
     """`autograd`; `fused`: hand-written gradients in torch; `native`: the same in C++; `auto`: the
-    fastest that works here. Their numbers differ by rounding."""
+    fastest that is available. Their numbers differ by rounding."""
 
     def __post_init__(self) -> None:
         for name in ("actor_hidden", "critic_hidden"):
@@ -157,12 +156,12 @@ class DdpgConfig:
 
     @property
     def critic_scale(self) -> tuple[float, ...]:
-        """What each number that the critics see of a state is divided by."""
+        """Divisor of each number of a state that the critics see."""
         return (*self.observation_scale, *(CRITIC_EXTRAS[name] for name in self.critic_sees))
 
     @property
     def value_min(self) -> float:
-        """Least value that can be true, in scaled reward."""
+        """Least possible value, in scaled reward."""
         least = self.reward_min - self.fall_penalty - self.step_cost
         return least * self.reward_scale / (1.0 - self.gamma)
 
@@ -176,38 +175,38 @@ class NafConfig:
     """
 
     hidden: tuple[int, ...]
-    """Units of the hidden layers that V, mu and L share."""
+    """Units of the hidden layers shared by V, mu and L."""
     learning_rate: float
     """Adam's step."""
     initialisation: str
-    """Of the hidden layers and of mu, as in `DdpgConfig`; V and L start within 3e-3."""
+    """Start of the hidden layers and of mu, as in `DdpgConfig`; V and L start within 3e-3."""
     tau: float
-    """Share of the network that enters its target at each update."""
+    """Share of the network blended into its target at each update."""
     gamma: float
     """Discount per step (Table 3)."""
     batch: int
     """Transitions per update (Table 3)."""
     capacity: int
-    """Transitions that the replay memory holds (Table 3)."""
+    """Capacity of the replay memory, in transitions (Table 3)."""
     fall: str
     """`frozen` or `absorbing`, as in `DdpgConfig`."""
     observation_scale: tuple[float, ...]
-    """What each observation is divided by, see `NATURAL_SCALE`."""
+    """Divisor of each observation, see `NATURAL_SCALE`."""
 
     reward_scale: float = 1.0
     """Factor on every reward."""
     fall_penalty: float = 0.0
-    """Taken from the reward of every step that a bicycle lies, before `reward_scale`."""
+    """Subtracted from the reward of every step in which a bicycle lies, before `reward_scale`."""
     cost_cap: float = 0.0
-    """Most that one step may cost, before `fall_penalty`; 0 caps nothing."""
+    """Largest cost of one step, before `fall_penalty`; 0 disables the cap."""
     step_cost: float = 0.0
-    """Taken from the reward of every step, before `reward_scale`."""
+    """Subtracted from the reward of every step, before `reward_scale`."""
     n_step: int = 1
     """Rewards summed before the network's own estimate is used."""
     grad_clip: float = 0.0
-    """Largest norm of the gradient; 0 does not clip."""
+    """Largest norm of the gradient; 0 disables clipping."""
     learning_rate_end: float = 1.0
-    """Share of the learning rate that is left at the last step, reached in a straight line."""
+    """Final share of the learning rate, reached linearly at the last step."""
 
     def __post_init__(self) -> None:
         require_layers("hidden", self.hidden)
@@ -228,18 +227,18 @@ class PpoConfig:
     """
 
     n_step: ClassVar[int] = 1
-    """Transitions are kept step by step; the advantages sum them."""
+    """Transitions are stored step by step; the advantages sum them."""
 
     hidden: tuple[int, ...]
-    """Units of the hidden layers, of the policy's and of the value's network."""
+    """Units of the hidden layers of the policy's and of the value's network."""
     shared: bool
-    """Whether both networks share those layers."""
+    """True if both networks share those layers."""
     learning_rate: float
     """Adam's step."""
     rollout: int
     """Steps of every bicycle between two rounds of updates."""
     epochs: int
-    """Times that every transition of a rollout is used."""
+    """Number of times that every transition of a rollout is used."""
     batch: int
     """Transitions per update."""
     gamma: float
@@ -247,33 +246,32 @@ class PpoConfig:
     gae_lambda: float
     """Weight of longer returns in the advantage (Schulman et al. 2016)."""
     clip: float
-    """epsilon: the ratio counts within 1 - epsilon and 1 + epsilon only."""
+    """epsilon: the ratio counts only between 1 - epsilon and 1 + epsilon."""
     value_weight: float
     """c_1, weight of the value's squared error."""
     entropy_weight: float
     """c_2, weight of the entropy."""
     grad_clip: float
-    """Largest norm of the gradient; 0 does not clip."""
+    """Largest norm of the gradient; 0 disables clipping."""
     log_std: float
-    """Start of the logarithm of the policy's standard deviation, in normalised actions."""
+    """Initial logarithm of the policy's standard deviation, in normalised actions."""
     normalise_advantages: bool
-    """Whether the advantages of each minibatch are shifted and scaled to mean 0 and deviation
-    1."""
+    """True to normalise the advantages of each minibatch to mean 0 and deviation 1."""
     fall: str
     """`frozen` or `absorbing`, as in `DdpgConfig`."""
     observation_scale: tuple[float, ...]
-    """What each observation is divided by, see `NATURAL_SCALE`."""
+    """Divisor of each observation, see `NATURAL_SCALE`."""
 
     reward_scale: float = 1.0
     """Factor on every reward."""
     fall_penalty: float = 0.0
-    """Taken from the reward of every step that a bicycle lies, before `reward_scale`."""
+    """Subtracted from the reward of every step in which a bicycle lies, before `reward_scale`."""
     cost_cap: float = 0.0
-    """Most that one step may cost, before `fall_penalty`; 0 caps nothing."""
+    """Largest cost of one step, before `fall_penalty`; 0 disables the cap."""
     step_cost: float = 0.0
-    """Taken from the reward of every step, before `reward_scale`."""
+    """Subtracted from the reward of every step, before `reward_scale`."""
     learning_rate_end: float = 1.0
-    """Share of the learning rate that is left at the last step, reached in a straight line."""
+    """Final share of the learning rate, reached linearly at the last step."""
 
     def __post_init__(self) -> None:
         require_layers("hidden", self.hidden)
@@ -289,11 +287,11 @@ class PpoConfig:
 
 
 LearnerConfig: TypeAlias = DdpgConfig | NafConfig | PpoConfig
-"""The part of a run that belongs to its algorithm."""
+"""Part of a run that belongs to its algorithm."""
 
 
 def _check_shared(config: NafConfig | PpoConfig) -> None:
-    """What the baselines have in common."""
+    """Check the fields common to the baselines."""
     for name in ("learning_rate", "reward_scale"):
         require_positive(name, getattr(config, name))
     for name in ("fall_penalty", "cost_cap", "step_cost", "grad_clip"):

@@ -1,6 +1,6 @@
-"""A run's configuration from YAML presets and from `--set a.b=value`, and back to YAML.
+"""Read a run's configuration from YAML presets and `--set a.b=value`, and write it as YAML.
 
-Unknown keys and values of the wrong kind are errors of one line that name the field.
+Unknown keys and values of a wrong type are errors of one line that names the field.
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ from bicycle_sim.plants.choi.parameters import Physics
 from bicycle_sim.task.scenario import SCENARIOS, Scenario, named
 
 Tree = dict[str, Any]
-"""Nested plain data, as YAML gives it."""
+"""Nested plain data, as read from YAML."""
 
 Override: typing.TypeAlias = str | Tree
 """A change of a configuration: `ddpg.tau=0.01`, or values by field."""
 
 RENAMED = {"taught": "guided", "taught-speed": "guided-speed"}
-"""Presets of release 0.1.0 by what they are called now."""
+"""Preset names of release 0.1.0 and their current names."""
 
 Config = typing.TypeVar("Config", RunConfig, Scenario, Physics)
 
 
 def preset_names() -> list[str]:
-    """Names that `preset` takes."""
+    """Return the names that `preset` accepts."""
     folder = resources.files("bicycle_controller") / "presets"
     return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml"))
 
@@ -46,7 +46,7 @@ def preset(name: str, overrides: Iterable[Override] = ()) -> RunConfig:
     """The preset of that name, changed by `overrides` such as `ddpg.tau=0.01`.
 
     Raises:
-        ValueError: on an unknown preset, key or value, naming the nearest.
+        ValueError: on an unknown preset, key or value; names the nearest.
     """
     return build(_preset_tree(name), overrides)
 
@@ -55,7 +55,7 @@ def load(path: Path, overrides: Iterable[Override] = ()) -> RunConfig:
     """The configuration of a YAML file, which may extend a preset.
 
     Raises:
-        ValueError: when it cannot be read, or on an unknown key or value.
+        ValueError: if it cannot be read, or on an unknown key or value.
     """
     try:
         tree = yaml_text.read(path)
@@ -71,7 +71,7 @@ def build(tree: Tree, overrides: Iterable[Override] = ()) -> RunConfig:
     """The configuration of nested plain data.
 
     Raises:
-        ValueError: on an unknown key or a value of the wrong kind.
+        ValueError: on an unknown key or a value of a wrong type.
     """
     for override in overrides:
         tree = _merge(tree, _override(override))
@@ -82,7 +82,7 @@ def changed(config: Config, overrides: Iterable[Override]) -> Config:
     """A configuration, scenario or physics with the values of `overrides`.
 
     Raises:
-        ValueError: on an unknown key or a value of the wrong kind.
+        ValueError: on an unknown key or a value of a wrong type.
     """
     tree = dataclasses.asdict(config)
     for override in overrides:
@@ -91,13 +91,13 @@ def changed(config: Config, overrides: Iterable[Override]) -> Config:
 
 
 def dump(config: RunConfig) -> str:
-    """YAML that `load` reads back to an equal configuration."""
+    """Return YAML from which `load` reads an equal configuration."""
     return yaml.safe_dump(_plain(dataclasses.asdict(config)), sort_keys=False, width=99)
 
 
 @functools.cache
 def _say_renamed(name: str) -> None:
-    """Name the new name of a preset, once."""
+    """Print the current name of a renamed preset, once."""
     print(f"the preset {name!r} is called {RENAMED[name]!r} now", file=sys.stderr)
 
 
@@ -114,7 +114,7 @@ def _preset_tree(name: str) -> Tree:
 
 
 def _extended(tree: Any) -> Tree:
-    """`tree` on top of the preset that its key `extends` names."""
+    """Return `tree` merged over the preset that its key `extends` names."""
     if not isinstance(tree, dict):
         raise ValueError(f"a configuration must be a mapping, not {type(tree).__name__}")
     own = {key: value for key, value in tree.items() if key != "extends"}
@@ -138,7 +138,7 @@ def _override(change: Override) -> Tree:
 
 
 def _merge(base: Tree, top: Tree) -> Tree:
-    """`base` with the values of `top`, mapping by mapping; a scenario's name is a mapping too."""
+    """Merge `top` over `base`, mapping by mapping; a scenario's name counts as a mapping."""
     merged = dict(base)
     for key, value in top.items():
         old = merged.get(key)
@@ -150,7 +150,7 @@ def _merge(base: Tree, top: Tree) -> Tree:
 
 
 def _make(kind: Any, value: Any, where: str) -> Any:
-    """`value` as the dataclass `kind`; `where` is its dotted name with a trailing dot."""
+    """Build the dataclass `kind` from `value`; `where` is its dotted name with a trailing dot."""
     if kind in (Scenario, Physics):
         value = _based(kind, value, where)
     reject_unknown(kind, value)
@@ -169,7 +169,7 @@ def _make(kind: Any, value: Any, where: str) -> Any:
 
 
 def _based(kind: type, value: Any, where: str) -> Any:
-    """A scenario or physics by name, or a mapping that changes fields of the one it names."""
+    """Build a scenario or physics from its name, or from a mapping that changes a named one."""
     if isinstance(value, str):
         value = {"name": value}
     if not isinstance(value, dict):
@@ -183,7 +183,7 @@ def _based(kind: type, value: Any, where: str) -> Any:
 
 
 def _coerce(hint: Any, value: Any, name: str) -> Any:
-    """`value` as the annotated type, where nothing is lost by it."""
+    """Convert `value` to the annotated type, if nothing is lost."""
     if dataclasses.is_dataclass(hint):
         return _make(hint, value, f"{name}.")
     if typing.get_origin(hint) is types.UnionType:
@@ -205,7 +205,7 @@ def _scalar(kind: type, value: Any, name: str) -> Any:
     if isinstance(value, kind) and not (isinstance(value, bool) and kind is not bool):
         return value
     if kind in (int, float) and isinstance(value, (int, float, str)) and not _is_bool(value):
-        try:  # YAML reads 1e-4 as text, and 2e5 is a fair way to write a whole number
+        try:  # YAML reads 1e-4 as text, and users write integers as 2e5
             number = float(value)
         except ValueError:
             number = float("nan")
@@ -222,7 +222,7 @@ def _is_bool(value: object) -> bool:
 
 
 def _plain(value: Any) -> Any:
-    """Tuples as lists, as YAML wants them."""
+    """Return tuples as lists, for YAML."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     return [_plain(item) for item in value] if isinstance(value, (list, tuple)) else value

@@ -1,8 +1,8 @@
-"""What a training run is made of: one frozen dataclass per concern, validated on creation.
+"""Configuration of a training run: one frozen dataclass per concern, validated on creation.
 
-The algorithms' own parts are in `learner_config.py`. What the paper gives has no default: its
-one home is `presets/`. Everything beyond the paper is a switch that is off by default.
-`settings.py` reads these classes from YAML and from the command line.
+The algorithms' parts are in `algorithms.py`. Values of the paper have no default: they stand
+only in `presets/`. Everything beyond the paper is a switch that is off by default.
+`loading.py` reads these classes from YAML and from the command line.
 """
 
 from __future__ import annotations
@@ -35,10 +35,10 @@ ALGORITHMS = ("ddpg", "naf", "ppo")
 
 @dataclass(frozen=True)
 class StartsConfig:
-    """How training starts differ from the scenario's, which evaluation always uses.
+    """Differences between training starts and the scenario's, which evaluation always uses.
 
-    The six observations hold no distance, so a policy learns to pass close to a goal at any
-    bearing only where such goals are seen often.
+    The six observations contain no distance, so a policy learns to pass close to a goal at any
+    bearing only if it sees such goals often.
 
     Raises:
         ValueError: on a value out of range.
@@ -47,20 +47,20 @@ class StartsConfig:
     near_share: float = 0.0
     """Share of goals drawn near the bicycle at any bearing, instead of by the scenario."""
     near_distance: tuple[float, float] = (1.5, 15.0)
-    """m, from and to, of those goals."""
+    """Least and largest distance of those goals, m."""
     tilt: float = 0.0
-    """rad, half width of the uniform start lean."""
+    """Half width of the uniform start lean, rad."""
     tilt_rate: float = 0.0
-    """rad/s, half width of the start lean rate."""
+    """Half width of the start lean rate, rad/s."""
     steer: float = 0.0
-    """rad, half width of the start steering angle."""
+    """Half width of the start steering angle, rad."""
     steer_rate: float = 0.0
-    """rad/s, half width of the start steering rate."""
+    """Half width of the start steering rate, rad/s."""
     any_speed: bool = False
-    """Whether the start speed is drawn between the scenario's limits, where it has some."""
+    """True to draw the start speed between the scenario's limits, if it has some."""
     ride_on: float = 0.0
-    """Share of reached goals and time-outs after which the bicycle rides on from where it is
-    to a new goal, instead of starting again."""
+    """Share of reached goals and time-outs after which the bicycle continues from its position to
+    a new goal, instead of starting again."""
     max_steps: int = 0
     """Step limit of a training episode; 0 keeps the scenario's."""
 
@@ -77,18 +77,18 @@ class StartsConfig:
 
 @dataclass(frozen=True)
 class ShapingConfig:
-    """What training is paid for instead of equation 20; evaluation always uses the equation.
+    """Changes of the training reward against equation 20; evaluation always uses the equation.
 
     Raises:
         ValueError: on a value out of range.
     """
 
     heading_share: float = 1.0
-    """Share of equation 20's heading term that is left."""
+    """Share of equation 20's heading term that is kept."""
     progress: float = 0.0
-    """Cost of a step that brings the bicycle no nearer to its goal: progress times
-    (1 - v cos(heading_error) / v_top), with the scenario's top speed v_top. Along a ride it adds
-    up to the time that the ride takes more than a straight one at top speed."""
+    """Cost of a step without progress to the goal: progress times
+    (1 - v cos(heading_error) / v_top), with the scenario's top speed v_top. Its sum over a ride is
+    proportional to the excess over the time of a straight ride at top speed."""
 
     def __post_init__(self) -> None:
         require_between("shaping.heading_share", self.heading_share, 0.0, 1.0)
@@ -97,18 +97,18 @@ class ShapingConfig:
 
 @dataclass(frozen=True)
 class TeacherConfig:
-    """A controller that rides some of the training bicycles, with the same exploration noise.
+    """Controller that rides some of the training bicycles, with the same exploration noise.
 
-    An off-policy learner may learn from anybody's rides; these show it early what a goal is worth.
+    An off-policy learner can learn from any rides; these show it early the value of a goal.
 
     Raises:
-        ValueError: on a value out of range, or on a share without a controller.
+        ValueError: on a value out of range, or a share without a controller.
     """
 
     controller: str = ""
-    """`lqr`, another name or file that `bicycle evaluate` takes; empty for none."""
+    """`lqr`, or another name or file that `bicycle evaluate` accepts; empty for none."""
     share: float = 0.0
-    """Share of the bicycles that it rides."""
+    """Share of the bicycles ridden by it."""
 
     def __post_init__(self) -> None:
         require_between("teacher.share", self.share, 0.0, 1.0)
@@ -120,7 +120,7 @@ class TeacherConfig:
 
 @dataclass(frozen=True)
 class EvaluationConfig:
-    """How a policy is scored while it trains: without noise, from fixed seeds, in one call.
+    """Evaluation of a policy during training: without noise, from fixed seeds, in one call.
 
     Raises:
         ValueError: on a value out of range.
@@ -131,18 +131,18 @@ class EvaluationConfig:
     episodes: int = 256
     """Starts per evaluation."""
     near_episodes: int = 0
-    """Further starts with a goal within `near_distance`, where orbits show; they count by half."""
+    """Extra starts with a goal within `near_distance`, where orbits occur; they count by half."""
     near_distance: float = 12.0
-    """m, half width of the square that those goals are drawn from, about the bicycle."""
+    """Half width of the square about the bicycle from which those goals are drawn, m."""
     shake: float = 0.0
-    """Sigma of exploration noise under which a further 128 bicycles ride for half a minute; the
-    share that falls counts against the policy. 0 does without."""
+    """Sigma of exploration noise under which another 128 bicycles ride for half a minute; the
+    share that falls counts against the policy. 0 disables this."""
     seed: int = 1_000_003
-    """Of those starts, the same every time."""
+    """Seed of those starts, the same every time."""
     max_steps: int = 0
     """Step limit of its episodes; 0 keeps the scenario's."""
     stop_at: float = 0.0
-    """Reach rate that ends the run; 0 never does."""
+    """Reach rate that ends the run; 0 disables this."""
     stop_falls: float = 1.0
     """Largest fall rate at which `stop_at` ends the run."""
 
@@ -159,18 +159,18 @@ class EvaluationConfig:
 
 @dataclass(frozen=True)
 class RecordConfig:
-    """What is kept of the training episodes, see `episode_log`.
+    """Records of the training episodes, see `episode_log`.
 
     Raises:
         ValueError: on a value out of range.
     """
 
     episodes: bool = False
-    """Whether to write what every episode came to."""
+    """True to write the result of every episode."""
     tracks_every: int = 0
-    """Every which episode's way is written too; 0 writes none."""
+    """Interval of episodes whose track is written too; 0 writes none."""
     track_step: int = 8
-    """Steps between two points of such a way."""
+    """Steps between two points of a track."""
 
     def __post_init__(self) -> None:
         require_between("record.tracks_every", self.tracks_every, 0, math.inf)
@@ -179,29 +179,29 @@ class RecordConfig:
 
 @dataclass(frozen=True)
 class RunConfig:
-    """A whole training run, of one algorithm.
+    """Complete training run of one algorithm.
 
     Raises:
-        ValueError: on a value out of range, on more or less than one algorithm, or on a value
-            that the algorithm does not use.
+        ValueError: on a value out of range, on zero or several algorithms, or on a value that the
+            algorithm does not use.
     """
 
     noise: NoiseConfig
     steps: int
-    """Environment steps, over all bicycles."""
+    """Environment steps, summed over all bicycles."""
     ddpg: DdpgConfig | None = None
     naf: NafConfig | None = None
     ppo: PpoConfig | None = None
     bicycles: int = 1
     """Bicycles stepped at once."""
     warm_up: int = 1_000
-    """First environment steps, with actions drawn evenly (errata row 36)."""
+    """First environment steps, with uniformly drawn actions (errata row 36)."""
     updates: int = 1
     """Updates after a step of all bicycles."""
     update_every: int = 1
     """Steps of all bicycles between two rounds of updates."""
     offline_updates: int = 20_000
-    """Updates that `bicycle learn` makes from recorded rides, where there are no steps."""
+    """Updates that `bicycle learn` makes from recorded rides, which have no steps."""
     seed: int = 1
     scenario: Scenario = SCENARIOS["random-start-random-goal"]
     physics: Physics = field(default_factory=Physics)
@@ -213,15 +213,15 @@ class RunConfig:
     device: str = "cpu"
     """`cpu` or `cuda`."""
     threads: int = 1
-    """Threads of torch; at these sizes more than one does not pay."""
+    """Threads of torch; at these sizes more than one does not help."""
     tensorboard: bool = True
-    """Whether to write TensorBoard's files too, where it is installed."""
+    """True to write TensorBoard files too, if it is installed."""
     log_every: int = 1_000
     """Updates between two lines of the log."""
     save_every: float = 30.0
-    """s between two checkpoints; `kill -9` loses at most this much."""
+    """Time between two checkpoints, s; `kill -9` loses at most this much."""
     preset: str = ""
-    """Name of the preset that this came from."""
+    """Name of the preset on which this is based."""
 
     def __post_init__(self) -> None:
         whole = ("steps", "bicycles", "updates", "update_every", "offline_updates")
@@ -253,7 +253,7 @@ class RunConfig:
         )
 
     def _check_on_policy(self, ppo: PpoConfig) -> None:
-        """PPO explores by its own distribution and updates after each rollout."""
+        """Refuse what PPO does not use: it explores by its policy, updates after each rollout."""
         foreign = {"warm_up": (self.warm_up, 0), "noise.kind": (self.noise.kind, "none")}
         foreign |= {"teacher.share": (self.teacher.share, 0)}
         foreign |= {"updates": (self.updates, 1), "update_every": (self.update_every, 1)}
@@ -267,12 +267,12 @@ class RunConfig:
 
     @property
     def algorithm(self) -> str:
-        """The one of `ALGORITHMS` that this run uses."""
+        """Name of this run's algorithm, one of `ALGORITHMS`."""
         return next(name for name in ALGORITHMS if getattr(self, name) is not None)
 
     @property
     def learner(self) -> LearnerConfig:
-        """The algorithm's part, whichever it is."""
+        """Configuration of this run's algorithm."""
         found: LearnerConfig = getattr(self, self.algorithm)
         return found
 

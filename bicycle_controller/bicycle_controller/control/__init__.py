@@ -1,1 +1,1 @@
-"""What drives a bicycle from state to command; never torch."""
+"""Control of a bicycle, from state to command; never imports torch."""

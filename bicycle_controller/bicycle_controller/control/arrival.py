@@ -1,8 +1,8 @@
-"""Points to ride by so that a goal is reached in a given direction.
+"""Waypoints that make a bicycle reach a goal in a given direction.
 
 The controller aims at points and knows no direction of arrival. A point before the goal, on the
-line that is to be ridden, gives one; where the bicycle comes from ahead, a farther one leaves
-it the room to turn round.
+line of arrival, defines one; if the bicycle comes from ahead, a farther point leaves it room to
+turn round.
 """
 
 from __future__ import annotations
@@ -13,20 +13,20 @@ from bicycle_common.geometry import wrap_angle
 from bicycle_common.types import Point2D
 
 LEAD = 14.0
-"""m from the goal back to the last point before it."""
+"""Distance from the goal back to the last point before it, m."""
 RUN_UP = 2.2 * LEAD
-"""m from the goal back to the point from which the line is taken up."""
+"""Distance from the goal back to the point where the line begins, m."""
 STRAIGHT = math.radians(50.0)
-"""The near point alone will do when it is seen within this of the wanted direction."""
+"""Largest angle to the wanted direction at which the near point alone suffices, rad."""
 
 
 def approach(goal: Point2D, heading: float, bicycle: Point2D) -> list[Point2D]:
-    """The points to ride to, in order; the goal is the last.
+    """Return the points to ride to, in order; the goal is the last.
 
     Args:
         goal: m.
-        heading: rad, yaw in which to arrive.
-        bicycle: m, where it is now.
+        heading: yaw on arrival, rad.
+        bicycle: current position, m.
     """
     near, far = _before(goal, heading, LEAD), _before(goal, heading, RUN_UP)
     dx, dy = near[0] - bicycle[0], near[1] - bicycle[1]

@@ -1,4 +1,4 @@
-"""One command for every state: goals, the policy in charge, its fallback, exploration."""
+"""One command for every state: goals, the active policy, its fallback, exploration."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ from bicycle_controller.control.safety import Reason, Safety, stopping_pedal
 from bicycle_controller.control.standby import Standby
 
 TIMES_KEPT = 2000
-"""Answers whose computing times are kept: 50 s at 40 Hz."""
+"""Number of answers whose computing times are kept: 50 s at 40 Hz."""
 QUICK = 0.0005
-"""s: a policy that takes longer is not warmed up, which would hold up the next state."""
+"""Largest duration of a policy that is warmed up (s); a slower one would delay the next state."""
 
 
 class ControlLoop:
-    """Answers states in the order they come; the same state again gets the same command.
+    """Answers states in the order of arrival; the same state again gets the same command.
 
     Attributes:
-        policy: in charge; may be replaced between two answers.
-        fallback: drives where the policy may not; may be replaced too.
+        policy: active policy; may be replaced between two answers.
+        fallback: controls when the policy may not; may be replaced too.
         safety: judges every state; may be replaced too.
-        limits: (3,) largest |T| (N m), |d| (m), |F| (N) that are sent; infinite where unknown.
-        answered: states answered.
-        missed: steps that were never seen.
-        handed_over: answers that the fallback gave.
-        failing: the policy failed at the last answer.
-        standby: knows whether another controller drives.
-        times: s that the latest answers took to compute.
-        policy_times: s of them that the policy itself took, where it was asked.
+        limits: (3,) largest |T| (N m), |d| (m), |F| (N) to send; infinite if unknown.
+        answered: number of answered states.
+        missed: number of steps that were never seen.
+        handed_over: number of answers that the fallback gave.
+        failing: True if the policy failed at the last answer.
+        standby: detects that another controller drives.
+        times: computing times of the latest answers, s.
+        policy_times: the policy's own part of them, s, if it was asked.
     """
 
     def __init__(
@@ -51,18 +51,18 @@ class ControlLoop:
         take_over: bool = True,
         safety: Safety | None = None,
     ) -> None:
-        """Begin before the first state.
+        """Create the loop before the first state.
 
         Args:
-            name: unique, in every command.
-            policy: in charge.
-            tracker: of the goals.
+            name: unique name in every command.
+            policy: active policy.
+            tracker: tracks the goals.
             limits: (3,) N m, m, N.
             noise: exploration in normalised actions of one bicycle; none by default.
-            fallback: answers where the policy fails; zero input without one.
-            take_over: whether a bicycle that is found riding is ridden on, to the goal it had.
-            safety: of one bicycle: hands over to the fallback before it is too late; without
-                one the fallback answers only what the policy cannot.
+            fallback: answers if the policy fails; without one, zero input.
+            take_over: True to continue a ride that is found in progress, to its goal.
+            safety: layer for one bicycle that switches to the fallback in time; without one, the
+                fallback answers only if the policy fails.
         """
         self.name = name
         self.policy = policy
@@ -86,8 +86,8 @@ class ControlLoop:
     def answer(self, snapshot: BicycleState, simulated_time: float) -> ControlOutput:
         """Answer one state; `simulated_time` in s.
 
-        A state that came before another that is answered already, answers after a fall, and
-        states to which another controller drives get no command.
+        No command answers a state older than one already answered, a state after a fall, or a
+        state that another controller drives to.
         """
         started = time.perf_counter()
         found_riding = self._last is None and snapshot.step > 0
@@ -112,10 +112,10 @@ class ControlLoop:
         return ControlOutput(self._command, events, warning, hand_over)
 
     def _count(self, snapshot: BicycleState) -> int:
-        """Notice steps that were skipped, and start anew with a new episode.
+        """Count skipped steps, and restart the count with a new episode.
 
         Returns:
-            Steps since the last state, at least 1.
+            The number of steps since the last state, at least 1.
         """
         if self._last is None:
             return 1
@@ -131,7 +131,7 @@ class ControlLoop:
         return 1
 
     def _ride_on(self, snapshot: BicycleState) -> None:
-        """Take a riding bicycle over from a controller that is gone."""
+        """Take over a riding bicycle from a controller that has gone."""
         self.tracker.hold(snapshot.heading)
         if snapshot.goal is not None and self.tracker.waiting == 0:
             self.tracker.replace([snapshot.goal])
@@ -139,7 +139,7 @@ class ControlLoop:
     def _decide(
         self, snapshot: BicycleState, pose: Pose, steps: int
     ) -> tuple[Command, str, ControllerSwitch | None]:
-        """The command for a state, a line if the policy begins to fail, and who drives now."""
+        """Return the command for a state, a line if the policy begins to fail, and any switch."""
         seen = observation(snapshot, self.tracker.heading_error(pose))[None]
         action, in_charge, warning, hand_over = self._choose(snapshot, seen)
         if self._noise is not None:
@@ -166,7 +166,7 @@ class ControlLoop:
     def _choose(
         self, snapshot: BicycleState, seen: np.ndarray
     ) -> tuple[np.ndarray, str, str, ControllerSwitch | None]:
-        """The action (3,), who chose it, and what is to be told."""
+        """Return the action (3,), the id of its controller, and the text to report."""
         speed = np.array([snapshot.speed])
         before = self._driven_by_fallback
         may = self.safety is None or self._judge(self.safety, snapshot, seen, speed)
@@ -190,7 +190,7 @@ class ControlLoop:
         return action, in_charge, "" if told else warning, told
 
     def _ask(self, seen: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray | None, str]:
-        """What the policy says, see `_act`, and how long it took to say it."""
+        """Return the policy's answer, see `_act`, and record its computing time."""
         self._asked = seen, speed
         started = time.perf_counter()
         found = _act(self.policy, seen, speed)
@@ -198,21 +198,21 @@ class ControlLoop:
         return found
 
     def warm_up(self) -> None:
-        """Ask the policy again what it was asked last, for nothing.
+        """Repeat the policy's last computation and discard the result.
 
-        After 25 ms the policy has left the processor's cache; asked just before the next state
-        comes, it answers that one sooner.
+        After 25 ms the policy has left the processor's cache; run just before the next state
+        arrives, this makes that answer faster.
         """
         if self._asked is not None and self.policy_times[-1] < QUICK:
             _act(self.policy, *self._asked)
 
     @property
     def driving(self) -> str:
-        """Id of what drives instead of the policy; empty where that drives itself."""
+        """Id of the controller that drives instead of the policy; empty if the policy drives."""
         return self._fallback_id if self._driven_by_fallback else ""
 
     def safety_facts(self) -> dict[str, int]:
-        """What the safety layer has done so far, by name."""
+        """Return the safety layer's counters, by name."""
         if self.safety is None:
             return {}
         return {
@@ -226,7 +226,7 @@ class ControlLoop:
 
     @property
     def _driven_by_fallback(self) -> bool:
-        """Whether the safety layer keeps the policy out."""
+        """True if the safety layer has switched to the fallback."""
         return self.safety is not None and (
             bool(self.safety.reason[0]) or self._stopped_for is not None
         )
@@ -234,7 +234,7 @@ class ControlLoop:
     def _judge(
         self, safety: Safety, snapshot: BicycleState, seen: np.ndarray, speed: np.ndarray
     ) -> bool:
-        """Whether the policy may answer a state."""
+        """Return True if the policy may answer a state."""
         if self.policy is not self._judged:
             self._judged = self.policy
             safety.reset()
@@ -245,7 +245,7 @@ class ControlLoop:
         return not reason and self._stopped_for is None
 
     def _tell(self, snapshot: BicycleState, trouble: str) -> ControllerSwitch:
-        """What has just changed, and the end of the ride to the goal where a stop is wanted."""
+        """Return the latest switch, and end the pursuit of the goal if a stop is requested."""
         assert self.safety is not None
         reason = Reason(int(self.safety.reason[0]))
         policy, fallback = self.policy.policy_id, self._fallback_id
@@ -272,7 +272,7 @@ class ControlLoop:
 
 
 def _lateness(snapshot: BicycleState) -> float:
-    """Steps that the command which led to a state was late by; infinite where none did."""
+    """Return by how many steps a state's command was late; infinite without a command."""
     if snapshot.command_source == CommandSource.ZERO:
         return np.inf
     if snapshot.command_source == CommandSource.INITIAL:
@@ -281,7 +281,7 @@ def _lateness(snapshot: BicycleState) -> float:
 
 
 def _act(policy: Controller, seen: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray | None, str]:
-    """A policy's action, shape (3,), or None and what was wrong with it."""
+    """Return a policy's action, shape (3,), or None and its error."""
     try:
         action = np.asarray(policy.act(seen, speed), dtype=np.float64)
     except Exception as error:
@@ -294,7 +294,7 @@ def _act(policy: Controller, seen: np.ndarray, speed: np.ndarray) -> tuple[np.nd
 
 
 def _pose(snapshot: BicycleState, simulated_time: float) -> Pose:
-    """What the goal tracker must know."""
+    """Return the pose that the goal tracker needs."""
     return Pose(
         episode=snapshot.episode,
         time=simulated_time,

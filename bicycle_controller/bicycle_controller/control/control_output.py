@@ -1,4 +1,4 @@
-"""What the controller says to one state."""
+"""Output of the control loop for one state."""
 
 from __future__ import annotations
 
@@ -11,32 +11,32 @@ from bicycle_controller.control.safety import Reason
 
 @dataclass(frozen=True)
 class ControllerSwitch:
-    """Who drives from one state on."""
+    """Change of the active controller, from one state on."""
 
     episode: int
     step: int
-    """Of the state that is answered so."""
+    """Step of the state answered by the new controller."""
     reason: Reason
-    """Why the fallback drives; NONE when the policy drives again."""
+    """Why the fallback drives; NONE if the policy drives again."""
     stop: bool
-    """Whether the bicycle is stopped, until a new goal comes."""
+    """True if the bicycle is stopped until a new goal comes."""
     policy: str
-    """Id of what drives."""
+    """Id of the controller that drives now."""
     count: int
-    """Times that the fallback took over so far."""
+    """Number of switches to the fallback so far."""
     message: str
-    """One line."""
+    """Description for the user, one line."""
 
 
 @dataclass(frozen=True)
 class ControlOutput:
-    """What follows from one state."""
+    """Result of one state."""
 
     command: Command | None
-    """None where there is nothing to steer by, or the bicycle lies."""
+    """None if there is no goal or heading to steer by, or the bicycle has fallen."""
     events: list[Event]
-    """What has become of goals."""
+    """Changes of goals."""
     warning: str = ""
-    """One line for the log; empty unless something has just gone wrong."""
+    """One line for the log; empty unless something has just failed."""
     hand_over: ControllerSwitch | None = None
-    """Told once when the safety layer changes who drives."""
+    """Set once when the safety layer changes the active controller."""

@@ -1,4 +1,4 @@
-"""What every controller is: something that answers observations with actions."""
+"""Interface of every controller: actions for observations."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import numpy as np
 
 
 class Controller(Protocol):
-    """A learned actor, the LQR, or anything else that rides N bicycles at once."""
+    """A learned actor, the LQR, or anything else that controls N bicycles at once."""
 
     @property
     def policy_id(self) -> str:
-        """Names the controller and its parameters; every command carries it."""
+        """Id of the controller and its parameters; every command carries it."""
         ...
 
     def act(self, observation: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """The action for each bicycle, without memory of earlier calls.
+        """Return the action for each bicycle, without memory of earlier calls.
 
         Args:
             observation: (N, 6), see `bicycle_sim.task.task.OBSERVATION_FIELDS`.

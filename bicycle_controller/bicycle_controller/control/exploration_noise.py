@@ -1,4 +1,4 @@
-"""Exploration noise for N bicycles, in normalised actions; numpy only, for the controller too."""
+"""Exploration noise for N bicycles, in normalised actions; numpy only, for the controller."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class NoiseConfig:
     theta: float
     """Pull of `ou` towards zero per step (Table 3)."""
     sigma_max: float = 0.0
-    """When above `sigma`: the bicycles' sigmas are spread evenly from `sigma` to this."""
+    """If above `sigma`: the bicycles' sigmas are spread evenly from `sigma` to this."""
 
     def __post_init__(self) -> None:
         require_choice("noise.kind", self.kind, ("ou", "gaussian", "none"))
@@ -53,9 +53,9 @@ class Noise:
 
         Args:
             config: kind and size.
-            count: N, the bicycles.
+            count: N, the number of bicycles.
             actions: numbers per action.
-            rng: source of the normal numbers.
+            rng: generator of the normal numbers.
         """
         self.config = config
         self.rng = rng
@@ -64,7 +64,7 @@ class Noise:
         self.sigma = np.linspace(config.sigma, last, count)[:, None]
 
     def sample(self) -> np.ndarray:
-        """The noise of the next step, (N, actions)."""
+        """Return the noise of the next step, (N, actions)."""
         if self.config.kind == "none":
             return self.value.copy()
         fresh = self.sigma * self.rng.standard_normal(self.value.shape)
@@ -73,14 +73,14 @@ class Noise:
         return self.value.copy()
 
     def reset(self, mask: np.ndarray) -> None:
-        """Back to zero for the bicycles of `mask`, bool (N,), whose episode has ended."""
+        """Reset the noise of the bicycles of `mask`, bool (N,), whose episode has ended."""
         self.value[mask] = 0.0
 
     def state_dict(self) -> dict[str, Any]:
-        """All that a resumed run needs."""
+        """Return the state for a resumed run."""
         return {"value": self.value.copy(), "rng": self.rng.bit_generator.state}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state`."""
+        """Restore `state`."""
         self.value = np.array(state["value"], dtype=np.float64)
         self.rng.bit_generator.state = state["rng"]

@@ -1,6 +1,6 @@
-"""The goals of a ride: a queue, what became of each, and where to steer meanwhile.
+"""Goals of a ride: their queue, their results, and the direction to steer in.
 
-Headings are the paper's: psi counter-clockwise from +y, psi_g positive for a goal to the right.
+Headings use the paper's signs: psi counter-clockwise from +y, psi_g positive to the right.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from bicycle_common.types import Point2D
 from bicycle_common.validation import require
 
 NO_GOALS = "all goals were cleared"
-"""Why goals are cancelled, unless `GoalTracker.cancel` says otherwise."""
+"""Default reason of cancelled goals; see `GoalTracker.cancel`."""
 
 MOST_TOLD = 10_000
-"""Goals that gave way before a state came, whose end is told; of a flood, the last ones."""
+"""Largest number of goals replaced before a state came whose end is reported: the last ones."""
 
 PROGRESS = 0.1
-"""m that the closest approach must improve by for an orbit to count as getting nearer."""
+"""Improvement of the closest approach that counts as progress of an orbit, m."""
 
 
 class Status(IntEnum):
-    """What has become of a goal; the numbers are those of GoalStatus."""
+    """Status of a goal; the numbers are those of GoalStatus."""
 
     QUEUED = 0
     ACTIVE = 1
@@ -44,18 +44,18 @@ class Goal:
     """A place to ride to."""
 
     goal_id: int
-    """Counts accepted goals from 1."""
+    """Number of the goal; accepted goals count from 1."""
     point: Point2D
     """m."""
 
 
 @dataclass(frozen=True)
 class Pose:
-    """What the tracker must know about the bicycle at one step."""
+    """Data of the bicycle that the tracker needs at one step."""
 
     episode: int
     time: float
-    """s of simulated time; it goes on over resets."""
+    """Simulated time, s; it continues over resets."""
     x: float
     """m, rear contact."""
     y: float
@@ -67,23 +67,23 @@ class Pose:
 
 @dataclass(frozen=True)
 class Event:
-    """A goal's change, once for each."""
+    """Change of a goal's status, reported once."""
 
     status: Status
     goal: Goal
     distance: float
-    """m from the rear contact."""
+    """Distance from the rear contact, m."""
     elapsed: float
-    """s of simulated time since the goal became active."""
+    """Simulated time since the goal became active, s."""
     path_length: float
-    """m ridden since then."""
+    """Distance ridden since then, m."""
     remaining: int
-    """Goals still queued."""
+    """Number of goals still queued."""
     message: str
 
 
 class _Pursuit:
-    """The way to one goal so far."""
+    """Progress towards one goal so far."""
 
     def __init__(self, goal: Goal, pose: Pose) -> None:
         self.goal = goal
@@ -99,11 +99,11 @@ class _Pursuit:
 
     @property
     def elapsed(self) -> float:
-        """s of simulated time on the way."""
+        """Simulated time of the pursuit, s."""
         return self._last.time - self._begun
 
     def move(self, pose: Pose) -> None:
-        """Count in one step; `turned` (rad) is the turning since the last real approach."""
+        """Add one step; `turned` (rad) is the turning since the last real approach."""
         self.path_length += math.hypot(pose.x - self._last.x, pose.y - self._last.y)
         self.turned += float(wrap_angle(pose.heading - self._last.heading))
         self.distance = self._distance_from(pose)
@@ -114,17 +114,17 @@ class _Pursuit:
 
 
 class GoalTracker:
-    """Rides to goals one after another; after the last one it holds the heading of that moment.
+    """Tracks goals one after another; after the last one it holds the heading of that moment.
 
-    New goals wait for the next `update`, which alone reports events.
+    New goals wait for the next `update`; only `update` reports events.
     """
 
     def __init__(self, radius: float = 1.0, timeout: float = 300.0, turns: float = 2.0) -> None:
-        """Begin without goals.
+        """Create a tracker without goals.
 
         Args:
-            radius: m around a goal within which the rear contact has reached it (row 26).
-            timeout: s of simulated time after which a goal is given up; zero is never.
+            radius: distance from the rear contact at which a goal is reached, m (row 26).
+            timeout: simulated time after which a goal is given up, s; zero disables this.
             turns: full turns in one direction without an approach after which a goal is missed.
 
         Raises:
@@ -147,26 +147,26 @@ class GoalTracker:
 
     @property
     def active(self) -> Goal | None:
-        """The goal being ridden to."""
+        """Goal that is being pursued; None without one."""
         return self._pursuit.goal if self._pursuit else None
 
     @property
     def has_goal(self) -> bool:
-        """Whether a goal is being ridden to."""
+        """True if a goal is being pursued."""
         return self._pursuit is not None
 
     @property
     def steers(self) -> bool:
-        """Whether there is anything to steer by: a goal, or a heading to hold."""
+        """True if there is a goal to pursue or a heading to hold."""
         return self.has_goal or self._held_heading is not None
 
     @property
     def waiting(self) -> int:
-        """Goals that are not active yet."""
+        """Number of goals that are not active yet."""
         return len(self._queue) + len(self._incoming or [])
 
     def replace(self, points: Sequence[Point2D]) -> list[Goal]:
-        """Ride to these points, in order, instead of all goals so far; none means stop aiming."""
+        """Pursue these points, in order, instead of all previous goals; stop aiming if empty."""
         self._superseded = (self._superseded + (self._incoming or []))[-MOST_TOLD:]
         self._incoming = self._numbered(points)
         self._announced = False
@@ -174,12 +174,12 @@ class GoalTracker:
         return self._incoming
 
     def cancel(self, why: str) -> None:
-        """Stop aiming and hold the heading, and say why."""
+        """Cancel all goals, hold the heading, and report `why`."""
         self.replace([])
         self._why_none = why
 
     def append(self, points: Sequence[Point2D]) -> list[Goal]:
-        """Ride to these points, in order, after all goals so far."""
+        """Pursue these points, in order, after all previous goals."""
         added = self._numbered(points)
         if self._incoming is not None:
             self._incoming += added
@@ -188,11 +188,11 @@ class GoalTracker:
         return added
 
     def hold(self, heading: float) -> None:
-        """Steer straight on in this direction (psi, rad) while there is no goal."""
+        """Hold this heading (psi, rad) while there is no goal."""
         self._held_heading = heading
 
     def heading_error(self, pose: Pose) -> float:
-        """psi_g in rad: to the active goal, or to the held heading; zero without either."""
+        """Return psi_g in rad: to the active goal or the held heading; zero without either."""
         if self._pursuit:
             goal = self._pursuit.goal.point
             return float(heading_error(pose.heading, pose.x, pose.y, *goal))
@@ -201,7 +201,7 @@ class GoalTracker:
         return 0.0
 
     def update(self, pose: Pose) -> list[Event]:
-        """Take in the state of one step; returns what has changed, in order."""
+        """Take in the state of one step; return the changes, in order."""
         newer, self._superseded = self._superseded, []
         events = [self._waits(goal, "a newer goal came", Status.REPLACED) for goal in newer]
         if pose.time < self._time:
@@ -219,14 +219,14 @@ class GoalTracker:
         return events + self._advance(pose)
 
     def resumed(self) -> list[Event]:
-        """Tell of the goal under way once more, after another controller drove for a time."""
+        """Report the active goal again, after another controller has driven for some time."""
         if not self._pursuit:
             return []
         text = f"{self._pursuit.distance:.1f} m to go"
         return [self._event(Status.ACTIVE, self._pursuit, text)]
 
     def _start_again(self, pose: Pose) -> None:
-        """The simulator itself was started again: its goals stand, from where it is now."""
+        """Restart the pursuit from this pose after a restart of the simulator; keep the goals."""
         self._held_heading = None
         if self._pursuit:
             self._pursuit = _Pursuit(self._pursuit.goal, pose)
@@ -237,7 +237,7 @@ class GoalTracker:
         return goals
 
     def _take_incoming(self, pose: Pose) -> list[Event]:
-        """Put the new goals in the place of the old ones."""
+        """Replace the old goals by the new ones."""
         incoming, self._incoming = self._incoming or [], None
         if incoming:
             events = self._drop(Status.REPLACED, Status.REPLACED, "a newer goal came")
@@ -251,7 +251,7 @@ class GoalTracker:
         return events + [self._waits(goal, "waits for the goals before it") for goal in waiting]
 
     def _announce(self) -> list[Event]:
-        """Say once that goals wait for a fallen bicycle to be reset."""
+        """Report once that goals wait for a fallen bicycle to be reset."""
         if self._announced or not self._incoming:
             return []
         self._announced = True
@@ -259,7 +259,7 @@ class GoalTracker:
         return [self._waits(goal, text) for goal in self._incoming]
 
     def _advance(self, pose: Pose) -> list[Event]:
-        """Finish the active goal if it is over, and go on to the next."""
+        """Finish the active goal if it is over, and start the next."""
         events: list[Event] = []
         while True:
             if self._pursuit:
@@ -276,7 +276,7 @@ class GoalTracker:
             events.append(self._event(Status.ACTIVE, self._pursuit, text))
 
     def _verdict(self, way: _Pursuit) -> tuple[Status, str] | None:
-        """Whether a pursuit is over, and how."""
+        """Return status and reason if a pursuit is over; None if it is not."""
         if way.distance <= self.radius:
             return Status.REACHED, f"reached after {way.elapsed:.1f} s and {way.path_length:.1f} m"
         if abs(way.turned) >= 2.0 * math.pi * self.turns:
@@ -286,7 +286,7 @@ class GoalTracker:
         return None
 
     def _drop(self, active: Status, queued: Status, why: str) -> list[Event]:
-        """Forget the active and the queued goals."""
+        """Drop the active and the queued goals."""
         queue, self._queue = list(self._queue), deque()
         events = []
         if self._pursuit:
@@ -307,5 +307,5 @@ class GoalTracker:
         )
 
     def _waits(self, goal: Goal, message: str, status: Status = Status.QUEUED) -> Event:
-        """A change of a goal that was never ridden to."""
+        """Return an event of a goal that was never pursued."""
         return Event(status, goal, math.nan, 0.0, 0.0, len(self._queue), message)

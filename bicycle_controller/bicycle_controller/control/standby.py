@@ -1,8 +1,8 @@
-"""Whether another controller drives the bicycle, or a recorded one in a bag that is replayed.
+"""Standby: detect that another controller drives, or a recorded one in a replayed bag.
 
-A state names the controller whose command led to it. While that is another one, what happens on
-the way is not this controller's doing: it sends nothing and claims no goal, but it follows, so
-that it can take over as soon as the other one falls silent.
+A state names the controller whose command led to it. While that is another one, this controller
+is not responsible for the ride: it sends nothing and claims no goal, but it follows the states,
+so that it can take over as soon as the other one falls silent.
 """
 
 from __future__ import annotations
@@ -14,24 +14,24 @@ from bicycle_common.types import BicycleState, CommandSource
 from bicycle_controller.control.goals import Event, Status
 
 TELL_AFTER = 40
-"""States in a row that another one drove before it is told: one second at 40 Hz."""
+"""States in a row under another controller before it is reported: one second at 40 Hz."""
 
 
 class Standby:
-    """Watches who drives.
+    """Detects another active controller.
 
     Attributes:
-        other: the other controller that drove to the newest state; empty where none did.
+        other: the controller that drove to the newest state, if another; else empty.
     """
 
     def __init__(self, name: str) -> None:
-        """Watch for others than `name`."""
+        """Ignore the controller `name`, which is this one."""
         self.other = ""
         self._name = name
         self._row = 0
 
     def look(self, snapshot: BicycleState) -> bool:
-        """Take in a state; whether this controller has come to drive after another one."""
+        """Take in a state; return True if this controller has just resumed driving."""
         driven = snapshot.command_source in (CommandSource.FRESH, CommandSource.HELD)
         foreign = driven and snapshot.controller not in ("", self._name)
         before, self.other = self.other, snapshot.controller if foreign else ""
@@ -39,16 +39,16 @@ class Standby:
         return bool(before) and not foreign
 
     def keeps_out(self, snapshot: BicycleState, again: bool) -> bool:
-        """Whether a state wants no answer.
+        """Return True if a state must not be answered.
 
         Args:
             snapshot: the newest state.
-            again: whether it came before. A bicycle that stands still may wait for an answer.
+            again: True if it is a repetition. A bicycle at rest may wait for an answer.
         """
         return bool(self.other) and snapshot.command_source == CommandSource.FRESH and not again
 
     def warning(self) -> str:
-        """One line, once for each time that another one has driven for a while."""
+        """Return one line, once for each time that another controller has driven for some time."""
         if self._row != TELL_AFTER:
             return ""
         return (
@@ -57,7 +57,7 @@ class Standby:
         )
 
     def of_own(self, events: Sequence[Event]) -> list[Event]:
-        """What is to be told of goals: of those that the other one rides to, that they wait."""
+        """Return the events to report: goals that the other controller pursues are waiting."""
         if not self.other:
             return list(events)
         text = f"waits: {self.other} drives the bicycle"

@@ -1,1 +1,1 @@
-"""Transitions: replay buffers, datasets, and their making from bags."""
+"""Transitions: replay buffers, data sets, and their extraction from bags."""

@@ -1,8 +1,8 @@
-"""One bicycle's transitions out of a bag: as they were recorded, or made anew of its states.
+"""Transitions of one bicycle from a bag: as recorded, or rebuilt from its states.
 
-A bag is read without ROS. Where it has `bicycle/transition` that is taken; where it has not,
-each step is put together from the state before it, the state after it and the command that the
-later state names as applied, by the rules of `bicycle_sim.runtime.transitions`.
+A bag is read without ROS. If it has `bicycle/transition`, that is used; if not, each step is
+built from the state before it, the state after it and the command that the later state names as
+applied, by the rules of `bicycle_sim.runtime.transitions`.
 """
 
 from __future__ import annotations
@@ -39,16 +39,16 @@ Columns = dict[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Transitions:
-    """M steps towards goals in the paper's signs, pursuit after pursuit.
+    """M steps towards goals in the paper's signs, one pursuit after another.
 
-    The last step of every pursuit is terminated, truncated or fallen, so that nothing that is
-    summed along it runs into the next one.
+    The last step of every pursuit is terminated, truncated or fallen, so that no sum along it
+    continues into the next one.
     """
 
     episode: np.ndarray
     """(M,)."""
     step: np.ndarray
-    """(M,), of the state that the action was taken in."""
+    """(M,), of the state in which the action was taken."""
     observation: np.ndarray
     """(M, 6) SI units, see OBSERVATION_FIELDS."""
     action: np.ndarray
@@ -58,44 +58,44 @@ class Transitions:
     next_observation: np.ndarray
     """(M, 6)."""
     terminated: np.ndarray
-    """bool (M,): the goal was reached."""
+    """bool (M,): True if the goal was reached."""
     truncated: np.ndarray
-    """bool (M,): the pursuit was cut: reset, new goal, no command, or what follows is lost."""
+    """bool (M,): True if the pursuit was cut: reset, new goal, no command, or a lost message."""
     fallen: np.ndarray
-    """bool (M,): the next state is a fallen one."""
+    """bool (M,): True if the bicycle has fallen in the next state."""
     policy: np.ndarray
     """(M,) ids of the policies that chose the actions."""
     time: np.ndarray
-    """(M,) s, when it was recorded."""
+    """(M,) s, time of the recording."""
 
     def __len__(self) -> int:
         return len(self.step)
 
     @property
     def ended(self) -> np.ndarray:
-        """bool (M,): the last step of its pursuit."""
+        """bool (M,): True for the last step of a pursuit."""
         return self.terminated | self.truncated | self.fallen
 
     @classmethod
     def join(cls, parts: list[Transitions]) -> Transitions:
-        """One after another."""
+        """Concatenate several parts."""
         names = [item.name for item in fields(cls)]
         return cls(**{n: np.concatenate([getattr(part, n) for part in parts]) for n in names})
 
 
 @dataclass(frozen=True)
 class Extract:
-    """What one bicycle of one bag gave."""
+    """Result of one bicycle of one bag."""
 
     transitions: Transitions
     recorded: bool
-    """Whether the transitions were in the bag; otherwise they were made of states."""
+    """True if the transitions were in the bag; False if they were built from states."""
     lost: dict[str, int]
-    """How many messages are missing, by what they were."""
+    """Number of missing messages, by kind."""
 
 
 def bicycles(reader: BagReader) -> list[str]:
-    """The namespaces of the bag's bicycles, such as "" or "/red"."""
+    """Return the namespaces of the bag's bicycles, such as "" or "/red"."""
     found = {
         name[: -len(topic)]
         for topic in (STATE, TRANSITION)
@@ -106,15 +106,15 @@ def bicycles(reader: BagReader) -> list[str]:
 
 
 def extract(reader: BagReader, prefix: str, scenario: Scenario) -> Extract:
-    """The transitions of one bicycle.
+    """Return the transitions of one bicycle.
 
     Args:
-        reader: the bag.
+        reader: of the bag.
         prefix: the bicycle's namespace, one of `bicycles`.
-        scenario: its rewards and goal radius, where transitions are made of states.
+        scenario: its reward and goal radius are used to build transitions from states.
 
     Raises:
-        bicycle_bag.errors.BagError: when the bag cannot be read or lacks a topic.
+        bicycle_bag.errors.BagError: if the bag cannot be read or lacks a topic.
     """
     from bicycle_bag.columns import load_topics
 
@@ -127,7 +127,7 @@ def extract(reader: BagReader, prefix: str, scenario: Scenario) -> Extract:
 
 
 def recorded(columns: Columns) -> tuple[Transitions, dict[str, int]]:
-    """Transitions as the simulator published them; those before a lost one are truncated."""
+    """Return the transitions that the simulator published; truncate those before a lost one."""
     names = ("observation", "action", "reward", "next_observation", "policy")
     flags = {name: columns[name].astype(bool) for name in ("terminated", "truncated", "fallen")}
     found = Transitions(
@@ -148,7 +148,7 @@ def recorded(columns: Columns) -> tuple[Transitions, dict[str, int]]:
 def rebuilt(
     states: Columns, commands: Columns, scenario: Scenario
 ) -> tuple[Transitions, dict[str, int]]:
-    """Transitions put together from states and the commands that they name."""
+    """Return the transitions built from states and the commands that they name."""
     run = _runs(states)
     episode, step = (states[name].astype(np.int64) for name in ("episode", "step"))
     keep = ~_repeats(episode, step)
@@ -175,7 +175,7 @@ def rebuilt(
 def _made(
     states: Columns, before: np.ndarray, applied: Columns, scenario: Scenario
 ) -> Transitions:
-    """The transitions from the states `before`, (M,), under the commands `applied`."""
+    """Return the transitions from the states `before`, (M,), under the commands `applied`."""
     goal = applied["goal.x"], applied["goal.y"]
     observation, _ = _observed(states, before, *goal)
     following, distance = _observed(states, before + 1, *goal)
@@ -200,7 +200,7 @@ def _made(
 def _observed(
     states: Columns, rows: np.ndarray, goal_x: np.ndarray, goal_y: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The six states (M, 6) towards the goals, and the distances to them (M,) in m."""
+    """Return the six states (M, 6) towards the goals, and the distances to them (M,) in m."""
     rear_x, rear_y = states["rear_contact.x"][rows], states["rear_contact.y"][rows]
     front_x, front_y = states["front_contact.x"][rows], states["front_contact.y"][rows]
     heading = heading_between(rear_x, rear_y, front_x, front_y)
@@ -210,7 +210,7 @@ def _observed(
 
 
 def _applied(states: Columns, run: np.ndarray, rows: np.ndarray, commands: Columns) -> np.ndarray:
-    """For each state of `rows` (M,) the row of the command that led to it, -1 where it is lost."""
+    """Return for each state of `rows` (M,) the row of its command, -1 if that is lost."""
     starts = states["recorded_order"][np.flatnonzero(np.diff(run)) + 1]
     names = np.concatenate([states["controller"][rows], commands["controller"]]).astype(str)
     _, who = np.unique(names, return_inverse=True)
@@ -231,7 +231,7 @@ def _applied(states: Columns, run: np.ndarray, rows: np.ndarray, commands: Colum
 
 
 def _keys(*columns: np.ndarray) -> np.ndarray:
-    """One whole number for each row; equal where all columns are."""
+    """Return one integer per row; equal if all columns are equal."""
     key = np.zeros(len(columns[0]), dtype=np.int64)
     for column in columns:
         values, code = np.unique(column, return_inverse=True)
@@ -240,26 +240,26 @@ def _keys(*columns: np.ndarray) -> np.ndarray:
 
 
 def _runs(states: Columns) -> np.ndarray:
-    """(n,) which simulator process each state is from: a new one counts from 1 again."""
+    """Return (n,) the index of each state's simulator process: a new one counts from 1 again."""
     episode, step = (states[name].astype(np.int64) for name in ("episode", "step"))
     back = (np.diff(episode) < 0) | ((np.diff(episode) == 0) & (np.diff(step) < 0))
     return np.concatenate([[0], np.cumsum(back)]) if len(step) else np.zeros(0, dtype=np.int64)
 
 
 def _repeats(episode: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """bool (n,): the same step as the one before, as while a bicycle is held."""
+    """Return bool (n,): True if a step repeats the one before, as while a bicycle is held."""
     same = np.zeros(len(step), dtype=bool)
     same[1:] = (np.diff(episode) == 0) & (np.diff(step) == 0)
     return same
 
 
 def _follows(episode: np.ndarray, step: np.ndarray) -> np.ndarray:
-    """bool (n - 1,): whether the next row is the next step."""
+    """Return bool (n - 1,): True if the next row is the next step."""
     return (np.diff(episode) == 0) & (np.diff(step) == 1)
 
 
 def _cut(found: Transitions, goes_on: np.ndarray) -> Transitions:
-    """Truncate every pursuit whose next step is not the next row; `goes_on` bool (M - 1,)."""
+    """Truncate every pursuit whose next step is not the next row; `goes_on` is bool (M - 1,)."""
     last = np.append(~goes_on, True)[: len(found)]
     truncated = found.truncated | (last & ~found.terminated & ~found.fallen)
     return replace(found, truncated=truncated)

@@ -1,4 +1,4 @@
-"""Recorded rides as material to learn from: found, read, checked and laid out for the memory."""
+"""Recorded rides as training data: find, read, check and arrange them for the memory."""
 
 from __future__ import annotations
 
@@ -20,35 +20,35 @@ if TYPE_CHECKING:
     from bicycle_controller.config.algorithms import DdpgConfig
 
 LEAST = 5_000
-"""Transitions, about two minutes of riding: with less nothing can be learned."""
+"""Fewest transitions, about two minutes of riding: fewer do not suffice for learning."""
 LANES = 256
-"""Pursuits that are summed up side by side."""
+"""Number of pursuits that are summed in parallel."""
 WITHIN = 1.0 + 1e-9
-"""A rounding's worth of room for actions at their limits."""
+"""Tolerance of rounding for actions at their limits."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """Where a part of the data set came from."""
+    """Origin of a part of the data set."""
 
     path: str
     transitions: int
     recorded: bool
-    """Whether the bag held transitions; otherwise they were made of its states and commands."""
+    """True if the bag contained transitions; False if they were built from states and commands."""
 
 
 @dataclass(frozen=True)
 class Dataset:
-    """All transitions of some bags, and the scenario and physics that they were ridden in."""
+    """All transitions of some bags, with their scenario and physics."""
 
     transitions: Transitions
     scenario: Scenario
     physics: Physics
     sources: tuple[Source, ...]
     lost: dict[str, int]
-    """How many messages are missing in the bags, by what they were."""
+    """Number of messages missing in the bags, by kind."""
     load_s: float
-    """s that reading took."""
+    """Time spent on reading, s."""
 
 
 def load(paths: Sequence[Path | str], scenario: Scenario | None = None) -> Dataset:
@@ -56,12 +56,12 @@ def load(paths: Sequence[Path | str], scenario: Scenario | None = None) -> Datas
 
     Args:
         paths: bags, or folders that hold bags at any depth.
-        scenario: that of bags which do not say theirs; of all bags by default.
+        scenario: of bags that do not name theirs; of all bags by default.
 
     Raises:
-        ValueError: one line with the remedy, when a bag cannot be read, holds no ride, or was
+        ValueError: one line with the remedy, if a bag cannot be read, contains no ride, or was
             ridden in another scenario or physics than the others.
-        ModuleNotFoundError: without the package `bicycle_bag`.
+        ModuleNotFoundError: if the package `bicycle_bag` is not installed.
     """
     from bicycle_bag.errors import BagError
 
@@ -87,10 +87,10 @@ def load(paths: Sequence[Path | str], scenario: Scenario | None = None) -> Datas
 
 
 def find_bags(path: Path) -> list[Path]:
-    """The bag at `path`, or all bags below it.
+    """Return the bag at `path`, or all bags below it.
 
     Raises:
-        ValueError: when there is none.
+        ValueError: if there is none.
     """
     if path.is_file() or any(path.glob("*.mcap")):
         return [path]
@@ -103,7 +103,7 @@ def find_bags(path: Path) -> list[Path]:
 
 
 def _read(path: Path, scenario: Scenario | None) -> list[Dataset]:
-    """One data set per bicycle of a bag."""
+    """Read one data set per bicycle of a bag."""
     from bicycle_bag.reader import BagReader
 
     reader = BagReader(path)
@@ -120,7 +120,7 @@ def _read(path: Path, scenario: Scenario | None) -> list[Dataset]:
 
 
 def _setting(reader: BagReader, prefix: str, known: Scenario | None) -> tuple[Scenario, Physics]:
-    """Scenario and physics of a bicycle's episodes, which must all have the same."""
+    """Return the scenario and physics of a bicycle's episodes, which must all have the same."""
     from bicycle_bag.columns import load_topics
 
     topic = prefix + EPISODE
@@ -153,10 +153,10 @@ def _check_alike(parts: list[Dataset]) -> None:
 
 
 def check(data: Dataset, least: int = LEAST) -> list[str]:
-    """Refuse what cannot be learned from.
+    """Refuse data from which nothing can be learned.
 
     Returns:
-        Lines to warn with.
+        Warnings.
 
     Raises:
         ValueError: on too few transitions, numbers that are not finite, or actions beyond the
@@ -195,12 +195,12 @@ def _minutes(data: Dataset, steps: int) -> str:
 
 
 def memory_rows(data: Dataset, ddpg: DdpgConfig) -> np.ndarray:
-    """The data as n-step transitions, (M, width) float32, for `ReplayBuffer.add`.
+    """Return the data as n-step transitions, (M, width) float32, for `ReplayBuffer.add`.
 
-    Whole pursuits are laid end to end in lanes that pass through `NStepAccumulator` side by side.
+    Whole pursuits are laid end to end in lanes that pass through `NStepAccumulator` in parallel.
 
     Raises:
-        ValueError: unless falls absorb: a bag ends with the fall, it has no frozen steps.
+        ValueError: unless falls absorb: a bag ends with the fall and has no frozen steps.
     """
     from bicycle_controller.data.replay_buffer import NStepAccumulator, RewardShaping
 
@@ -215,7 +215,7 @@ def memory_rows(data: Dataset, ddpg: DdpgConfig) -> np.ndarray:
     for rows in lanes:
         there = rows >= 0
         flags = (found.terminated[rows], found.truncated[rows] | ~there, found.fallen[rows])
-        # A lane's padding goes in as NaN, and so it is known when it comes out.
+        # A lane's padding is NaN, which identifies it in the output.
         seen = np.where(there[:, None], found.observation[rows], np.nan)
         out = returns.push(
             seen, action[rows], found.reward[rows], found.next_observation[rows], *flags
@@ -225,11 +225,11 @@ def memory_rows(data: Dataset, ddpg: DdpgConfig) -> np.ndarray:
 
 
 def lanes_of(ended: np.ndarray, count: int = LANES) -> np.ndarray:
-    """Rows of whole pursuits in at most `count` lanes of about one length.
+    """Return the rows of whole pursuits in at most `count` lanes of similar length.
 
     Args:
         ended: bool (M,), the last row of each pursuit.
-        count: most lanes.
+        count: largest number of lanes.
 
     Returns:
         (L, lanes) row numbers, -1 after a lane's end.

@@ -1,4 +1,4 @@
-"""What is in a data set, before anybody trusts what is learned from it."""
+"""Report on a data set, to inspect it before learning."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from bicycle_common.observation import ACTION_FIELDS, OBSERVATION_FIELDS
 from bicycle_controller.data.dataset import Dataset
 
 BINS = 10
-"""Of each action's histogram, over its limits."""
+"""Bins of each action's histogram, over its limits."""
 CELLS = (9, 24)
-"""Of the coverage: lean by steer."""
+"""Cells of the coverage: lean by steer."""
 CLOCK_GAP = 1.0
-"""s between two steps of one pursuit beyond which something stood still."""
+"""Time between two steps of one pursuit that counts as a clock gap (s)."""
 SHADES = " .:+*#"
-"""From no visit to the most, by the logarithm of the visits."""
+"""Shades from no visit to the most visits, on a logarithmic scale."""
 
 
 def report(data: Dataset) -> dict[str, Any]:
-    """Numbers about a data set, ready for JSON.
+    """Return statistics of a data set, ready for JSON.
 
-    `lost` counts messages that are missing; `clock_gaps` the steps that were recorded a second
-    or more after the one before, or earlier than it; `coverage` holds visits by lean (rows,
+    `lost` counts missing messages; `clock_gaps` counts the steps recorded a second or more after
+    the previous one, or earlier than it; `coverage` holds visits by lean (rows,
     from the fall angle on the left to that on the right) and by steer (columns, from the stop
     on the right to that on the left).
     """
@@ -53,7 +53,7 @@ def report(data: Dataset) -> dict[str, Any]:
 
 
 def _actions(data: Dataset) -> dict[str, Any]:
-    """Range and histogram of each action that is driven."""
+    """Return the range and histogram of each action that is driven."""
     table = {}
     for index, name in enumerate(ACTION_FIELDS):
         limit = float(data.scenario.action_limits[index])
@@ -83,7 +83,7 @@ def _coverage(data: Dataset) -> list[list[int]]:
 
 
 def as_text(found: dict[str, Any]) -> str:
-    """The report on one screen."""
+    """Return the report as text that fits one screen."""
     lost = ", ".join(f"{count} {name}" for name, count in found["lost"].items())
     made = sum(not bag["recorded"] for bag in found["bags"])
     lines = [

@@ -1,4 +1,4 @@
-"""The replay memory: one packed float32 table, and the n-step returns that fill it."""
+"""Replay memory: one packed float32 table, and the n-step returns that fill it."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ class Batch:
     """B transitions, all float32; observations raw, actions normalised."""
 
     observation: Tensor
-    """(B, 6), and to the right of that what only the critic sees."""
+    """(B, 6), followed by the critic's extra inputs."""
     action: Tensor
     """(B, actions), within [-1, 1]."""
     next_observation: Tensor
-    """The same n steps later; meaningless where `discount` is 0."""
+    """Observation n steps later; meaningless if `discount` is 0."""
     reward: Tensor
-    """(B,), discounted sum of up to n rewards, and of all that follow a fall that absorbs."""
+    """(B,), discounted sum of up to n rewards, and of all that follow an absorbing fall."""
     discount: Tensor
-    """(B,), factor of the next observation's value: gamma^(actual n), 0 where none follows."""
+    """(B,), factor of the next observation's value: gamma^(actual n), 0 if none follows."""
     terminated: Tensor
-    """(B,), 1 where the goal was reached."""
+    """(B,), 1 if the goal was reached."""
     truncated: Tensor
-    """(B,), 1 where the step limit was."""
+    """(B,), 1 if the step limit was reached."""
     fallen: Tensor
-    """(B,), 1 where the bicycle lies afterwards."""
+    """(B,), 1 if the bicycle lies afterwards."""
     shown: Tensor | None = None
-    """(B, actions), what a teacher would have done, where the memory holds that."""
+    """(B, actions), the teacher's action, if the memory stores it."""
 
     def parts(self, size: int) -> Iterator[Batch]:
-        """The batch cut into ones of `size` transitions, in order."""
+        """Split the batch into batches of `size` transitions, in order."""
         for first in range(0, len(self.reward), size):
             rows = slice(first, first + size)
             columns = vars(self).values()
@@ -49,12 +49,12 @@ class Batch:
 
 
 class ReplayBuffer:
-    """A ring of transitions, one row each, on any device.
+    """Ring buffer of transitions, one row each, on any device.
 
     Attributes:
         table: (capacity, width) float32.
         size: rows that hold a transition.
-        position: row that the next transition goes to.
+        position: row of the next transition.
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class ReplayBuffer:
         observations: int = OBSERVATIONS,
         shown: bool = False,
     ) -> None:
-        """Make an empty memory for `capacity` transitions of so many numbers.
+        """Create an empty memory for `capacity` transitions of given widths.
 
         With `shown` each has a second action to its right, the teacher's.
         """
@@ -81,8 +81,8 @@ class ReplayBuffer:
         """Store transitions (M, width), M up to the capacity, in the order of `Batch`'s fields.
 
         Raises:
-            ValueError: when a row has the wrong width, a value is not finite, or there are
-                more rows than the memory holds.
+            ValueError: if a row has a wrong width, a value is not finite, or the rows exceed the
+                capacity.
         """
         count = len(rows)
         if count == 0:
@@ -109,10 +109,10 @@ class ReplayBuffer:
         self.table[position : position + len(rows)] = source.to(self.table.device)
 
     def sample(self, count: int, generator: torch.Generator) -> Batch:
-        """`count` transitions drawn evenly, with repetition; one gather for several updates.
+        """Draw `count` transitions uniformly, with repetition; one gather serves several updates.
 
         Raises:
-            ValueError: when the memory is empty.
+            ValueError: if the memory is empty.
         """
         if self.size == 0:
             raise ValueError("cannot sample from an empty replay memory")
@@ -121,14 +121,14 @@ class ReplayBuffer:
         return Batch(*parts[:3], *(part.squeeze(1) for part in parts[3:8]), *parts[8:])
 
     def state_dict(self) -> dict[str, Any]:
-        """The rows in use and the position."""
+        """Return the used rows and the position."""
         return {"rows": self.table[: self.size].clone().cpu(), "position": self.position}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state`.
+        """Restore `state`.
 
         Raises:
-            ValueError: when its rows do not fit this memory.
+            ValueError: if its rows do not fit this memory.
         """
         rows = state["rows"]
         if rows.shape[1] != self.table.shape[1] or len(rows) > self.capacity:
@@ -142,22 +142,22 @@ class ReplayBuffer:
 
 @dataclass(frozen=True)
 class RewardShaping:
-    """What steps and falls are worth to a learner; see `learner_config` for each."""
+    """Learner's value of steps and falls; see `config.algorithms` for each field."""
 
     n_step: int
     gamma: float
     fall_penalty: float = 0.0
-    """Taken from the reward of every step that a bicycle lies."""
+    """Subtracted from the reward of every step in which a bicycle lies."""
     absorbing: bool = False
-    """Whether a fall ends the episode with the value of lying for ever."""
+    """True if a fall ends the episode with the value of lying for ever."""
     cost_cap: float = 0.0
-    """Most that one step may cost; 0 caps nothing."""
+    """Largest cost of one step; 0 disables the cap."""
     step_cost: float = 0.0
-    """Taken from every reward after that."""
+    """Subtracted from every reward after that."""
 
     @classmethod
     def of(cls, learner: LearnerConfig) -> RewardShaping:
-        """A learner's."""
+        """Return a learner's reward shaping."""
         return cls(
             learner.n_step,
             learner.gamma,
@@ -171,9 +171,9 @@ class RewardShaping:
 class NStepAccumulator:
     """Turns the steps of N bicycles into n-step transitions, cut at the end of each episode.
 
-    After n steps, or at an episode's end, a transition leaves with the discounted sum of its
-    k <= n rewards and the discount gamma^k, or 0 when the goal was reached. When falls absorb,
-    the reward of a fall counts as r / (1 - gamma): what repeating it for ever is worth.
+    After n steps, or at an episode's end, a transition is emitted with the discounted sum of its
+    k <= n rewards and the discount gamma^k, or 0 if the goal was reached. When falls absorb, the
+    reward of a fall counts as r / (1 - gamma), the value of repeating it for ever.
     """
 
     def __init__(
@@ -184,14 +184,14 @@ class NStepAccumulator:
         observations: int = OBSERVATIONS,
         shown: bool = False,
     ) -> None:
-        """Start with nothing pending.
+        """Start without pending steps.
 
         Args:
-            count: N, the bicycles.
+            count: N, the number of bicycles.
             actions: numbers per action.
-            valuation: n, discount and what rewards become.
+            valuation: n, discount and reward shaping.
             observations: numbers per observation.
-            shown: whether a teacher's action goes with each.
+            shown: True to store a teacher's action with each.
         """
         self.valuation, n_step = valuation, valuation.n_step
         self.observation = np.zeros((n_step, count, observations), dtype=np.float32)
@@ -221,11 +221,11 @@ class NStepAccumulator:
             action: (N, actions), normalised.
             reward: (N,) of the step.
             next_observation: the same after it, before any reset.
-            terminated: bool (N,), the goal was reached.
-            truncated: bool (N,), the step limit was.
-            fallen: bool (N,), the bicycle lies afterwards.
+            terminated: bool (N,), True if the goal was reached.
+            truncated: bool (N,), True at the step limit.
+            fallen: bool (N,), True if the bicycle lies afterwards.
             shaping: (N,), added to the reward after `cost_cap`.
-            shown: (N, actions), a teacher's answer to the observation, where it is kept.
+            shown: (N, actions), a teacher's answer to the observation, if stored.
 
         Returns:
             The transitions that are complete now, (M, width) float32, for `ReplayBuffer.add`.
@@ -249,7 +249,7 @@ class NStepAccumulator:
         fallen: np.ndarray,
         shaping: np.ndarray | float,
     ) -> tuple[np.ndarray, np.ndarray]:
-        """What the learner is told of a step's reward (N,), and whether nothing follows it."""
+        """Return the learner's reward of a step (N,), and True where nothing follows it."""
         worth = self.valuation
         if worth.cost_cap > 0:
             reward = np.maximum(reward, -worth.cost_cap)
@@ -265,7 +265,7 @@ class NStepAccumulator:
         next_observation: np.ndarray,
         ends: tuple[np.ndarray, np.ndarray, np.ndarray],
     ) -> np.ndarray:
-        """Add a step's reward to what is pending; the transitions that are complete with it."""
+        """Add a step's reward to the pending steps; return the transitions that it completes."""
         n_step, gamma = self.valuation.n_step, self.valuation.gamma
         self.sum[self.slot], self.age[self.slot], self.open[self.slot] = 0.0, 0, True
         self.sum += np.where(self.open, gamma**self.age * reward, 0.0)
@@ -283,7 +283,7 @@ class NStepAccumulator:
     def _rows(
         kept: tuple[np.ndarray, ...], columns: tuple[np.ndarray, ...], shown: np.ndarray
     ) -> np.ndarray:
-        """Transitions side by side, (M, width) float32."""
+        """Return transitions as rows, (M, width) float32."""
         count = len(shown)
         blocks = [*kept, *columns, shown]
         widths = [1 if block.ndim == 1 else block.shape[1] for block in blocks]
@@ -295,12 +295,12 @@ class NStepAccumulator:
         return rows
 
     def state_dict(self) -> dict[str, Any]:
-        """What is pending."""
+        """Return the pending steps."""
         names = ("observation", "action", "shown", "sum", "age", "open")
         return {name: getattr(self, name).copy() for name in names} | {"slot": self.slot}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state`."""
+        """Restore `state`."""
         for name in ("observation", "action", "shown", "sum", "age", "open"):
             getattr(self, name)[...] = state[name]
         self.slot = int(state["slot"])

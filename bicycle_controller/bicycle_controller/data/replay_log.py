@@ -1,4 +1,4 @@
-"""The rows of a growing replay memory on the disk: appended, never written twice."""
+"""Rows of a growing replay memory on the disk: appended, never rewritten."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ import numpy as np
 
 
 class ReplayLog:
-    """Rows of float32 in the order they came; a crash loses what `save` had not yet been told.
+    """Rows of float32 in the order of arrival; a crash loses those after the last `save`.
 
     Attributes:
-        saved: rows that the last checkpoint may count on.
+        saved: number of rows guaranteed to the last checkpoint.
     """
 
     def __init__(self, path: Path, width: int) -> None:
-        """Name the file, which need not be there, and the numbers per row."""
+        """Set the path, which need not exist, and the width of a row."""
         self._path, self._row_bytes = path, 4 * width
         self._new: list[np.ndarray] = []
         self.saved = 0
 
     @property
     def rows(self) -> int:
-        """All rows, saved or not."""
+        """Number of rows, saved or not."""
         return self.saved + sum(map(len, self._new))
 
     def add(self, rows: np.ndarray) -> None:
@@ -30,10 +30,10 @@ class ReplayLog:
         self._new.append(rows.astype(np.float32))
 
     def save(self) -> None:
-        """Append what is new, over whatever a crash may have left behind the last save.
+        """Append the new rows, over any remains of a crash after the last save.
 
         Raises:
-            OSError: when that fails.
+            OSError: if that fails.
         """
         self._path.parent.mkdir(parents=True, exist_ok=True)
         with self._path.open("ab") as file:
@@ -43,10 +43,10 @@ class ReplayLog:
         self.saved, self._new = self.rows, []
 
     def load(self, count: int) -> np.ndarray:
-        """The first `count` rows, (count, width).
+        """Return the first `count` rows, (count, width).
 
         Raises:
-            ValueError: when the file is not there or is too short.
+            ValueError: if the file is missing or too short.
         """
         try:
             data = self._path.read_bytes()[: count * self._row_bytes]

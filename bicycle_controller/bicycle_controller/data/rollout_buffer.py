@@ -1,4 +1,4 @@
-"""What PPO learns from: the last T steps of N bicycles, and the advantages of their actions."""
+"""Data of PPO: the last T steps of N bicycles, and the advantages of their actions."""
 
 from __future__ import annotations
 
@@ -10,29 +10,29 @@ from bicycle_controller.data.replay_buffer import OBSERVATIONS
 
 
 class RolloutBuffer:
-    """T rounds of N transitions, in the order of `replay.Batch`'s fields.
+    """T rounds of N transitions, in the order of `replay_buffer.Batch`'s fields.
 
     Attributes:
         rows: (T, N, width) float32.
-        rounds: rounds stored, up to T.
+        rounds: number of rounds stored, up to T.
     """
 
     def __init__(self, rounds: int, count: int, actions: int) -> None:
-        """Make an empty one for `rounds` steps of `count` bicycles."""
+        """Create an empty buffer for `rounds` steps of `count` bicycles."""
         self.actions = actions
         self.rows = np.zeros((rounds, count, 2 * OBSERVATIONS + actions + 5), dtype=np.float32)
         self.rounds = 0
 
     @property
     def full(self) -> bool:
-        """Whether it holds all T rounds."""
+        """True if it holds all T rounds."""
         return self.rounds == len(self.rows)
 
     def add(self, rows: np.ndarray) -> None:
         """Store the transitions (N, width) of one step, in the bicycles' order.
 
         Raises:
-            ValueError: when it is full, or the shape is another.
+            ValueError: if it is full, or on another shape.
         """
         if self.full or rows.shape != self.rows.shape[1:]:
             raise ValueError(
@@ -43,15 +43,15 @@ class RolloutBuffer:
         self.rounds += 1
 
     def clear(self) -> None:
-        """Forget everything: the policy that it came from is gone."""
+        """Remove everything: the policy that made it has changed."""
         self.rounds = 0
 
     def state_dict(self) -> dict[str, Any]:
-        """The rounds stored."""
+        """Return the rounds stored."""
         return {"rows": self.rows[: self.rounds].copy()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state`."""
+        """Restore `state`."""
         self.clear()
         for rows in state["rows"]:
             self.add(rows)
@@ -65,17 +65,17 @@ def advantages(
     ended: np.ndarray,
     gae_lambda: float,
 ) -> np.ndarray:
-    """Generalised advantage estimates (Schulman et al. 2016, equation 16).
+    """Return the generalised advantage estimates (Schulman et al. 2016, equation 16).
 
-    A sum of temporal differences stops where an episode does, for whatever reason; the
+    A sum of temporal differences stops at the end of an episode, for whatever reason; the
     difference itself looks ahead unless `discount` is 0, so that a time-out bootstraps.
 
     Args:
         reward: (T, N) of each step.
         value: (T, N), V of the state before it.
         next_value: (T, N), V of the state after it, before any reset.
-        discount: (T, N), gamma, or 0 where nothing follows (a goal, or a fall that absorbs).
-        ended: bool (T, N), whether the next row belongs to another episode.
+        discount: (T, N), gamma, or 0 if nothing follows (a goal, or an absorbing fall).
+        ended: bool (T, N), True if the next row belongs to another episode.
         gae_lambda: 0 looks one step ahead, 1 to the end.
 
     Returns:

@@ -1,4 +1,4 @@
-"""Transitions as they arrive, one by one: gaps are counted, and what they tear apart is cut."""
+"""Stream of live transitions: it counts missing steps and truncates the pursuit at each gap."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from bicycle_common.observation import ACTION_FIELDS, OBSERVATION_FIELDS
 from bicycle_common.types import Transition
 
 COLUMNS = (len(OBSERVATION_FIELDS), len(ACTION_FIELDS), 1, len(OBSERVATION_FIELDS), 1, 1, 1)
-"""Numbers of one packed transition: observation, action, reward, next observation, terminated,
+"""Widths of a packed transition: observation, action, reward, next observation, terminated,
 truncated, fallen."""
 
 
 class TransitionStream:
-    """Holds each transition back until the next one shows whether it goes on.
+    """Holds each transition back until the next one shows if it continues.
 
     Attributes:
-        arrived: transitions taken in.
-        lost: transitions that never arrived, by their step numbers.
+        arrived: number of transitions taken in.
+        lost: number of transitions that never arrived, by their step numbers.
         policy: id of the policy that chose the last action; empty before the first.
     """
 
     def __init__(self) -> None:
-        """Begin before the first."""
+        """Start before the first transition."""
         self.arrived = self.lost = 0
         self.policy = ""
         self._held: Transition | None = None
 
     def take(self, made: Transition) -> list[Transition]:
-        """Take in one transition; returns those that are complete now, in order."""
+        """Take in one transition; return those that are complete now, in order."""
         last, self._held = self._held, None
         self.arrived += 1
         self.policy = made.policy
@@ -49,7 +49,7 @@ class TransitionStream:
 
 
 def packed(transitions: list[Transition]) -> np.ndarray:
-    """Transitions as one array (M, 19), to be sent to another process."""
+    """Return transitions as one array (M, 19), for another process."""
     rows = [
         (
             *made.observation,
@@ -66,6 +66,6 @@ def packed(transitions: list[Transition]) -> np.ndarray:
 
 
 def unpacked(rows: np.ndarray) -> list[np.ndarray]:
-    """The columns of packed transitions: (M, 6), (M, 3), (M,), (M, 6), and bool (M,) thrice."""
+    """Return the columns of packed transitions: (M, 6), (M, 3), (M,), (M, 6), and 3 bool (M,)."""
     parts = np.split(rows, np.cumsum(COLUMNS)[:-1], axis=1)
     return [*parts[:2], parts[2][:, 0], parts[3], *(part[:, 0] > 0 for part in parts[4:])]

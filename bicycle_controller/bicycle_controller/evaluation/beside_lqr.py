@@ -1,4 +1,4 @@
-"""A trained policy beside the classical controller, on the starts that the training used."""
+"""Comparison of a trained policy with the classical controller, on the training's starts."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from bicycle_controller.config.run import RunConfig
 from bicycle_controller.evaluation.score import Score, score
 
 WORSE_SHARE = 0.01
-"""Of the rides: so many fewer goals, or more falls, are told."""
+"""Share of the rides by which goals may be fewer, or falls more, without a warning."""
 SLOWER = 1.1
-"""Times the classical controller's median time: more is told."""
+"""Ratio to the classical controller's median time above which a warning is given."""
 
 
 def lqr_score(config: RunConfig) -> Score | None:
-    """What the LQR that may use the scenario's actions makes of a run's fixed starts.
+    """Score the LQR that uses the scenario's actions on a run's fixed starts.
 
     Args:
         config: of the run.
 
     Returns:
-        Its score over far goals; None where there is no LQR for that bicycle.
+        Its score over far goals; None if there is no LQR for that bicycle.
     """
-    # Imported here: it needs scipy, which training does without.
+    # Imported here: it needs scipy, which training does not.
     from bicycle_controller.control.lqr import fitting
 
     fixed = replace(config.evaluation, near_episodes=0, shake=0.0)
@@ -36,11 +36,11 @@ def lqr_score(config: RunConfig) -> Score | None:
 
 
 def warning(best: Score, lqr: Score | None) -> str:
-    """One line where a policy rides clearly worse than the LQR; else empty.
+    """Return one line if a policy is clearly worse than the LQR; else an empty text.
 
     Args:
-        best: of the policy that a run has kept.
-        lqr: over the same starts; None where there is none.
+        best: score of the policy that a run has kept.
+        lqr: score over the same starts; None without one.
     """
     if lqr is None or lqr.median_time_s is None:
         return ""

@@ -38,14 +38,14 @@ if TYPE_CHECKING:
     from bicycle_controller.control.controller import Controller
 
 NORMAL_95 = 1.959963984540054
-"""The standard normal's 97.5 % point."""
+"""97.5 % quantile of the standard normal distribution."""
 ORBIT_TURNS = 2.0
-"""A ride that ends at the step limit, upright, having gone around its goal this often or more
-in one direction (counted net, either way) is an orbit."""
+"""Net turns around the goal, either way, from which a ride that ends upright at the step limit
+counts as an orbit."""
 
 
 def wilson(hits: int, count: int) -> tuple[float, float]:
-    """95 % interval of a rate of `hits` in `count` (Wilson 1927, without continuity correction).
+    """Return the 95 % interval of `hits` in `count` (Wilson 1927, no continuity correction).
 
     Raises:
         ValueError: unless 0 <= hits <= count.
@@ -58,14 +58,14 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
     centre = (rate + square / (2 * count)) / (1 + square / count)
     spread = rate * (1 - rate) / count + square / (4 * count**2)
     half = NORMAL_95 * math.sqrt(spread) / (1 + square / count)
-    # At the ends the formula gives 0 and 1 but for the last digit.
+    # At the ends the formula gives 0 and 1 up to rounding.
     low = 0.0 if hits == 0 else centre - half
     return low, 1.0 if hits == count else centre + half
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The rides of one controller, with what they were ridden on."""
+    """Rides of one controller, with their scenario, physics and disturbance."""
 
     controller: str
     """The policy id."""
@@ -77,12 +77,12 @@ class Evaluation:
 
     @property
     def times(self) -> np.ndarray:
-        """s that each ride took, (N,)."""
+        """Duration of each ride, s, (N,)."""
         return self.rides.steps * self.physics.constants.time_step
 
     @property
     def path_ratios(self) -> np.ndarray:
-        """Path over the shortest path, (N,); NaN where the goal was missed or was too near."""
+        """Path over the shortest path, (N,); NaN if the goal was missed or too near."""
         radius = self.scenario.goal_radius
         valid = self.rides.reached & (self.rides.straight >= 2.0 * radius)
         shortest = np.where(valid, self.rides.straight - radius, np.nan)
@@ -90,12 +90,12 @@ class Evaluation:
 
     @property
     def orbits(self) -> np.ndarray:
-        """bool, (N,): see ORBIT_TURNS."""
+        """bool, (N,): True for an orbit, see ORBIT_TURNS."""
         late = ~self.rides.reached & ~self.rides.fallen
         return late & (np.abs(self.rides.winding) >= ORBIT_TURNS * 2.0 * math.pi)
 
     def summary(self) -> dict[str, Any]:
-        """The keys above, ready for JSON."""
+        """Return the keys listed above, ready for JSON."""
         rides = self.rides
         late = ~rides.reached & ~rides.fallen
         result: dict[str, Any] = {
@@ -134,7 +134,7 @@ class Evaluation:
 
 
 def _statistic(function: Any, values: np.ndarray) -> float | None:
-    """`function` of the values, or None when there are none."""
+    """Return `function` of the values, or None if there are none."""
     return float(function(values)) if len(values) else None
 
 
@@ -147,7 +147,7 @@ def evaluate(
     disturbance: Disturbance | None = None,
     progress: bool = False,
 ) -> Evaluation:
-    """Ride `episodes` rides; for the arguments and errors see `rides.ride`."""
+    """Ride `episodes` rides; see `rollouts.ride` for arguments and errors."""
     physics = physics or Physics()
     disturbance = disturbance or Disturbance()
     rides = ride(controller, scenario, physics, episodes, seed, disturbance, progress)
@@ -156,7 +156,7 @@ def evaluate(
 
 
 def compare(first: Evaluation, second: Evaluation) -> dict[str, Any]:
-    """Two controllers over the same starts, ride by ride.
+    """Compare two controllers over the same starts, ride by ride.
 
     Returns:
         Over all rides: `first_better`, `equal` and `second_better`, counts that sum to

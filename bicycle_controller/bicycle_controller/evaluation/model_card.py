@@ -1,4 +1,4 @@
-"""The card of a policy: a Markdown page beside the weights, all of it from recorded facts."""
+"""Model card of a policy: a Markdown page beside the weights, made from recorded facts only."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ UNITS = ("rad", "rad/s", "rad", "rad/s", "rad/s^2", "rad", "N m", "m", "N")
 
 
 def card(policy: Policy, evaluations: list[dict[str, Any]] | None = None) -> str:
-    """The page.
+    """Return the page.
 
     Args:
         policy: its metadata are the source.
@@ -45,13 +45,13 @@ def card(policy: Policy, evaluations: list[dict[str, Any]] | None = None) -> str
 
 
 def widths(policy: Policy) -> list[int]:
-    """Inputs, hidden units and outputs of the network."""
+    """Return the widths of the network's inputs, hidden layers and outputs."""
     count = sum(name.startswith("layer.") for name in policy.tensors) // 2
     return [6, *(len(policy.tensors[f"layer.{index}.bias"]) for index in range(count))]
 
 
 def physics_name(physics: Physics) -> str:
-    """`faithful`, `corrected`, or what differs from faithful."""
+    """Return `faithful`, `corrected`, or the differences from faithful."""
     for name in ("faithful", "corrected"):
         if physics == Physics.named(name):
             return name
@@ -60,7 +60,7 @@ def physics_name(physics: Physics) -> str:
 
 
 def _scaling(policy: Policy) -> str:
-    """A table of the observation's scale and the action's limits."""
+    """Return a table of the observation's scale and the action's limits."""
     info = policy.info
     lines = ["| | divided by | |", "| --- | --- | --- |"]
     for name, scale, unit in zip(OBSERVATION_FIELDS, info.observation_scale, UNITS, strict=False):
@@ -72,7 +72,7 @@ def _scaling(policy: Policy) -> str:
 
 
 def _facts(data: dict[str, Any]) -> str:
-    """One line for every entry."""
+    """Return a list with one line per entry."""
     return "\n".join(f"- {name}: `{_plain(value)}`" for name, value in data.items())
 
 
@@ -81,7 +81,7 @@ def _plain(value: Any) -> str:
 
 
 def _heading(summary: dict[str, Any]) -> str:
-    """What an evaluation was ridden on, where it differs from plain."""
+    """Return the conditions of an evaluation, as far as they differ from the plain scenario."""
     disturbed = {k: v for k, v in summary["disturbance"].items() if k != "kick_time" and _on(v)}
     physics = physics_name(Physics.from_json(json.dumps(summary["physics"])))
     extra = "".join(f", {name} {_plain(value)}" for name, value in disturbed.items())

@@ -1,4 +1,4 @@
-"""Ride a controller from many starts at once and keep what each ride came to."""
+"""Ride a controller from many starts at once and record each ride's result."""
 
 from __future__ import annotations
 
@@ -19,37 +19,37 @@ from bicycle_sim.task.scenario import Scenario
 from bicycle_sim.task.task import BicycleTask, Step
 
 CHUNK = 16384
-"""Rides that are simulated together, so that a million take no more memory than these."""
+"""Number of rides simulated together, which bounds the memory of a million rides."""
 MOST = 10_000_000
-"""Rides of one evaluation, whose figures are kept in memory."""
+"""Largest number of rides of one evaluation, whose figures are kept in memory."""
 LARGEST = 1e6
-"""Of any disturbance, in its own unit."""
+"""Largest value of any disturbance, in its own unit."""
 STARTS, NOISE = 0, 1
-"""What a random stream is for; controllers meet the same starts and the same kind of noise."""
+"""Keys of the random streams; all controllers get the same starts and the same kind of noise."""
 
 
 @dataclass(frozen=True)
 class Disturbance:
-    """What an evaluation adds to a scenario to try a controller; nothing by default.
+    """Disturbances that an evaluation adds to a scenario; none by default.
 
     Raises:
-        ValueError: on a value below zero or not finite, or on the wrong number of them.
+        ValueError: on a value that is negative or not finite, or a wrong number of values.
     """
 
     roll_kick: float = 0.0
-    """rad/s added once to the lean rate, to the left or to the right by chance."""
+    """Impulse added once to the lean rate, rad/s, to the left or right at random."""
     kick_time: float = 2.0
-    """s after the start at which that happens."""
+    """Time of that impulse after the start, s."""
     initial_tilt: float = 0.0
-    """rad, standard deviation of the lean angle at the start."""
+    """Standard deviation of the lean angle at the start, rad."""
     displacement_noise: float = 0.0
-    """m, half width of uniform noise on the displacement (errata row 21)."""
+    """Half width of uniform noise on the displacement, m (errata row 21)."""
     observation_noise: tuple[float, ...] = (0.0,) * 6
     """Standard deviation of Gaussian noise on each of OBSERVATION_FIELDS, in its unit."""
     action_delay: int = 0
-    """Steps that an action takes to arrive; until then the bicycle gets zeros."""
+    """Delay of an action, in steps; until the first arrives the bicycle gets zeros."""
     speed: float | None = None
-    """m/s, replaces the scenario's start speed."""
+    """Start speed instead of the scenario's, m/s."""
 
     def __post_init__(self) -> None:
         noise = tuple(self.observation_noise)
@@ -66,43 +66,43 @@ class Disturbance:
 
 
 def _size(value: Any) -> bool:
-    """Whether `value` is a number of zero or more that squares do not make infinite."""
+    """Return True if `value` is a nonnegative number whose square is finite."""
     return isinstance(value, (int, float)) and 0 <= value <= LARGEST
 
 
 @dataclass(frozen=True)
 class Rollouts:
-    """What N rides came to: every field has shape (N,).
+    """Results of N rides; every field has shape (N,).
 
     A ride ends at the goal, at a fall or at the step limit.
     """
 
     reached: np.ndarray
-    """bool: the goal was reached."""
+    """bool: True if the goal was reached."""
     fallen: np.ndarray
-    """bool: the bicycle fell."""
+    """bool: True if the bicycle fell."""
     steps: np.ndarray
-    """int: steps ridden."""
+    """int: number of steps ridden."""
     straight: np.ndarray
-    """m from the start to the goal."""
+    """Distance from the start to the goal, m."""
     path: np.ndarray
-    """m that the rear contact travelled."""
+    """Path length of the rear contact, m."""
     winding: np.ndarray
-    """rad that the rear contact turned around the goal, counter-clockwise."""
+    """Angle by which the rear contact turned around the goal, rad, counter-clockwise."""
     peak_lean: np.ndarray
-    """rad, the largest |omega|."""
+    """Largest |omega|, rad."""
     torque: np.ndarray
-    """N m, mean |T| over the ride."""
+    """Mean |T| over the ride, N m."""
     displacement: np.ndarray
-    """m, mean |d| over the ride."""
+    """Mean |d| over the ride, m."""
     pedal_force: np.ndarray
-    """N, mean |F| over the ride."""
+    """Mean |F| over the ride, N."""
     score: np.ndarray
-    """Sum of the rewards (eq. 20); after a fall its last one repeats to the step limit."""
+    """Sum of the rewards (eq. 20); a fall's last reward repeats to the step limit."""
 
     @classmethod
     def join(cls, parts: list[Rollouts]) -> Rollouts:
-        """One after another."""
+        """Concatenate several parts."""
         names = [item.name for item in fields(cls)]
         return cls(**{n: np.concatenate([getattr(part, n) for part in parts]) for n in names})
 
@@ -118,21 +118,21 @@ def ride(
 ) -> Rollouts:
     """Ride `count` bicycles until each has ended.
 
-    Starts, goals, start tilts and kicks follow from `seed` alone, so every controller meets
-    the same; the noise comes from a second stream and is alike only in distribution.
+    Starts, goals, start tilts and kicks depend on `seed` alone, so every controller gets the same;
+    the noise comes from a second stream and is equal only in distribution.
 
     Args:
         controller: chooses the actions.
-        scenario: where from and where to, and within which limits.
-        physics: which bicycle.
-        count: N.
+        scenario: starts, goals and limits.
+        physics: of the bicycle.
+        count: N, the number of bicycles.
         seed: at least 0.
-        disturbance: what is added to try the controller.
-        progress: whether a bar is drawn on standard error.
+        disturbance: added to the scenario.
+        progress: True to draw a bar on standard error.
 
     Raises:
-        ValueError: when count or seed is too small, or the controller gives actions that are
-            not finite or not (N, 3).
+        ValueError: if count or seed is too small, or the controller's actions are not finite or
+            not (N, 3).
     """
     require(count >= 1, f"an evaluation needs at least one episode, not {count}")
     require(count <= MOST, f"an evaluation takes {MOST:,} episodes at most, not {count}")
@@ -151,7 +151,7 @@ def ride(
 
 
 class _Batch:
-    """The rides of one chunk: those still under way, and the results of all."""
+    """Rides of one chunk: those still running, and the results of all."""
 
     def __init__(
         self,
@@ -187,7 +187,7 @@ class _Batch:
         return Rollouts(**{n: v.astype(whole.get(n, float)) for n, v in self.results.items()})
 
     def _step(self, controller: Controller, observation: np.ndarray, bar: Any) -> np.ndarray:
-        """One step of the rides under way; gives the next observation of those that go on."""
+        """Step the running rides; return the next observation of those that continue."""
         task = self.task
         action = self._delay(controller.act(self._noisy(observation), task.state.speed))
         if self.kick_step == task.steps[0] and self.trial.roll_kick > 0:
@@ -208,19 +208,19 @@ class _Batch:
         return outcome.observation[going]
 
     def _noisy(self, observation: np.ndarray) -> np.ndarray:
-        """What the controller sees."""
+        """Return the observation with its noise, as the controller sees it."""
         spread = self.trial.observation_noise
         if not any(spread):
             return observation
         return observation + self.noise.normal(size=observation.shape) * spread
 
     def _delay(self, action: np.ndarray) -> np.ndarray:
-        """What arrives at the bicycle."""
+        """Return the delayed action that arrives at the bicycle."""
         self.waiting.append(action)
         return self.waiting.popleft()
 
     def _store(self, outcome: Step, ended: np.ndarray) -> None:
-        """Write the results of the rides that end with this step."""
+        """Store the results of the rides that end with this step."""
         to, task, steps = self.index[ended], self.task, self.task.steps[ended]
         left = np.where(outcome.fallen, task.scenario.max_steps - task.steps, 0)
         values = {
@@ -240,12 +240,12 @@ class _Batch:
 
 @dataclass
 class _Sums:
-    """What is added up along each ride under way; arrays of shape (N,) but for `effort`."""
+    """Sums along each running ride; arrays of shape (N,) except `effort`."""
 
     path: np.ndarray
     winding: np.ndarray
     bearing: np.ndarray
-    """rad, direction from the rear contact to the goal."""
+    """Direction from the rear contact to the goal, rad."""
     peak_lean: np.ndarray
     score: np.ndarray
     effort: np.ndarray
@@ -253,7 +253,7 @@ class _Sums:
 
     @classmethod
     def of(cls, task: BicycleTask) -> _Sums:
-        """The sums before the first step."""
+        """Return the sums before the first step."""
         zero = np.zeros(task.count)
         bearing = task.state.heading - task.observation()[:, 5]
         lean = np.abs(task.state.lean_angle)
@@ -267,7 +267,7 @@ class _Sums:
         action: np.ndarray,
         outcome: Step,
     ) -> None:
-        """Take in the step from the rear contacts (rear_x, rear_y)."""
+        """Add the step from the rear contacts (rear_x, rear_y)."""
         state = task.state
         self.path = self.path + np.hypot(state.rear_x - rear_x, state.rear_y - rear_y)
         bearing = state.heading - outcome.observation[:, 5]
@@ -278,6 +278,6 @@ class _Sums:
         self.effort = self.effort + np.minimum(np.abs(action), task.scenario.action_limits)
 
     def keep(self, mask: np.ndarray) -> None:
-        """Go on with the rides of `mask` (N,) only."""
+        """Keep only the rides of `mask` (N,)."""
         for name, values in vars(self).items():
             setattr(self, name, values[mask])

@@ -1,4 +1,4 @@
-"""How well a policy rides, as the training loop asks: batched calls on fixed starts."""
+"""Score of a policy for the training loop: batched calls on fixed starts."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from bicycle_sim.task.scenario import Region, Scenario
 from bicycle_sim.task.task import BicycleTask
 
 NEAR_STEPS = 1_200
-"""Step limit of a ride to a near goal: half a minute, several times what it takes."""
+"""Step limit of a ride to a near goal: half a minute, several times the usual duration."""
 SHAKEN = 128
-"""Bicycles that ride with exploration noise, for as many steps."""
+"""Number of bicycles that ride with exploration noise, for as many steps."""
 SHAKE_THETA = 0.15
 """Pull of that noise towards zero per step (Table 3)."""
 
@@ -32,20 +32,20 @@ class Score:
     orbit_rate: float
     median_time_s: float | None
     near_reach_rate: float | None = None
-    """The same for goals near the start; None where they were not ridden."""
+    """Same for goals near the start; None if not tested."""
     near_fall_rate: float | None = None
     near_median_time_s: float | None = None
     mean_return: float | None = None
-    """Mean sum of rewards of the rides that are not to near goals."""
+    """Mean sum of rewards of the rides to goals that are not near."""
     shaken_fall_rate: float | None = None
-    """Share that falls within half a minute of exploration noise; None where it was not tried."""
+    """Share that falls within half a minute of exploration noise; None if not tested."""
 
     @property
     def rank(self) -> tuple[float, float]:
-        """What the best policy has most of: goals less falls, then the shorter time.
+        """Rank of a policy, larger is better: goals minus falls, then the shorter time.
 
-        Falls under noise count too, where they were tried: a policy that is a little sooner at
-        its goals but falls when it explores is no better.
+        Falls under noise count too, if tested: a policy that reaches its goals slightly sooner but
+        falls when it explores is no better.
         """
         worth = self.reach_rate - self.fall_rate
         time = _or_infinite(self.median_time_s)
@@ -58,7 +58,7 @@ class Score:
 def score(
     policy: Controller, scenario: Scenario, physics: Physics, fixed: EvaluationConfig
 ) -> Score:
-    """Ride the fixed starts to their end."""
+    """Ride the fixed starts to their end and return the score."""
     scenario = dataclasses.replace(scenario, max_steps=fixed.max_steps or scenario.max_steps)
     far = evaluate(policy, scenario, physics, fixed.episodes, fixed.seed).summary()
     names = ("reach_rate", "fall_rate", "orbit_rate", "median_time_s")
@@ -83,9 +83,9 @@ def shaken(
     seed: int,
     steps: int = NEAR_STEPS,
 ) -> float:
-    """Share of SHAKEN bicycles that falls within `steps` of Ornstein-Uhlenbeck noise.
+    """Return the share of SHAKEN bicycles that falls within `steps` of Ornstein-Uhlenbeck noise.
 
-    The noise is what the controller explores with: `sigma` is a share of each action's limit.
+    The noise is the controller's exploration noise: `sigma` is a share of each action's limit.
     """
     start, source = (np.random.default_rng((seed, use)) for use in (0, 1))
     task = BicycleTask(scenario, physics, SHAKEN, start)
@@ -103,7 +103,7 @@ def shaken(
 
 
 def near(scenario: Scenario, distance: float) -> Scenario:
-    """The scenario with goals in a square of half width `distance`, m, about the start."""
+    """Return the scenario with goals in a square of half width `distance`, m, about the start."""
     return dataclasses.replace(
         scenario,
         start=Region.point(0.0, 0.0),

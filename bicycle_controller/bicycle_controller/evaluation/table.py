@@ -1,4 +1,4 @@
-"""An evaluation's summary as aligned text and as Markdown."""
+"""Summary of an evaluation as aligned text and as Markdown."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Row = tuple[str, list[str]]
 
 
 def rows(summaries: list[dict[str, Any]]) -> list[Row]:
-    """Label and one cell per summary, for every line of the table."""
+    """Return a label and one cell per summary, for every line of the table."""
     table: list[Row] = [
         ("controller", [str(item["controller"]) for item in summaries]),
         ("scenario", [str(item["scenario"]["name"]) for item in summaries]),
@@ -51,7 +51,7 @@ def _measure(value: float | None, factor: float, unit: str) -> str:
 
 
 def as_text(summaries: list[dict[str, Any]]) -> str:
-    """Aligned columns, one per summary."""
+    """Return aligned columns, one per summary."""
     table = rows(summaries)
     first = max(len(label) for label, _ in table)
     widths = [max(len(cells[i]) for _, cells in table) for i in range(len(summaries))]
@@ -63,14 +63,14 @@ def as_text(summaries: list[dict[str, Any]]) -> str:
 
 
 def as_markdown(summary: dict[str, Any]) -> str:
-    """A Markdown table of one summary."""
+    """Return a Markdown table of one summary."""
     lines = ["| | |", "| --- | --- |"]
     lines += [f"| {label.strip()} | {cells[0]} |" for label, cells in rows([summary])]
     return "\n".join(lines)
 
 
 def comparison_as_text(comparison: dict[str, Any]) -> str:
-    """What `evaluate.compare` found, in words."""
+    """Return the result of `evaluate.compare` as text."""
     first, second = comparison["controllers"]
     shares = {
         name: f"{comparison[name]:,} ({_share(comparison, name)})"

@@ -1,4 +1,4 @@
-"""The controller as a ROS 2 node: states in, commands out, goals and policies on the way."""
+"""Controller as a ROS 2 node: states in, commands out; it takes goals and policies."""
 
 from __future__ import annotations
 
@@ -46,9 +46,9 @@ from bicycle_sim.task.scenario import Scenario
 NAME = "bicycle_controller"
 MOST_WAYPOINTS = 10_000
 SILENCE = 1.0
-"""s without a state, which otherwise comes at least every 0.1 s."""
+"""Longest time without a state before a warning (s); states come at least every 0.1 s."""
 WARM_UP = 0.002
-"""s between the policy's warm-up and the next state, with what it takes to answer one."""
+"""Time between the policy's warm-up and the next state, beyond the duration of an answer (s)."""
 NO_LIMITS = np.full(3, np.inf)
 
 
@@ -80,7 +80,7 @@ class ControllerNode(Node):
             topics.HAND_OVER,
             topics.DIAGNOSTICS,
         )
-        # Before the goals: what a reset cancels are the goals from before it.
+        # Subscribe to episodes first, so a reset cancels only older goals.
         listen(self, topics.EPISODE, self._on_episode)
         listen(self, topics.STATE, self._on_state, depth=1)
         listen(self, topics.GOAL_POSE, self._on_goal_pose)
@@ -112,7 +112,7 @@ class ControllerNode(Node):
         )
 
     def close(self) -> None:
-        """Load no more."""
+        """Stop loading policies."""
         self._loader.close()
 
     def _publish(self, topic: Topic, message: Any) -> None:
@@ -151,7 +151,7 @@ class ControllerNode(Node):
             self._warm_up.reset()
 
     def _on_warm_up(self) -> None:
-        """Make ready for the next state, once."""
+        """Warm up for the next state, once."""
         self._warm_up.cancel()
         with self._in_use:
             self._driver.warm_up()
@@ -163,7 +163,7 @@ class ControllerNode(Node):
         self._state_was_bad = True
 
     def _on_episode(self, info: EpisodeInfo) -> None:
-        """Keep to the simulator's limits and goal radius."""
+        """Adopt the simulator's limits and goal radius."""
         try:
             scenario, physics = to_setting(info)
         except (ValueError, TypeError) as error:
@@ -187,7 +187,7 @@ class ControllerNode(Node):
             self.get_logger().info(told)
 
     def _compare(self) -> None:
-        """Warn where the policy rides another bicycle than it was trained on."""
+        """Warn if the policy rides another bicycle than it was trained on."""
         if self._ridden is None:
             return
         policy = self._driver.policy
@@ -197,7 +197,7 @@ class ControllerNode(Node):
         self._unlike = told
 
     def _limit(self) -> None:
-        """Send nothing that the simulator would refuse."""
+        """Limit the commands to what the simulator accepts."""
         policy = self._driver.policy
         own = limits_of(policy)
         self._driver.limits = np.minimum(own, self._simulator_limits)
@@ -209,9 +209,9 @@ class ControllerNode(Node):
             )
 
     def _suit(self, physics: Physics) -> None:
-        """Have the fallback and the safety layer know the bicycle that is ridden."""
+        """Adapt the fallback and the safety layer to the simulated bicycle."""
         settings, limits = self._settings, self._driver.limits
-        # Its gains take long enough to be missed by a bicycle that is riding already.
+        # Computing LQR gains takes longer than one step; do it in a thread.
         self._making.begin(lambda: settings.make_fallback(limits, physics))
         if physics == self._physics:
             return
@@ -236,7 +236,7 @@ class ControllerNode(Node):
         self._take(message.header.frame_id, message.poses)
 
     def _take(self, frame: str, poses: list[PoseStamped]) -> None:
-        """Ride to these poses instead of all goals so far, or refuse all of them."""
+        """Pursue these poses instead of all previous goals, or refuse all of them."""
         points: list[Point2D] = []
         try:
             if len(poses) > MOST_WAYPOINTS:
@@ -261,7 +261,7 @@ class ControllerNode(Node):
         )
 
     def _on_event(self, event: Event) -> None:
-        """Publish what has become of a goal."""
+        """Publish a goal's new status."""
         header = convert.to_header(self.get_clock().now().nanoseconds)
         message = from_event(event, header)
         self._publish(topics.GOAL_STATUS, message)
@@ -275,10 +275,10 @@ class ControllerNode(Node):
         self.get_logger().info(text)
 
     def _swap(self, policy: Controller) -> str:
-        """Ride with another policy from the next state on; called in another thread.
+        """Use another policy from the next state on; called in another thread.
 
         Returns:
-            What must be known of it; empty where nothing.
+            A warning; empty if there is none.
         """
         with self._in_use:
             self._driver.policy = policy
@@ -324,7 +324,7 @@ class ControllerNode(Node):
 
 
 def limits_of(policy: Controller) -> np.ndarray:
-    """(3,) the largest |T|, |d| and |F| that a policy may use; infinite where it does not say."""
+    """Return (3,) the largest |T|, |d| and |F| that a policy may use; infinite if unknown."""
     info = getattr(policy, "info", None)
     return NO_LIMITS if info is None else np.array(info.action_limits, dtype=np.float64)
 

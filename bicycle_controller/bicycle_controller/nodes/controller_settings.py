@@ -1,4 +1,4 @@
-"""What can be set on the controller; no ROS here."""
+"""Parameters of the controller; no ROS here."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from bicycle_controller.policy.policy import DEFAULT_POLICY, LQR
 from bicycle_sim.plants.choi.parameters import Physics
 
 SAFE = SafetyConfig()
-"""The defaults of the safety layer."""
+"""Defaults of the safety layer."""
 
 
 @dataclass(frozen=True)
 class ControllerSettings:
-    """The controller's ROS parameters."""
+    """ROS parameters of the controller."""
 
     policy: str = parameter(
         DEFAULT_POLICY,
@@ -89,25 +89,25 @@ class ControllerSettings:
     diagnostics_period: float = parameter(1.0, "s", 0.1, 3600.0)
 
     def make_noise(self) -> Noise | None:
-        """The exploration noise of one bicycle."""
+        """Return the exploration noise of one bicycle."""
         if self.exploration == "none":
             return None
         config = NoiseConfig(self.exploration, self.exploration_sigma, self.exploration_theta)
         return Noise(config, 1, 3, np.random.default_rng(self.seed))
 
-    @np.errstate(all="ignore")  # physics that cannot be are told by what comes out
+    @np.errstate(all="ignore")  # impossible physics are reported from the result
     def make_fallback(self, limits: np.ndarray, physics: Physics) -> Controller | None:
-        """What rides where the policy may not, within limits (3,) on |T|, |d| and |F|."""
+        """Return the controller to use instead of the policy, limited to (3,) |T|, |d| and |F|."""
         if self.fallback != "lqr":
             return None
-        # Imported here: it needs scipy, which a policy does without.
+        # Imported here: it needs scipy, which a policy does not.
         from bicycle_controller.control.lqr import fitting
 
         return fitting(limits, physics)
 
     @np.errstate(all="ignore")
     def make_safety(self, physics: Physics) -> Safety | None:
-        """The layer between policy and bicycle."""
+        """Return the safety layer between policy and bicycle."""
         if self.safety == "none":
             return None
         config = SafetyConfig(

@@ -1,4 +1,4 @@
-"""What the controller tells of goals and of who drives, as messages."""
+"""Messages about goals and about the active controller."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bicycle_controller.control.goals import Event
 
 
 def from_event(event: Event, header: Header) -> GoalStatus:
-    """What has become of a goal."""
+    """Return the status message of a goal."""
     return GoalStatus(
         header=header,
         goal_id=int(event.goal.goal_id),
@@ -28,7 +28,7 @@ def from_event(event: Event, header: Header) -> GoalStatus:
 
 
 def from_hand_over(told: ControllerSwitch, stamp: Time) -> HandOverMessage:
-    """Who drives from the state of that stamp on."""
+    """Return the message about a change of the active controller."""
     return HandOverMessage(
         header=Header(stamp=stamp),
         episode=int(told.episode),

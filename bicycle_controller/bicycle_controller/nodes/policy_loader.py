@@ -1,4 +1,4 @@
-"""Load a policy, or make a fallback, beside the control loop."""
+"""Load a policy, or compute a fallback, outside the control loop."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from bicycle_controller.control.controller import Controller
 from bicycle_controller.policy.policy import PolicyError, load_controller
 
 Made = Controller | Exception | None
-"""What a thread made, or why it could not."""
+"""Result of a thread, or the reason of its failure."""
 
 LAST_LOAD = 1.0
-"""s that the end waits for a load under way."""
+"""Longest wait at the end for a load in progress (s)."""
 
 
 class Making:
-    """Controllers made in threads of their own; the loop's thread picks up what is ready."""
+    """Controllers computed in their own threads; the loop's thread collects the finished ones."""
 
     def __init__(self) -> None:
         self._ready: queue.SimpleQueue[Made] = queue.SimpleQueue()
 
     def begin(self, make: Callable[[], Controller | None]) -> None:
-        """Make one; what cannot be computed is ready as the exception that says so."""
+        """Compute one in a thread; a failure is returned as its exception."""
 
         def work() -> None:
             try:
@@ -40,24 +40,23 @@ class Making:
         threading.Thread(target=work, daemon=True).start()
 
     def ready(self) -> Iterator[Made]:
-        """All that is ready and was not picked up yet."""
+        """Yield all that are ready and not yet collected."""
         while not self._ready.empty():
             yield self._ready.get()
 
 
 class PolicyLoader:
-    """Answers `bicycle/load_policy` on a node and in a thread of its own, beside the loop."""
+    """Serves `bicycle/load_policy` on its own node and thread, so that the loop does not wait."""
 
     def __init__(
         self, node: Node, present: Callable[[], str], swap: Callable[[Controller], str]
     ) -> None:
-        """Begin to answer.
+        """Start to serve.
 
         Args:
             node: of the loop.
-            present: the id of the policy in charge.
-            swap: puts a policy in charge and gives what must be known of it; called in the
-                loader's thread.
+            present: returns the id of the active policy.
+            swap: activates a policy and returns a warning; called in the loader's thread.
         """
         self._present, self._swap = present, swap
         self._node = Node(
@@ -78,7 +77,7 @@ class PolicyLoader:
             self._executor.spin()
 
     def close(self) -> None:
-        """Answer no more; waits for a load that is under way, but not for long."""
+        """Stop serving; wait briefly for a load in progress."""
         self._executor.shutdown(timeout_sec=LAST_LOAD)
         self._thread.join(LAST_LOAD)
         self._node.destroy_node()
@@ -101,10 +100,10 @@ class PolicyLoader:
 
 
 def load(name: str) -> Controller:
-    """A controller by its name or its file.
+    """Load a controller by its name or its file.
 
     Raises:
-        PolicyError: one line with the remedy, whatever is wrong.
+        PolicyError: one line with the remedy, for every failure.
     """
     try:
         return load_controller(name)

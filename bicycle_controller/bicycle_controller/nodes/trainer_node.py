@@ -1,4 +1,4 @@
-"""The trainer as a ROS 2 node: transitions in, status out, better policies to the controller."""
+"""Trainer as a ROS 2 node: transitions in, status out, better policies to the controller."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ from bicycle_sim.nodes.episode_setting import to_setting
 
 NAME = "bicycle_trainer"
 POLL = 0.1
-"""s between two exchanges with the learning process."""
+"""Period of exchanges with the learning process (s)."""
 TICK = 1.0
-"""s between two status messages."""
+"""Period of status messages (s)."""
 
 
 class TrainerNode(Node):
-    """Feeds a learning process and hands its better policies over."""
+    """Feeds a learning process and hands its better policies to the controller."""
 
     def __init__(self) -> None:
         """Start learning from bags, or wait for a bicycle.
@@ -70,7 +70,7 @@ class TrainerNode(Node):
         self.create_timer(TICK, self._on_tick, clock=steady)
 
     def _begin(self) -> None:
-        """Learn from bags at once; live, when the simulator has said what is ridden."""
+        """Learn from bags at once; live, once the simulator has published its setting."""
         try:
             order = self._settings.order()
         except ValueError as error:
@@ -97,10 +97,10 @@ class TrainerNode(Node):
         self._message = text
         self.get_logger().info(text)
 
-    # What comes from the simulator.
+    # Inputs from the simulator.
 
     def _on_episode(self, info: EpisodeInfo) -> None:
-        """The first one says what is ridden."""
+        """Start learning with the first episode's scenario and physics."""
         if self._link is not None:
             return
         try:
@@ -111,7 +111,7 @@ class TrainerNode(Node):
         self._start(TrainerClient(order), f"learns live in {order.folder}")
 
     def _on_transition(self, message: TransitionMessage) -> None:
-        """Take in all that has come: in lock-step, a turn of the executor for each is too slow."""
+        """Read all queued messages: in lock-step one executor turn per message is too slow."""
         taken: tuple[TransitionMessage, Any] | None = (message, None)
         handle = self._subscription.handle
         with handle:
@@ -119,7 +119,7 @@ class TrainerNode(Node):
                 self._batch += self._stream.take(convert.to_transition(taken[0]))
                 taken = handle.take_message(TransitionMessage, False)
 
-    # What goes to and comes from the learning process.
+    # Exchange with the learning process.
 
     def _on_poll(self) -> None:
         link = self._link
@@ -136,7 +136,7 @@ class TrainerNode(Node):
             raise UserError("the learning process has died: see its last words above")
 
     def _take(self, news: dict[str, Any]) -> None:
-        """One report of the learning process."""
+        """Process one report of the learning process."""
         if "error" in news:
             self.close()
             raise UserError(news["error"])
@@ -150,10 +150,10 @@ class TrainerNode(Node):
         known = ("phase", "updates", "transitions", "q_policy", "last", "best", "path")
         self._facts |= {name: news[name] for name in known if name in news}
 
-    # What goes to and comes from the controller.
+    # Exchange with the controller.
 
     def _on_tick(self) -> None:
-        """Once a second: tell, ask what rides, hand over what is better."""
+        """Once a second: publish the status, ask for the active policy, hand over a better one."""
         self._publisher.publish(self._status())
         if not self._asked and self._link is not None and self._asker.service_is_ready():
             self._asked = True
@@ -163,13 +163,13 @@ class TrainerNode(Node):
             self._hand_over(*self._offer)
 
     def _on_asked(self, future: Any) -> None:
-        """The controller has said which policy it was started with."""
+        """Store the policy with which the controller was started."""
         values = future.result().values
         if values and self._link is not None:
             self._link.beat(values[0].string_value)
 
     def _hand_over(self, path: str, policy: str) -> None:
-        """Have the controller load a better policy, if it still rides the one that was beaten."""
+        """Ask the controller to load a better policy, if it still uses the beaten one."""
         riding, beaten = self._stream.policy, self._facts.get("in_charge", "")
         if riding and riding != beaten:
             if not self._held_back:
@@ -184,7 +184,7 @@ class TrainerNode(Node):
         future.add_done_callback(lambda done: self._on_loaded(done, policy))
 
     def _on_loaded(self, future: Any, policy: str) -> None:
-        """The controller has answered."""
+        """Handle the controller's answer."""
         self._calling = False
         if self._offer is not None and self._offer[1] == policy:
             self._offer = None
@@ -199,7 +199,7 @@ class TrainerNode(Node):
         self._say(f"handed over: {answer.message}")
 
     def _status(self) -> TrainerStatus:
-        """All that is known now."""
+        """Return the current status."""
         facts, now = self._facts, time.monotonic()
         updates = facts.get("updates", 0)
         then, old_updates, old_arrived = self._before
@@ -226,14 +226,14 @@ class TrainerNode(Node):
         )
 
     def close(self) -> None:
-        """End the learning process, which saves first."""
+        """Stop the learning process, which saves first."""
         if self._link is not None and not self._link.stop():
             self.get_logger().warning("the learning process was killed: it lost its last interval")
         self._link = None
 
 
 def _number(score: Any, name: str) -> float:
-    """A number of a score; NaN where there is none."""
+    """Return a number of a score; NaN if there is none."""
     return _or_nan(getattr(score, name, None))
 
 

@@ -1,4 +1,4 @@
-"""What can be set on the trainer; no ROS here."""
+"""Parameters of the trainer; no ROS here."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bicycle_sim.task.scenario import Scenario
 
 @dataclass(frozen=True)
 class TrainerSettings:
-    """The trainer's ROS parameters."""
+    """ROS parameters of the trainer."""
 
     mode: str = parameter(
         "live",
@@ -38,7 +38,7 @@ class TrainerSettings:
     )
 
     def folder(self) -> Path:
-        """The run's folder."""
+        """Return the run's folder."""
         if self.out:
             return Path(self.out)
         workspace = Path(os.environ.get("BICYCLE_WS", "."))
@@ -47,10 +47,10 @@ class TrainerSettings:
     def order(
         self, scenario: Scenario | None = None, physics: Physics | None = None
     ) -> TrainingOrder:
-        """What the learning process is to do.
+        """Return the order for the learning process.
 
         Raises:
-            ValueError: on overrides that cannot be read, or bags that are not named.
+            ValueError: on invalid overrides, or if bags are missing.
         """
         bags = tuple(path for path in self.bags.split(os.pathsep) if path)
         if self.mode == "bags" and not bags and not self.resume:

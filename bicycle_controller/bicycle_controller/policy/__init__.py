@@ -1,1 +1,1 @@
-"""Trained actors: their files, their inference, their exports."""
+"""Trained actors: files, inference, export."""

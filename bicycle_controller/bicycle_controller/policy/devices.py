@@ -1,4 +1,4 @@
-"""Where a controller's network runs."""
+"""Device of a controller's network."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ if TYPE_CHECKING:
 
 
 def actor_on(controller: Controller, device: str) -> Controller:
-    """The same controller with its network on `device`; one without a network as it is.
+    """Return the same controller with its network on `device`; one without a network unchanged.
 
-    Without such a device it stays on the CPU, and a line on standard error says so.
+    If there is no such device it stays on the CPU, and a line on standard error says so.
 
     Raises:
         ValueError: on anything but cpu, cuda or cuda:N.

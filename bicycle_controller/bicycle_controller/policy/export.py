@@ -1,7 +1,7 @@
-"""A policy as ONNX for other runtimes, checked against numpy and torch, and its card.
+"""Export of a policy to ONNX, checked against numpy and torch.
 
-The ONNX model holds the scaling: `observation` (N, 6) float32 in SI units to `action` (N, 3)
-float32 in N m, m and N, fields and metadata as in the policy file.
+The ONNX model includes the scaling: `observation` (N, 6) float32 in SI units to `action` (N, 3)
+float32 in N m, m and N; fields and metadata as in the policy file.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from bicycle_controller.policy.policy_file import metadata
 
 OPSET = 17
 IR_VERSION = 8
-"""Those of ONNX 1.12 (2022), the first with LayerNormalization."""
+"""IR version of ONNX 1.12 (2022), the first with LayerNormalization."""
 TOLERANCE = 5e-5
 """Largest difference between two runtimes, as a share of the action limit."""
 
@@ -28,7 +28,7 @@ class ExportError(RuntimeError):
 
 
 def to_onnx(policy: Policy) -> onnx.ModelProto:
-    """The policy with its scaling as an ONNX model."""
+    """Return the policy with its scaling as an ONNX model."""
     tensors = policy.tensors
     count = sum(name.startswith("layer.") for name in tensors) // 2
     limits = np.array(policy.info.action_limits)
@@ -58,7 +58,7 @@ def to_onnx(policy: Policy) -> onnx.ModelProto:
 
 
 def _layer(index: int, last: bool, norm: bool) -> list[onnx.NodeProto]:
-    """Nodes from `hidden.{index}` to `hidden.{index + 1}`."""
+    """Return the nodes from `hidden.{index}` to `hidden.{index + 1}`."""
     names = [f"hidden.{index}", f"layer.{index}.weight", f"layer.{index}.bias"]
     nodes = [helper.make_node("Gemm", names, [f"sum.{index}"], transB=1)]
     value = f"sum.{index}"
@@ -74,20 +74,20 @@ def _layer(index: int, last: bool, norm: bool) -> list[onnx.NodeProto]:
 def save_onnx(
     policy: Policy, path: Path, torch_actor: Any = None, seed: int = 0
 ) -> dict[str, float]:
-    """Write the ONNX model once ONNX Runtime and numpy (and torch) agree about it.
+    """Write the ONNX model if ONNX Runtime and numpy (and torch) agree on it.
 
     Args:
-        policy: what to write.
-        path: where to; replaced in one step.
-        torch_actor: anything with `act` as in `TorchPolicy`, compared too when given.
+        policy: to be written.
+        path: of the file; replaced atomically.
+        torch_actor: anything with `act` as in `TorchPolicy`; compared too if given.
         seed: of the observations compared.
 
     Returns:
         What `parity` returns.
 
     Raises:
-        ExportError: when they disagree.
-        OSError: when the file cannot be written.
+        ExportError: if they disagree.
+        OSError: if the file cannot be written.
     """
     data = to_onnx(policy).SerializeToString()
     differences = parity(policy, data, torch_actor, seed)
@@ -104,7 +104,7 @@ def parity(
         Largest difference from numpy by runtime, as a share of the action limit.
 
     Raises:
-        ExportError: when one is over TOLERANCE.
+        ExportError: if one exceeds TOLERANCE.
     """
     spread = np.geomspace(0.01, 10.0, 4096)[:, None] * np.array(policy.info.observation_scale)
     observation = np.random.default_rng(seed).normal(size=(4096, 6)) * spread
@@ -125,7 +125,7 @@ def parity(
 
 
 def _run_onnx(model: bytes, observation: np.ndarray) -> np.ndarray:
-    """What ONNX Runtime answers, (N, 3)."""
+    """Return ONNX Runtime's output, (N, 3)."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()

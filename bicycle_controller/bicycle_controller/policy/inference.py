@@ -1,8 +1,8 @@
-"""An actor's forward pass for one bicycle, as fast as the control loop wants it.
+"""Fast forward pass of an actor for one bicycle, for the control loop.
 
-`inference.cpp` needs one call. Between two states, 25 ms apart, numpy's dozen calls would leave
-the processor's cache; they serve where the library was not built. It is built with the package,
-not at first use as `agents/native.cpp` is: where a bicycle rides there may be no compiler.
+`inference.cpp` needs one call. Numpy's dozen calls would leave the processor's cache between two
+states, 25 ms apart; they are the fallback if the library is missing. It is built with the
+package, not at first use as `agents/native.cpp` is: a robot may have no compiler.
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ Layer = tuple[np.ndarray, ...]
 """Weight (out, in), bias (out, 1) and, where there is a norm, its weight and bias (out, 1)."""
 
 LIBRARY = "_inference"
-"""Its file beside this one, less the suffix of Python's extensions."""
+"""Name of its file beside this one, without the suffix of Python extensions."""
 LINE = 64
-"""Bytes of a line of the processor's cache."""
+"""Bytes of a cache line."""
 
 
 class Forward(Protocol):
-    """A network for a single observation; it must not be asked in two threads at once."""
+    """Network for a single observation; not thread-safe."""
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
-        """(1, 3) actions of one observation (1, 6), both in physical units."""
+        """Return (1, 3) actions for one observation (1, 6), both in physical units."""
         ...
 
 
 def forward_pass(
     layers: Sequence[Layer], scale: np.ndarray, limits: np.ndarray, epsilon: float
 ) -> Forward:
-    """The fastest way there is here.
+    """Return the fastest available implementation.
 
     Args:
-        layers: of the network; weights and biases that a norm follows are centred.
-        scale: (6,) that observations are divided by.
-        limits: (3,) that the last layer's hyperbolic tangent is multiplied by.
+        layers: of the network; weights and biases before a norm are centred.
+        scale: (6,) divisors of the observations.
+        limits: (3,) factors of the last layer's hyperbolic tangent.
         epsilon: added to the variance in layer normalisation.
     """
     weights = [layer[0].astype(np.float64) for layer in layers]
@@ -56,10 +56,10 @@ def forward_pass(
 
 
 class NumpyForward:
-    """Few calls, each into memory that is there already; biases are columns that meet a one."""
+    """Few calls into preallocated memory; a bias is a column that is multiplied by one."""
 
     def __init__(self, layers: Sequence[Layer], limits: np.ndarray, epsilon: float) -> None:
-        """Prepare memory; see `forward_pass`, but `layers` hold the scale and (out,) vectors."""
+        """Allocate memory; as `forward_pass`, but `layers` hold the scale and (out,) vectors."""
         self._matrices = [
             np.ascontiguousarray(np.column_stack(layer[:2]), dtype=np.float32) for layer in layers
         ]
@@ -103,15 +103,15 @@ class _Layer(ctypes.Structure):
 class NativeForward:
     """One call of inference.cpp.
 
-    A symmetric actor's second layer is two halves that are not connected, and alike: their zeros
-    are left out, and they share their memory.
+    A symmetric actor's second layer consists of two equal, unconnected halves: their zeros are
+    skipped, and they share their memory.
     """
 
     def __init__(self, layers: Sequence[Layer], limits: np.ndarray, epsilon: float) -> None:
-        """Prepare memory; see `NumpyForward`.
+        """Allocate memory; see `NumpyForward`.
 
         Raises:
-            RuntimeError: when the library was not built.
+            RuntimeError: if the library was not built.
         """
         library = load()
         if library is None:
@@ -146,13 +146,13 @@ class NativeForward:
 
 @functools.cache
 def load() -> ctypes.PyDLL | None:
-    """The library that was built with the package, or None where there is none that loads."""
+    """Return the library built with the package, or None if it is missing or fails to load."""
     for suffix in EXTENSION_SUFFIXES:
         path = Path(__file__).parent / f"{LIBRARY}{suffix}"
         try:
-            # Keeps the interpreter's lock: to take it again would cost more than the call.
+            # PyDLL keeps the interpreter's lock: to reacquire it would cost more than the call.
             library = ctypes.PyDLL(str(path))
-        except OSError:  # not there, or made for another machine
+        except OSError:  # missing, or built for another machine
             continue
         library.actor_forward.restype = None
         return library
@@ -160,7 +160,7 @@ def load() -> ctypes.PyDLL | None:
 
 
 def _blocks(weight: np.ndarray) -> list[np.ndarray]:
-    """The (in, out) matrices that are the weight (out, in): it, or two unconnected halves."""
+    """Return the (in, out) matrices of the weight (out, in): itself, or two unconnected halves."""
     rows, columns = weight.shape[0] // 2, weight.shape[1] // 2
     first, second = weight[:rows, :columns], weight[rows:, columns:]
     across = weight[:rows, columns:], weight[rows:, :columns]
@@ -171,7 +171,7 @@ def _blocks(weight: np.ndarray) -> list[np.ndarray]:
 
 
 def _aligned(array: np.ndarray) -> np.ndarray:
-    """A single-precision copy, row by row, that begins with a line of the cache."""
+    """Return a row-major single-precision copy that is aligned to a cache line."""
     memory = np.empty(array.size + LINE, dtype=np.float32)
     first = -memory.ctypes.data % LINE // memory.itemsize
     copy = memory[first : first + array.size].reshape(array.shape)

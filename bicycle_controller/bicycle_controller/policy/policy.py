@@ -1,4 +1,4 @@
-"""The deterministic actor as the control loop needs it: no torch, a few microseconds.
+"""Deterministic actor for the control loop: no torch, a few microseconds.
 
 An observation in SI units is divided by the policy's scale, passed through fully connected
 layers (relu, with layer normalisation before it where the file has one; tanh at the end) in
@@ -46,19 +46,19 @@ __all__ = [
 ]
 
 DEFAULT_POLICY = "fixed-speed"
-"""The shipped policy that rides when none is named."""
+"""Shipped policy that is used if none is named."""
 
 LQR = ("lqr", "lqr-displacement", "lqr-pedal", "lqr-displacement-pedal", "lqr-20cm")
-"""Names of the classical controller, by what it uses beside the handlebar.
+"""Names of the classical controller, by its actions beside the handlebar.
 
-The displacement is 2 cm at most, but for the last, which needs a scenario that allows 20.
+The displacement is 2 cm at most, except in the last, which needs a scenario that allows 20.
 """
 
 SUFFIX = ".safetensors"
 BEST = "best.safetensors"
-"""The policy that a training run leaves in its folder."""
+"""File name of the best policy in a training run's folder."""
 CHUNK = 256
-"""Bicycles that pass through the network together: both hidden layers stay in the cache."""
+"""Bicycles per pass through the network: both hidden layers fit the cache."""
 NORM_EPSILON = 1e-5
 """Added to the variance in layer normalisation, as torch does."""
 
@@ -75,19 +75,19 @@ class Policy:
         """Build the network.
 
         Args:
-            info: what the weights mean.
+            info: meaning of the weights.
             tensors: see `policy_file`.
-            digest: sha256 of the file they came from; of the file they would make if None.
+            digest: sha256 of the source file; if None, of the file that would be written.
 
         Raises:
-            PolicyError: when the tensors do not make a network for `info`.
+            PolicyError: if the tensors do not form a network for `info`.
         """
         self.info = info
         self.tensors = tensors
         self._digest = digest
         count = check_tensors(info, tensors)
         self._layers = [_layer(tensors, index) for index in range(count)]
-        # Rows of zeros for the actions that are not driven make the output (T, d, F) at once.
+        # Rows of zeros for undriven actions give the output (T, d, F) without a copy.
         driven = np.array(info.action_limits) > 0
         self._layers[-1] = tuple(_rows(array, driven) for array in self._layers[-1])
         self._scale = np.array(info.observation_scale)[:, None]
@@ -97,24 +97,24 @@ class Policy:
         self._one = forward_pass(self._layers, self._scale[:, 0], self._limits, NORM_EPSILON)
 
     def __reduce__(self) -> tuple[object, ...]:
-        """A policy is copied and sent to other processes as what it was made of."""
+        """Return the constructor arguments, so that a policy can be copied and pickled."""
         return Policy, (self.info, self.tensors, self._digest)
 
     @property
     def name(self) -> str:
-        """The policy's short name."""
+        """Short name of the policy."""
         return self.info.name
 
     @cached_property
     def policy_id(self) -> str:
-        """`NAME@DIGEST`, with the first ten hexadecimal digits of the file's sha256."""
+        """Id `NAME@DIGEST`, with the first ten hexadecimal digits of the file's sha256."""
         digest = self._digest or hashlib.sha256(encode(self.info, self.tensors)).hexdigest()
         return f"{self.info.name}@{digest[:10]}"
 
     def act(self, observation: np.ndarray, speed: np.ndarray | None = None) -> np.ndarray:
         """Choose the actions of N bicycles.
 
-        Rows do not depend on each other, but their last digits depend on how many there are.
+        Rows are independent of each other, but their last digits depend on the number of rows.
 
         Args:
             observation: (N, 6) SI units, see OBSERVATION_FIELDS.
@@ -125,7 +125,7 @@ class Policy:
             with NaN.
 
         Raises:
-            ValueError: when the shape is not (N, 6).
+            ValueError: if the shape is not (N, 6).
         """
         if observation.ndim != 2 or observation.shape[1] != 6:
             raise ValueError(f"observation must have shape (N, 6), not {observation.shape}")
@@ -139,11 +139,11 @@ class Policy:
         return action
 
     def _buffers(self, count: int) -> list[np.ndarray]:
-        """The input and every layer's output for `count` bicycles, (width, count) each."""
+        """Return buffers for the input and every layer's output, (width, count) each."""
         return [flat[: flat.size // CHUNK * count].reshape(-1, count) for flat in self._memory]
 
     def _forward(self, observation: np.ndarray, buffers: list[np.ndarray]) -> np.ndarray:
-        """(n, 3) actions; bicycles are columns."""
+        """Return (n, 3) actions; bicycles are columns."""
         inputs = np.divide(observation.T, self._scale, out=buffers[0], casting="same_kind")
         for layer, outputs in zip(self._layers, buffers[1:], strict=True):
             np.dot(layer[0], inputs, out=outputs)
@@ -158,30 +158,30 @@ class Policy:
 
 
 def _layer(tensors: Tensors, index: int) -> tuple[np.ndarray, ...]:
-    """Weight (out, in), bias (out, 1) and, where there is a norm, its weight and bias (out, 1)."""
+    """Return weight (out, in), bias (out, 1) and, with a norm, its weight and bias (out, 1)."""
     names = (f"layer.{index}.bias", f"norm.{index}.weight", f"norm.{index}.bias")
     columns = [tensors[name][:, None] for name in names if name in tensors]
     weight = np.ascontiguousarray(tensors[f"layer.{index}.weight"])
     if len(columns) == 1:
         return weight, columns[0]
-    # The mean that the norm takes off is linear in the inputs, so it is taken off here once.
+    # The mean that the norm subtracts is linear in the inputs, so it is subtracted here once.
     return _centred(weight), _centred(columns[0]), *columns[1:]
 
 
 def _centred(array: np.ndarray) -> np.ndarray:
-    """`array` less the mean of its rows, worked out in double precision."""
+    """Return `array` minus the mean of its rows, computed in double precision."""
     return (array - array.mean(axis=0, dtype=np.float64)).astype(np.float32)
 
 
 def _rows(array: np.ndarray, driven: np.ndarray) -> np.ndarray:
-    """`array` in the rows where `driven` holds, zeros in the others."""
+    """Place `array` in the rows where `driven` holds, zeros in the others."""
     whole = np.zeros((len(driven), array.shape[1]), dtype=np.float32)
     whole[driven] = array
     return whole
 
 
 def _normalise(values: np.ndarray, weight: np.ndarray, bias: np.ndarray) -> None:
-    """Layer normalisation of every column of (width, n), whose mean is zero already, in place."""
+    """Normalise every column of (width, n), whose mean is already zero, in place."""
     variance = np.einsum("ij,ij->j", values, values) / len(values)
     values *= 1.0 / np.sqrt(variance + np.float32(NORM_EPSILON))
     values *= weight
@@ -189,7 +189,7 @@ def _normalise(values: np.ndarray, weight: np.ndarray, bias: np.ndarray) -> None
 
 
 def shipped_policies() -> list[str]:
-    """Names of the policies that come with this package."""
+    """Return the names of the shipped policies."""
     folder = resources.files("bicycle_controller") / "models"
     if not folder.is_dir():
         return []
@@ -198,28 +198,28 @@ def shipped_policies() -> list[str]:
 
 
 def load_controller(name_or_path: str | Path, physics: Physics | None = None) -> Controller:
-    """A classical controller by one of the names LQR, or what `load_policy` takes.
+    """Load a classical controller by one of the names in LQR, or a policy as `load_policy`.
 
     Args:
         name_or_path: see there.
-        physics: what a classical controller is designed for; faithful by default.
+        physics: for which a classical controller is designed; faithful by default.
 
     Raises:
         PolicyError: as `load_policy`.
     """
     if name_or_path not in LQR:
         return load_policy(name_or_path)
-    # Imported here: it needs scipy, which a policy does without.
+    # Imported here: it needs scipy, which a policy does not.
     from bicycle_controller.control.lqr import TUNED, LqrController
 
     return LqrController(TUNED[str(name_or_path)], physics)
 
 
 def load_policy(name_or_path: str | Path = DEFAULT_POLICY) -> Policy:
-    """A shipped policy by its name, any policy file, or the best of a training run's folder.
+    """Load a shipped policy by its name, a policy file, or the best one of a run's folder.
 
     Raises:
-        PolicyError: one line with the remedy, whatever is wrong with the name or the file.
+        PolicyError: one line with the remedy, for every error in the name or the file.
     """
     text = os.fspath(name_or_path)
     shipped = shipped_policies()
@@ -239,12 +239,12 @@ def load_policy(name_or_path: str | Path = DEFAULT_POLICY) -> Policy:
 def _is_file(path: Path) -> bool:
     try:
         return path.is_file()
-    except (OSError, ValueError):  # a name too long, or with a null byte
+    except (OSError, ValueError):  # the name is too long, or contains a null byte
         return False
 
 
 def _read(path: Path, shipped: list[str]) -> bytes:
-    """The bytes of a file that is small enough to be a policy, or PolicyError."""
+    """Return the bytes of a file; raise PolicyError if it is too large for a policy."""
     name, choices = repr(str(path)), f"shipped policies: {', '.join(shipped) or 'none'}"
     try:
         if not path.is_file():
@@ -264,10 +264,10 @@ def _read(path: Path, shipped: list[str]) -> bytes:
 
 
 def save_policy(policy: Policy, path: str | Path) -> None:
-    """Write a policy file so that a reader sees the old one or the new one, never a part.
+    """Write a policy file atomically: a reader sees the old one or the new one, never a part.
 
     Raises:
-        OSError: when the file cannot be written.
+        OSError: if the file cannot be written.
     """
     write_atomically(Path(path), encode(policy.info, policy.tensors))
 
@@ -276,7 +276,7 @@ def write_atomically(path: Path, data: bytes) -> None:
     """Write to a temporary name beside `path`, then rename.
 
     Raises:
-        OSError: when that fails; the temporary file is gone then.
+        OSError: if that fails; the temporary file is removed.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")

@@ -1,4 +1,4 @@
-"""The policy file: safetensors with one actor's weights and all that is needed to use them.
+"""Policy file: safetensors with one actor's weights and everything needed to use them.
 
 Tensors, float32: `layer.{i}.weight` (out, in), `layer.{i}.bias` (out,), and for a hidden layer
 with layer normalisation `norm.{i}.weight` and `norm.{i}.bias` (out,). The metadata are strings;
@@ -44,15 +44,15 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 
 class PolicyError(ValueError):
-    """A policy that cannot be used; the message is one line and ends with the remedy."""
+    """A policy that cannot be used; the message is one line with the remedy."""
 
 
 @dataclass(frozen=True)
 class PolicyInfo:
-    """What a policy file says about its weights.
+    """Description of a policy's weights.
 
     Raises:
-        PolicyError: on a name, scale or limits that cannot be.
+        PolicyError: on an invalid name, scale or limit.
     """
 
     name: str
@@ -61,7 +61,7 @@ class PolicyInfo:
     observation_scale: tuple[float, ...]
     """Six numbers above zero in the units of OBSERVATION_FIELDS."""
     action_limits: tuple[float, ...]
-    """Largest |T| (N m), |d| (m) and |F| (N); zero where the policy does not act."""
+    """Largest |T| (N m), |d| (m) and |F| (N); zero for actions that the policy does not use."""
     trained: dict[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -80,7 +80,7 @@ class PolicyInfo:
 
     @property
     def outputs(self) -> int:
-        """How many actions the network chooses: the limits above zero."""
+        """Number of actions that the network chooses: the limits above zero."""
         return sum(limit > 0 for limit in self.action_limits)
 
 
@@ -90,7 +90,7 @@ def _check(condition: bool, problem: str) -> None:
 
 
 def _numbers(name: str, values: Any, size: int) -> tuple[float, ...]:
-    """`size` finite floats, or PolicyError."""
+    """Return `size` finite floats, or raise PolicyError."""
     try:
         numbers = tuple(float(value) for value in values)
     except (TypeError, ValueError, OverflowError):
@@ -101,7 +101,7 @@ def _numbers(name: str, values: Any, size: int) -> tuple[float, ...]:
 
 
 def metadata(info: PolicyInfo) -> dict[str, str]:
-    """The file's metadata, see the top of this module."""
+    """Return the file's metadata, see this module's docstring."""
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -118,10 +118,10 @@ def metadata(info: PolicyInfo) -> dict[str, str]:
 
 
 def encode(info: PolicyInfo, tensors: Tensors) -> bytes:
-    """The file's bytes, the same for the same policy.
+    """Return the file's bytes, equal for equal policies.
 
     Raises:
-        PolicyError: when the tensors do not make a network for `info`.
+        PolicyError: if the tensors do not form a network for `info`.
     """
     check_tensors(info, tensors)
     ordered = {name: np.ascontiguousarray(tensors[name]) for name in sorted(tensors)}
@@ -129,7 +129,7 @@ def encode(info: PolicyInfo, tensors: Tensors) -> bytes:
 
 
 def _ordered_header(data: bytes) -> bytes:
-    """The same file with its header's keys in order: the library writes them in random order."""
+    """Return the same file with its header's keys sorted: the library's order is random."""
     size = int.from_bytes(data[:8], "little")
     header = json.dumps(json.loads(data[8 : 8 + size]), sort_keys=True).encode()
     header += b" " * (-len(header) % 8)
@@ -138,10 +138,10 @@ def _ordered_header(data: bytes) -> bytes:
 
 
 def decode(data: bytes) -> tuple[PolicyInfo, Tensors]:
-    """Read a policy file's bytes; nothing in them is run, and memory stays near their size.
+    """Parse a policy file's bytes without running anything; memory stays near their size.
 
     Raises:
-        PolicyError: on anything but a whole policy of this version for this bicycle.
+        PolicyError: on anything but a complete policy of this version for this bicycle.
     """
     header = _header(data)
     info = _info(header.pop("__metadata__", None))
@@ -156,7 +156,7 @@ def decode(data: bytes) -> tuple[PolicyInfo, Tensors]:
 
 
 def _header(data: bytes) -> dict[str, Any]:
-    """The JSON header of safetensors bytes."""
+    """Return the JSON header of safetensors bytes."""
     size = int.from_bytes(data[:8], "little")
     _check(len(data) > 8, "it is empty or cut short")
     if size > MAX_HEADER_BYTES and data.startswith((b"PK\x03\x04", b"\x80")):
@@ -175,7 +175,7 @@ def _header(data: bytes) -> dict[str, Any]:
 
 
 def _info(metadata: Any) -> PolicyInfo:
-    """What the metadata of a file say, or PolicyError."""
+    """Return the policy info in a file's metadata, or raise PolicyError."""
     _check(
         isinstance(metadata, dict) and metadata.get("format") == FORMAT,
         "it is a safetensors file, but not a bicycle policy",
@@ -214,7 +214,7 @@ def _json(metadata: dict[str, Any], name: str) -> Any:
 
 
 def _config(metadata: dict[str, Any], name: str, kind: Any) -> Any:
-    """The Scenario or Physics of that name, or PolicyError."""
+    """Return the Scenario or Physics in the metadata, or raise PolicyError."""
     try:
         return kind.from_json(metadata[name])
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
@@ -225,10 +225,10 @@ def _config(metadata: dict[str, Any], name: str, kind: Any) -> Any:
 
 
 def check_tensors(info: PolicyInfo, tensors: Tensors) -> int:
-    """How many layers the network has.
+    """Return the number of layers of the network.
 
     Raises:
-        PolicyError: when names, types, shapes or values do not make a network for `info`.
+        PolicyError: if names, types, shapes or values do not form a network for `info`.
     """
     count = sum(name.startswith("layer.") and name.endswith(".weight") for name in tensors)
     _check(count > 0, "it has no layer.0.weight")

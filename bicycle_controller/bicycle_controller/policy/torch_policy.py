@@ -1,4 +1,4 @@
-"""A policy's network in torch: to check exports against, and to evaluate on a GPU."""
+"""Network of a policy in torch: to check exports, and to evaluate on a GPU."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bicycle_controller.policy.policy import NORM_EPSILON, Policy
 
 
 class TorchPolicy:
-    """The same actor as a `Policy`, on any device of torch."""
+    """Same actor as a `Policy`, on any device of torch."""
 
     def __init__(self, policy: Policy, device: str = "cpu") -> None:
         """Copy the weights to `device`."""
@@ -23,7 +23,7 @@ class TorchPolicy:
         self._scale = np.array(policy.info.observation_scale)
 
     def act(self, observation: np.ndarray, speed: np.ndarray | None = None) -> np.ndarray:
-        """As `Policy.act`."""
+        """Return the same actions as `Policy.act`."""
         scaled = torch.as_tensor(observation / self._scale, dtype=torch.float32)
         with torch.inference_mode():
             outputs = self.network(scaled.to(self.device)).cpu().numpy()
@@ -33,7 +33,7 @@ class TorchPolicy:
 
 
 def network(policy: Policy) -> nn.Sequential:
-    """The layers of `policy`, from scaled observations to actions in -1..1."""
+    """Return the layers of `policy`, from scaled observations to actions in -1..1."""
     tensors = {name: torch.from_numpy(value.copy()) for name, value in policy.tensors.items()}
     count = sum(name.startswith("layer.") for name in tensors) // 2
     parts: list[nn.Module] = []

@@ -1,4 +1,4 @@
-"""Whether a controller rides the bicycle that it was trained on, or designed for."""
+"""Comparison of the ridden bicycle with the one that a controller was trained or designed for."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ if TYPE_CHECKING:
     from bicycle_controller.control.controller import Controller
 
 UNLIKE = "rides unlike it was trained"
-"""Name of the value in the controller's diagnostics that tells so; "no" where it does not."""
+"""Key of the warning in the controller's diagnostics; its value is "no" without a difference."""
 NOISE = ("displacement_noise",)
-"""Fields of the physics that disturb a bicycle, but make no other one of it."""
+"""Fields of the physics that disturb a bicycle without making it a different one."""
 SPEED_TOLERANCE = 0.05
-"""Share of the trained speed by which another one counts as the same."""
+"""Relative difference of speeds that count as equal."""
 
 
 def differences(trained: Physics, ridden: Physics) -> list[str]:
-    """What makes two bicycles different ones, one line each, such as `wheelbase 1.2, not 1.11`.
+    """Return the differences of two bicycles, one line each, such as `wheelbase 1.2, not 1.11`.
 
     Args:
-        trained: what a controller knows.
-        ridden: what it rides; named first.
+        trained: bicycle that the controller knows.
+        ridden: bicycle that it rides; named first.
     """
     return list(_differences(trained, ridden))
 
@@ -51,12 +51,12 @@ def _shown(value: Any) -> str:
 def unlike_training(
     controller: Controller, physics: Physics, scenario: Scenario | None = None
 ) -> list[str]:
-    """In what a ride differs from those that a controller was trained on, or designed for.
+    """Return the differences of a ride from those that a controller was trained or designed for.
 
     Args:
-        controller: any; one that does not say what it was made for differs in nothing.
+        controller: any; one without such information has no differences.
         physics: of the bicycle that is ridden.
-        scenario: of the ride; its start speed is looked at.
+        scenario: of the ride; its start speed is compared.
     """
     info = getattr(controller, "info", None)
     known = info.physics if info is not None else getattr(controller, "physics", None)
@@ -71,14 +71,14 @@ def unlike_training(
 
 
 def _speeds(trained: Scenario) -> tuple[float, float]:
-    """Least and largest speed of a scenario, m/s."""
+    """Return the least and largest speed of a scenario, m/s."""
     if trained.pedal_limit > 0 and trained.speed_limits is not None:
         return trained.speed_limits
     return trained.start_speed, trained.start_speed
 
 
 def warning(policy_id: str, found: list[str]) -> str:
-    """One line about such differences, with the remedy; empty without any."""
+    """Return one line about these differences, with the remedy; empty without any."""
     if not found:
         return ""
     return (

@@ -1,7 +1,7 @@
-"""Which of the paper's claims held, by the numbers of the summary: a function per kind of figure.
+"""Verdicts on the paper's claims, from the summary's numbers: one function per kind of figure.
 
-A claim about DDPG is one about `authors`, what the paper's authors ran; the other arms, ours and
-the classical controller are told in the notes and decide nothing.
+A claim about DDPG is judged by `authors`, the paper's authors' settings; the other arms, ours
+and the classical controller appear in the notes and decide nothing.
 """
 
 from __future__ import annotations
@@ -26,5 +26,5 @@ CLAIMS: dict[str, Callable[[Experiment, Summary], Verdict]] = {
 
 
 def verdict(experiment: Experiment, summary: Summary) -> Verdict:
-    """What became of an experiment's claims."""
+    """Return the verdict on an experiment's claims."""
     return CLAIMS[experiment.picture](experiment, summary)

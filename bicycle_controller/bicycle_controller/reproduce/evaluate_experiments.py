@@ -1,4 +1,4 @@
-"""The rides of an experiment: controllers that are scored, and the ways and states of some."""
+"""Rides of an experiment: scores of the controllers, and tracks and states of some rides."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ if TYPE_CHECKING:
     from bicycle_controller.control.controller import Controller
 
 SEED = 2019
-"""Of the starts that controllers are scored on; training chooses its best by others."""
+"""Seed of the evaluation's starts; training chooses its best policy on others."""
 WAY_POINTS = 25
-"""Points kept of each way."""
+"""Number of points kept of each track."""
 
 
 @dataclass(frozen=True)
 class Ridden:
-    """A controller on one variant."""
+    """One controller on one variant."""
 
     name: str
     role: str
     variant: Variant
     seed: int
-    """Of its training; 0 where it was not trained here."""
+    """Seed of its training; 0 if it was not trained here."""
     controller: Controller
 
     @property
     def about(self) -> Row:
-        """The columns that name it."""
+        """Columns that identify it."""
         return {
             "rider": self.name,
             "role": self.role,
@@ -51,7 +51,7 @@ class Ridden:
 
 
 def riders(experiment: Experiment, mode: str, runs: list[Run]) -> Iterator[Ridden]:
-    """Every controller on every variant: the best policy of each run, then what was there."""
+    """Yield every controller on every variant: the best policy of each run, then given ones."""
     physics = Physics.named(mode)
     for variant in experiment.variants:
         for run in runs:
@@ -68,7 +68,7 @@ def riders(experiment: Experiment, mode: str, runs: list[Run]) -> Iterator[Ridde
 
 
 def scored(experiment: Experiment, mode: str, ridden: Ridden, rides: int) -> Row:
-    """What `rides` rides without noise came to; every controller meets the same starts."""
+    """Return the results of `rides` rides without noise; all controllers get the same starts."""
     scenario, physics = experiment.ridden(ridden.variant), Physics.named(mode)
     found = evaluate(
         ridden.controller, scenario, physics, rides, SEED, disturbance=ridden.variant.trial
@@ -94,7 +94,7 @@ class Trace:
     """N rides step by step: arrays of shape (steps + 1, N) or (steps + 1, N, 6 or 3)."""
 
     x: np.ndarray
-    """m, of the rear contact."""
+    """Position of the rear contact, m."""
     y: np.ndarray
     speed: np.ndarray
     """m/s."""
@@ -102,7 +102,7 @@ class Trace:
     action: np.ndarray
     """As chosen after each state, within the limits."""
     length: np.ndarray
-    """(N,), steps ridden."""
+    """(N,), number of steps ridden."""
     reached: np.ndarray
     """bool, (N,)."""
     fallen: np.ndarray
@@ -112,7 +112,7 @@ class Trace:
 def trace(
     controller: Controller, scenario: Scenario, physics: Physics, count: int, seed: int = SEED
 ) -> Trace:
-    """Ride `count` bicycles to their ends and keep every step."""
+    """Ride `count` bicycles to their ends and record every step."""
     task = BicycleTask(scenario, physics, count, np.random.default_rng((seed, 0, 0)))
     limits = scenario.action_limits
     going = np.ones(count, dtype=bool)
@@ -138,7 +138,7 @@ def trace(
 
 
 def ways(ridden: Ridden, made: Trace) -> list[Row]:
-    """Points of each ride's way."""
+    """Return the points of each ride's track."""
     rows: list[Row] = []
     for ride, length in enumerate(made.length):
         points = np.unique(np.linspace(0, int(length), WAY_POINTS).astype(int))
@@ -151,7 +151,7 @@ def ways(ridden: Ridden, made: Trace) -> list[Row]:
 
 
 def states(ridden: Ridden, made: Trace, physics: Physics) -> list[Row]:
-    """Every step of the first ride that reached its goal, or of the first."""
+    """Return every step of the first ride that reached its goal, or else of the first ride."""
     ride = int(np.argmax(made.reached))
     rows: list[Row] = []
     for step in range(int(made.length[ride]) + 1):
@@ -164,12 +164,12 @@ def states(ridden: Ridden, made: Trace, physics: Physics) -> list[Row]:
 
 
 def profile(ridden: Ridden, made: Trace, every: int = 4) -> list[Row]:
-    """Speed and size of the heading error by step, over the rides still under way."""
+    """Return speed and absolute heading error by step, over the rides still running."""
     rows: list[Row] = []
     for step in range(0, int(made.length.max()) + 1, every):
         going = made.length >= step
         if going.sum() < max(2, 0.1 * len(going)):
-            break  # the mean of the last few says nothing about all
+            break  # the mean of a few rides does not represent all
         speed, error = made.speed[step, going], np.abs(made.observation[step, going, 5])
         low, high = np.quantile(speed, [0.025, 0.975])
         row: Row = {"rider": ridden.name, "variant": ridden.variant.name, "step": step}

@@ -1,4 +1,4 @@
-"""What an experiment is made of: one YAML file of `figures/` each, validated on reading."""
+"""Definition of an experiment: one YAML file of `figures/`, validated on reading."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bicycle_sim.task.scenario import Scenario, named
 
 MODES = ("faithful", "corrected")
 ROLES = ("paper", "authors", "baseline", "best", "lqr")
-"""Tables 2 and 3 as printed; what the authors ran; NAF and PPO; ours; the classical controller."""
+"""Roles: Tables 2 and 3 as printed; the authors' settings; NAF and PPO; ours; the LQR."""
 PICTURES = (
     "terms",
     "learning",
@@ -33,16 +33,16 @@ CAUSES = "causes"
 
 @dataclass(frozen=True)
 class Length:
-    """How much of an experiment is run."""
+    """Length of an experiment."""
 
     seeds: int
-    """Training runs of each arm, with seeds 1, 2, ..."""
+    """Number of training runs of each arm, with seeds 1, 2, ..."""
     episodes: int
-    """Episodes of `Experiment.limit` steps each run makes; 0 where nothing is trained."""
+    """Episodes of `Experiment.limit` steps in each run; 0 if nothing is trained."""
     rides: int
-    """Rides that each controller is scored by."""
+    """Number of rides that score each controller."""
     evaluations: int = 10
-    """Scores without noise along a training run, at least."""
+    """Least number of scores without noise along a training run."""
     limit: int = 0
     """Step limit of every episode and ride instead of the experiment's; 0 keeps that."""
 
@@ -57,24 +57,24 @@ class Arm:
     """Something that is trained."""
 
     name: str
-    """Of its column in the data."""
+    """Name in the data's column."""
     role: str
     """One of ROLES."""
     preset: str
     set: tuple[str, ...] = ()
     """Changes of the preset."""
     most_steps: int = 0
-    """Environment steps that suffice, however long the experiment is; 0 sets no bound."""
+    """Environment steps that suffice, regardless of the experiment's length; 0 sets no bound."""
 
 
 @dataclass(frozen=True)
 class Rider:
-    """A controller that is there already."""
+    """An existing controller."""
 
     name: str
     role: str
     controller: str
-    """What `bicycle evaluate` takes."""
+    """Name or file, as `bicycle evaluate` accepts it."""
     variants: tuple[str, ...] = ()
     """Names of the variants that it rides; all by default."""
 
@@ -86,21 +86,21 @@ class Variant:
     name: str
     label: str
     scenario: str = ""
-    """Instead of the experiment's."""
+    """Scenario instead of the experiment's."""
     set: tuple[str, ...] = ()
     """Changes of the scenario."""
     disturbance: dict[str, Any] = field(default_factory=dict)
-    """Fields of `rides.Disturbance`."""
+    """Fields of `rollouts.Disturbance`."""
 
     @property
     def trial(self) -> Disturbance:
-        """What the rides are disturbed by."""
+        """Disturbance of the rides."""
         reject_unknown(Disturbance, self.disturbance)
         return Disturbance(**self.disturbance)
 
 
 ALL = Variant("all", "")
-"""Of an experiment that compares no settings."""
+"""Variant of an experiment that compares no settings."""
 
 
 @dataclass(frozen=True)
@@ -117,15 +117,15 @@ class Experiment:
     """One of PICTURES."""
     scenario: str
     paper: str
-    """What the paper reports."""
+    """Result in the paper."""
     differs: str
-    """What is different here."""
+    """Differences of this reproduction."""
     full: Length
-    """As long as the paper's."""
+    """Length as in the paper."""
     short: Length
-    """A minute's."""
+    """Length of about a minute."""
     reports: str = ""
-    """The same in a few words, for a table."""
+    """The paper's result in a few words, for a table."""
     limit: int = 400
     """Steps of a full episode."""
     set: tuple[str, ...] = ()
@@ -136,9 +136,9 @@ class Experiment:
     riders: tuple[Rider, ...] = ()
     variants: tuple[Variant, ...] = (ALL,)
     train_variants: bool = True
-    """Whether every arm is trained on every variant, or once, without."""
+    """True to train every arm on every variant; False to train once, without variants."""
     tracks: int = 0
-    """Rides whose way is kept for the picture."""
+    """Number of rides whose track is kept for the picture."""
 
     def __post_init__(self) -> None:
         require(self.picture in PICTURES, f"unknown picture {self.picture!r}")
@@ -146,31 +146,31 @@ class Experiment:
             require(role in ROLES, f"unknown role {role!r}")
 
     def variant(self, name: str) -> Variant:
-        """The variant of that name, or the plain one."""
+        """Return the variant of that name, or the plain one."""
         return next((item for item in self.variants if item.name == name), ALL)
 
     def trained(self) -> tuple[Variant, ...]:
-        """What each arm is trained on."""
+        """Variants on which each arm is trained."""
         return self.variants if self.train_variants else (ALL,)
 
     def training_changes(self, variant: Variant) -> list[str]:
-        """`--set` changes that make a run's scenario."""
+        """Return the `--set` changes of a run's scenario."""
         name = variant.scenario or self.scenario
         return [f"scenario={name}", *(f"scenario.{text}" for text in (*self.set, *variant.set))]
 
     def ridden(self, variant: Variant) -> Scenario:
-        """The scenario that controllers are scored on."""
+        """Return the scenario on which controllers are scored."""
         scenario = named(variant.scenario or self.scenario)
         return loading.changed(scenario, [*self.set, *variant.set, *self.ride_set])
 
 
 def names() -> list[str]:
-    """The paper's figures and what is measured beside them, in the paper's order."""
+    """Return the names of the figures and of further measurements, in the paper's order."""
     return sorted(_files(), key=lambda name: (not name.startswith("figure-"), len(name), name))
 
 
 def causes() -> list[str]:
-    """The experiments that look for why a claim does not hold."""
+    """Return the names of the experiments that look for the cause of a failed claim."""
     return [f"why-{name}" for name in sorted(_files(CAUSES))]
 
 
@@ -180,10 +180,10 @@ def _files(folder: str = "") -> list[str]:
 
 
 def find(name: str) -> list[Experiment]:
-    """The experiment of that name (`10` is `figure-10`), or all of them.
+    """Return the experiment of that name (`10` is `figure-10`), or all of them.
 
     Raises:
-        ValueError: on an unknown name, with the nearest.
+        ValueError: on an unknown name; names the nearest.
     """
     known = [*names(), *causes()]
     if name == "all":
@@ -196,7 +196,7 @@ def find(name: str) -> list[Experiment]:
 
 
 def load(name: str) -> Experiment:
-    """The experiment of a file of `figures/`."""
+    """Return the experiment of a file of `figures/`."""
     folder = resources.files("bicycle_controller") / "figures"
     file = folder / f"{name}.yaml"
     if name.startswith("why-"):
@@ -205,7 +205,7 @@ def load(name: str) -> Experiment:
 
 
 def build(name: str, tree: dict[str, Any]) -> Experiment:
-    """The experiment of nested plain data.
+    """Build an experiment from nested plain data.
 
     Raises:
         ValueError: on an unknown key or value.
@@ -232,7 +232,7 @@ def _made(kind: Any, tree: Any) -> Any:
 
 
 def limited(experiment: Experiment, length: Length) -> Experiment:
-    """The experiment with the step limit of `length`, where that has one."""
+    """Return the experiment with the step limit of `length`, if that has one."""
     if not length.limit:
         return experiment
     changes = (*experiment.set, f"max_steps={length.limit}")
@@ -242,7 +242,7 @@ def limited(experiment: Experiment, length: Length) -> Experiment:
 def lengthened(
     experiment: Experiment, short: bool, episodes: int | None, seeds: int | None
 ) -> Length:
-    """The full or the short length, with what the command line changes of it."""
+    """Return the full or the short length, with the command line's changes."""
     length = experiment.short if short else experiment.full
     if seeds is not None:
         length = replace(length, seeds=seeds)

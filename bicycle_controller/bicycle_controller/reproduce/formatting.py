@@ -1,4 +1,4 @@
-"""Numbers as RESULTS.md writes them."""
+"""Number formats of RESULTS.md."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from typing import Any
 
 
 def percent(share: float) -> str:
-    """A share of 0 to 1, with a digit more near the ends where it matters."""
+    """Return a share of 0 to 1 in percent, with more digits near the ends."""
     value = 100.0 * share
     whole = value in (0.0, 100.0)
     return f"{value:.0f} %" if whole or 1.0 <= value <= 99.0 else f"{value:.1f} %"
 
 
 def rate(values: Sequence[float]) -> str:
-    """[share, low, high] with its interval."""
+    """Format [share, low, high] with its interval."""
     share, low, high = (100.0 * value for value in values)
     return f"{share:.1f} % ({low:.1f} to {high:.1f})"
 
 
 def mean(values: Sequence[float | None], factor: float = 1.0, unit: str = "") -> str:
-    """[mean, low, high] with the interval where there is one."""
+    """Format [mean, low, high] with the interval if there is one."""
     middle, low, high = values
     if middle is None:
         return "-"
@@ -31,7 +31,7 @@ def mean(values: Sequence[float | None], factor: float = 1.0, unit: str = "") ->
 
 
 def number(value: float) -> str:
-    """Three digits or so, with the paper's minus."""
+    """Format about three digits, with the paper's minus sign."""
     size = abs(value)
     digits = 0 if size >= 100.0 else 1 if size >= 10.0 else 2
     text = f"{value:,.{digits}f}"
@@ -39,6 +39,6 @@ def number(value: float) -> str:
 
 
 def lengths(entry: Mapping[str, Any]) -> str:
-    """How long an arm's runs are, in full episodes: one number, or from the shortest on."""
+    """Return the length of an arm's runs in full episodes: one number, or a range."""
     shortest, longest = f"{entry['length']:,.0f}", f"{entry['longest']:,.0f}"
     return shortest if shortest == longest else f"{shortest} to {longest}"

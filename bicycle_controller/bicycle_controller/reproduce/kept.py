@@ -1,8 +1,8 @@
-"""Results of runs that are not on this machine: they stay when others are made beside them.
+"""Results of runs made on another machine: they are kept when new ones are added.
 
-Training runs are large and stay where they were made; what is kept of them is a folder of CSVs.
-So where that folder holds rows of a run that is not among those here, and the experiment is the
-same, its rows and its line of `run.json` are kept.
+Training runs are large and stay where they were made; only a folder of CSVs is kept of them. If
+that folder contains rows of a run that is missing here, and the experiment is the same, its rows
+and its line of `run.json` are kept.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from bicycle_controller.reproduce.experiment import Experiment
 from bicycle_controller.reproduce.tables import Row, read_table
 
 SAME = ("scenario", "set", "ride_set", "limit", "variants", "train_variants", "tracks")
-"""What must not differ between two experiments whose rows stand in one table."""
+"""Fields that must be equal between two experiments whose rows share a table."""
 Key = tuple[str, str, int]
 """Arm, variant and seed."""
 
 
 class Kept:
-    """What a folder holds of runs that were made elsewhere.
+    """Content of a folder about runs that were made elsewhere.
 
     Attributes:
         training: their entries of `run.json`.
@@ -35,10 +35,10 @@ class Kept:
         """Read the folder.
 
         Args:
-            folder: of the experiment in one mode, perhaps empty.
-            experiment: what is run now.
-            made: the runs that are here.
-            rides: of each controller's score.
+            folder: of the experiment in one mode; may be empty.
+            experiment: the current one.
+            made: the runs on this machine.
+            rides: number of rides of each score.
         """
         self._folder, self._experiment = folder, experiment
         file = folder / "run.json"
@@ -50,7 +50,7 @@ class Kept:
         self._runs = {_key(entry) for entry in self.training}
 
     def _same_arms(self, old: dict[str, Any], rides: int) -> set[str]:
-        """Names of the arms whose rows may stay: none where the experiment is another."""
+        """Return the arms whose rows may stay: none if the experiment is another."""
         now = json.loads(json.dumps(asdict(self._experiment)))
         then = old.get("experiment", {})
         if old.get("rides") != rides or any(then.get(name) != now[name] for name in SAME):
@@ -58,7 +58,7 @@ class Kept:
         return {arm["name"] for arm in now["arms"] if arm in then["arms"]}
 
     def with_training(self, name: str, rows: list[Row]) -> list[Row]:
-        """Rows of training runs, and those that are kept, in the order of the runs."""
+        """Return the rows of training runs and the kept ones, in the order of the runs."""
         mine = [row for row in self._rows(name) if _key(row) in self._runs]
         return self.ordered([*rows, *mine])
 
@@ -68,7 +68,7 @@ class Kept:
         return self.ordered([*rows, *mine])
 
     def with_traces(self, name: str, rows: list[Row]) -> list[Row]:
-        """Rows of single rides, and those of controllers that have none here."""
+        """Return the rows of single rides and those of controllers without any here."""
         there = {(row["rider"], row["variant"]) for row in rows}
         mine = [row for row in self._rows(name) if self._keeps(row)]
         return [*rows, *(row for row in mine if (row["rider"], row["variant"]) not in there)]
@@ -84,7 +84,7 @@ class Kept:
         return ride.get("seed", min(seeds, default=0)) in seeds
 
     def ordered(self, rows: list[Row]) -> list[Row]:
-        """Training runs by seed, variant and arm; rides by variant, trained controllers first."""
+        """Sort runs by seed, variant and arm; rides by variant, trained controllers first."""
         item = self._experiment
         arms = [*(arm.name for arm in item.arms), *(rider.name for rider in item.riders)]
         variants = [variant.name for variant in item.variants]

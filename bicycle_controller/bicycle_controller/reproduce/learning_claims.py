@@ -1,4 +1,4 @@
-"""The claims of figures 9, 10 and 11: what training comes to."""
+"""Claims of figures 9, 10 and 11: the results of training."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from bicycle_controller.reproduce.verdicts import (
 )
 
 BALANCED = 0.05
-"""Share of falls below which a policy counts as one that balances."""
+"""Share of falls below which a policy counts as balancing."""
 TERMS = ("lean_angle", "lean_rate", "lean_acceleration", "heading_error")
 RANGES = {
     "steer_angle": 0.8,
@@ -65,7 +65,7 @@ def terms(experiment: Experiment, summary: Summary) -> Verdict:
 
 
 def _lost(experiment: Experiment, summary: Summary, arm: str) -> str:
-    """Where an arm's return went, for a note."""
+    """Return a note on the terms that dominate an arm's return."""
     found = training(summary, arm=arm)
     if found is None:
         return f"`{arm}` was not run."
@@ -99,7 +99,7 @@ def learning(experiment: Experiment, summary: Summary) -> Verdict:
 
 
 def _unbalanced(experiment: Experiment, summary: Summary, naf: Entry | None) -> Part:
-    """That NAF does not come to balance: one run that does refutes it, however short."""
+    """Return the part that NAF does not balance: one run that does refutes it, however short."""
     ridden = rides(summary, rider="naf")
     claim = "NAF does not come to balance"
     if ridden is None or naf is None:
@@ -110,7 +110,7 @@ def _unbalanced(experiment: Experiment, summary: Summary, naf: Entry | None) -> 
 
 
 def _spread(entry: Entry | None, part: str) -> float | None:
-    """Standard deviation of the return over an arm's runs, of two at least."""
+    """Return the standard deviation of the return over an arm's runs, if at least two."""
     values = [] if entry is None else entry[part]["return_by_run"]
     return float(np.std(values, ddof=1)) if len(values) > 1 else None
 
@@ -151,11 +151,11 @@ def states(experiment: Experiment, summary: Summary) -> Verdict:
 
 
 def unsettled(entry: Entry) -> tuple[str, float]:
-    """The state that ends a ride farthest from zero, and how far, as a share of its range."""
+    """Return the state that ends a ride farthest from zero, as name and share of its range."""
     worst = max(RANGES, key=lambda name: _end(entry, name))
     return worst, _end(entry, worst)
 
 
 def _end(entry: Entry, name: str) -> float:
-    """Mean size of a state in the last second, as a share of its range."""
+    """Return the mean size of a state in the last second, as a share of its range."""
     return float(entry[name]["end"]) / RANGES[name]

@@ -1,4 +1,4 @@
-"""What the logs of a training run say, as rows of the raw data."""
+"""Rows of raw data from the logs of a training run."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from bicycle_controller.training.episode_log import TERMS, read_columns
 BINS = 40
 """Points of a learning curve: the episodes of each stretch are averaged."""
 TRACKS, TRACK_POINTS = 40, 20
-"""Ways kept of a run's training, evenly over it, and points of each."""
+"""Number of tracks kept of a run's training, evenly spaced, and points of each."""
 MEANS = ("return", "steps", "upright", "reached", "fallen", "distance", "speed", *TERMS)
 
 
 def curves(run: Run, limit: int) -> list[Row]:
-    """The episodes of a run in up to BINS stretches of equal experience.
+    """Return the episodes of a run in up to BINS stretches of equal experience.
 
-    `at` is the stretch's end in episodes of `limit` steps, whoever rode them: a run of many
-    bicycles, or one whose falls end an episode, is then drawn over as much experience.
+    `at` is the stretch's end in episodes of `limit` steps, over all bicycles, so that runs of many
+    bicycles, or runs whose falls end an episode, are drawn over equal experience.
     """
     log = read_columns(run.job.folder / "episodes.csv")
     made = log["end"].max(initial=0.0)
@@ -41,7 +41,7 @@ def curves(run: Run, limit: int) -> list[Row]:
 
 
 def evaluations(run: Run, limit: int) -> list[Row]:
-    """The scores without noise that a run chose its best policy by."""
+    """Return the scores without noise by which a run chose its best policy."""
     rows = []
     for line in (run.job.folder / "log.jsonl").read_text().splitlines():
         entry = json.loads(line)
@@ -53,7 +53,7 @@ def evaluations(run: Run, limit: int) -> list[Row]:
 
 
 def tracks(run: Run) -> list[Row]:
-    """Some ways of a run's training, with their age: 0 at its beginning, 1 at its end."""
+    """Return some tracks of a run's training, with their age: 0 at its beginning, 1 at its end."""
     log = read_columns(run.job.folder / "tracks.csv")
     kept = np.unique(log["episode"])
     last = float(kept.max(initial=1.0)) or 1.0
@@ -68,12 +68,12 @@ def tracks(run: Run) -> list[Row]:
 
 
 def _evenly(count: int, most: int) -> np.ndarray:
-    """Up to `most` indices from the first to the last of `count`."""
+    """Return up to `most` indices from the first to the last of `count`."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).astype(int))
 
 
 def provenance(run: Run) -> dict[str, Any]:
-    """Where a run comes from, how long it is and what it took."""
+    """Return the origin of a run, its length and its cost."""
     folder = run.job.folder
     origin = json.loads((folder / "run.json").read_text())
     about = _about(run) | {"preset": run.arm.preset, "scenario": run.job.scenario}

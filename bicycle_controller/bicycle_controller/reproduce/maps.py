@@ -1,4 +1,4 @@
-"""The figures with ways of the rear wheel: 12 to 16."""
+"""Figures with tracks of the rear wheel: 12 to 16."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bicycle_controller.reproduce.tables import column, distinct, select
 
 
 def displacement(data: Data) -> Figure:
-    """Figure 12: curves for every displacement, and the ways while learning."""
+    """Figure 12: learning curves for every displacement, and the tracks during training."""
     variants = data.experiment.variants
     if not data.curves:
         drawing = figure(9.5, 4.2)
@@ -39,7 +39,7 @@ def displacement(data: Data) -> Figure:
 
 
 def _by_variant(axes: Axes, data: Data, role: str) -> None:
-    """Learning curves of an arm on every variant."""
+    """Draw the learning curves of an arm on every variant."""
     for index, variant in enumerate(data.experiment.variants):
         look: dict[str, Any] = {"color": style.VARIANT_COLOURS[index], "label": variant.label}
         for arm in data.arms(role):
@@ -54,7 +54,7 @@ def _by_variant(axes: Axes, data: Data, role: str) -> None:
 
 
 def _reached_by_variant(axes: Axes, data: Data) -> None:
-    """Share of goals reached by each controller on each variant."""
+    """Draw the share of goals that each controller reaches on each variant."""
     variants = [variant.name for variant in data.experiment.variants]
     for (rider,) in distinct(data.rides, "rider"):
         mine = {item["variant"]: item for item in select(data.rides, rider=rider)}
@@ -75,7 +75,7 @@ def _reached_by_variant(axes: Axes, data: Data) -> None:
 
 
 def aged(axes: Axes, data: Data, variant: str, title: str) -> None:
-    """Ways while learning, blue early and red late."""
+    """Draw tracks during training, early in blue and late in red."""
     rows = select(data.tracks, variant=variant)
     if rows:
         title = f"{title}, {label(rows[0]['rider'])}"
@@ -88,7 +88,7 @@ def aged(axes: Axes, data: Data, variant: str, title: str) -> None:
 
 
 def goals(data: Data) -> Figure:
-    """Figures 13 and 14: return, steps, ways while learning and of the trained bicycle."""
+    """Figures 13 and 14: return, steps, tracks during training and of the trained bicycle."""
     if not data.curves:
         drawing = figure(7.0, 6.4)
         _trained_ways(drawing.subplots(), data)
@@ -103,7 +103,7 @@ def goals(data: Data) -> Figure:
 
 
 def _trained_ways(trained: Axes, data: Data) -> None:
-    """Ways of the trained bicycle from its starts (dots) to its goals (stars)."""
+    """Draw tracks of the trained bicycle from its starts (dots) to its goals (stars)."""
     rides = distinct(data.ways, "ride", "reached")
     for ride, reached in rides:
         mine = select(data.ways, ride=ride)
@@ -118,7 +118,7 @@ def _trained_ways(trained: Axes, data: Data) -> None:
 
 
 def return_panel(axes: Axes, data: Data) -> None:
-    """Training returns, and for ours those without noise; the classical ones across."""
+    """Draw training returns, ours also without noise, and lines for classical controllers."""
     many = len(data.experiment.variants) > 1
     for arm, role, variant in distinct(data.curves, "arm", "role", "variant"):
         second = many and variant == data.experiment.variants[1].name
@@ -139,7 +139,7 @@ def return_panel(axes: Axes, data: Data) -> None:
 
 
 def steps_panel(axes: Axes, data: Data) -> None:
-    """Steps of training episodes, and for ours the median of those without noise that arrive."""
+    """Draw the steps of training episodes, for ours the median of arrivals without noise."""
     for arm, role in distinct(data.curves, "arm", "role"):
         look: dict[str, Any] = {"color": colour(arm), "label": label(arm)}
         if role == "best":
@@ -156,7 +156,7 @@ def steps_panel(axes: Axes, data: Data) -> None:
 
 
 def turn(data: Data) -> Figure:
-    """Figure 15: return, ways with and without the pedal, the speed of a turn."""
+    """Figure 15: return, tracks with and without the pedal, the speed of a turn."""
     pedal = data.experiment.variants[0].name
     if not data.curves:
         drawing = figure(7.0, 4.4)
@@ -172,7 +172,7 @@ def turn(data: Data) -> Figure:
 
 
 def profile_panel(axes: Axes, data: Data, variant: str) -> None:
-    """Mean speed by step with the middle 95 % of the rides, and the heading error behind it."""
+    """Draw the mean speed by step with the middle 95 % of the rides, and the heading error."""
     other = axes.twinx()
     other.grid(visible=False)
     for (rider,) in distinct(select(data.profiles, variant=variant), "rider"):

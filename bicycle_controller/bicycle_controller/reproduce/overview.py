@@ -1,4 +1,4 @@
-"""The table at the top of RESULTS.md: one row a figure, one number a controller."""
+"""Table at the top of RESULTS.md: one row per figure, one number per controller."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ NONE = "-"
 
 
 def overview(results: list[Result], mode: str, pages: Path) -> list[str]:
-    """The table of one mode's results; its links lead into the folder `pages`."""
+    """Return the table of one mode's results; its links lead into the folder `pages`."""
     head = " | ".join(COLUMNS).format(mode=mode)
     lines = [f"| {head} |", "| --- " * len(COLUMNS) + "|"]
     for item in results:
@@ -45,7 +45,7 @@ def overview(results: list[Result], mode: str, pages: Path) -> list[str]:
 
 
 def causes(results: list[Result], pages: Path) -> list[str]:
-    """The table of what was changed to see why a claim does not hold."""
+    """Return the table of changes made to find the cause of a failed claim."""
     lines = ["| why | the paper | physics | what came of it |", "| --- " * 4 + "|"]
     for item in results:
         link = f"[{item.experiment.title}]({(pages / item.experiment.name).as_posix()}.md)"
@@ -56,7 +56,7 @@ def causes(results: list[Result], pages: Path) -> list[str]:
 
 
 def _marked(item: Result, text: str, arm: str, variant: str = "") -> str:
-    """A number, with a mark where the runs behind it are shorter or fewer than the paper's."""
+    """Return a number, marked if its runs are shorter or fewer than the paper's."""
     wanted = {"arm": arm} | ({"variant": variant} if variant else {})
     entry = training(item.summary, **wanted)
     if entry is None or not is_short(item.experiment, entry):
@@ -65,7 +65,7 @@ def _marked(item: Result, text: str, arm: str, variant: str = "") -> str:
 
 
 def _goals(item: Result, role: str) -> str:
-    """The most goals that a controller of this role reaches without noise."""
+    """Return the largest share of goals that a controller of this role reaches without noise."""
     return _of_variant(item, role, item.experiment.variants[0].name)
 
 
@@ -78,14 +78,14 @@ def _of_variant(item: Result, role: str, variant: str) -> str:
 
 
 def _by_displacement(item: Result, role: str) -> str:
-    """Goals without displacement, and with the most."""
+    """Return the goals without displacement, and with the most."""
     ends = item.experiment.variants[0], item.experiment.variants[-1]
     cells = [_of_variant(item, role, variant.name) or NONE for variant in ends]
     return "" if set(cells) == {NONE} else " → ".join(cells)
 
 
 def _worst(item: Result, role: str) -> str:
-    """The most goals that a controller of this role reaches where it reaches fewest."""
+    """Return the best share of goals of this role, on the variant where it is smallest."""
     worst: dict[str, float] = {}
     for entry in _rides(item, role):
         rate = entry["reached"][0]
@@ -97,7 +97,7 @@ def _worst(item: Result, role: str) -> str:
 
 
 def _returns(item: Result, role: str) -> str:
-    """The best return of an episode in the last tenth of training."""
+    """Return the best return of an episode in the last tenth of training."""
     mine = [entry for entry in item.summary["training"] if entry["role"] == role]
     if not mine:
         return ""
@@ -106,7 +106,7 @@ def _returns(item: Result, role: str) -> str:
 
 
 def _settled(item: Result, role: str) -> str:
-    """How far from zero the least settled state ends, as a share of its range."""
+    """Return the final distance from zero of the least settled state, as a share of its range."""
     mine = [entry for entry in item.summary["states"] if entry["role"] == role]
     arrived = [entry for entry in mine if entry["reached"]]
     if not mine:
@@ -131,4 +131,4 @@ COUNTED: dict[str, tuple[str, Callable[[Result, str], str]]] = {
     "speed": ("goals without noise", _goals),
     "robustness": ("goals where they are fewest", _worst),
 }
-"""What a row counts, and how."""
+"""Measures that a row counts, and their functions."""

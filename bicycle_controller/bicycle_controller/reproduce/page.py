@@ -1,4 +1,4 @@
-"""The page of one figure: what became of its claims, its pictures, and all its numbers."""
+"""Page of one figure: the verdict on its claims, its pictures, and all its numbers."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Wilson's. A run is `short` of the paper's length where its row says so."""
 
 
 def page(results: list[Result], links: dict[str, str], up: str) -> str:
-    """The page of one experiment.
+    """Return the page of one experiment.
 
     Args:
         results: of the experiment, one per mode of the physics.
@@ -48,7 +48,7 @@ def page(results: list[Result], links: dict[str, str], up: str) -> str:
 
 
 def _claims(found: Verdict) -> list[str]:
-    """The parts of a claim as a list, then what is said besides."""
+    """Return the parts of a claim as a list, then the notes."""
     lines = [f"**{found.word}.**", ""] if found.parts else []
     lines += [f"- {part.text}" for part in found.parts]
     if found.parts:
@@ -57,7 +57,7 @@ def _claims(found: Verdict) -> list[str]:
 
 
 def _provenance(result: Result, data: str) -> list[str]:
-    """Where the numbers come from."""
+    """Return the origin of the numbers."""
     run = result.run
     trained = run["training"]
     cpu = sum(entry.get("cpu_s", 0.0) for entry in trained)
@@ -74,7 +74,7 @@ def _provenance(result: Result, data: str) -> list[str]:
 
 
 def _training_table(result: Result) -> list[str]:
-    """What training came to, by arm and variant."""
+    """Return the results of training, by arm and variant."""
     rows = result.summary["training"]
     if not rows:
         return []
@@ -89,7 +89,7 @@ def _training_table(result: Result) -> list[str]:
 
 
 def _length(result: Result, row: dict[str, Any]) -> str:
-    """Runs and their length, and what is asked where that is more."""
+    """Return runs and their length, and the requested ones if larger."""
     experiment = result.experiment
     text = f"{row['runs']} × {lengths(row)}"
     full = f"{experiment.full.seeds} × {asked(experiment, row['arm']):,.0f}"
@@ -97,7 +97,7 @@ def _length(result: Result, row: dict[str, Any]) -> str:
 
 
 def _rides_table(result: Result) -> list[str]:
-    """What rides without noise came to."""
+    """Return the results of rides without noise."""
     head = "| rides without noise | runs × rides | reached | fell | steps | return | median time |"
     lines = [head, "| --- " * (head.count("|") - 1) + "|"]
     for row in result.summary["rides"]:
@@ -111,7 +111,7 @@ def _rides_table(result: Result) -> list[str]:
 
 
 def _named(result: Result, name: str, variant: str) -> str:
-    """A controller, and the variant where there are several."""
+    """Return the name of a controller, with the variant if there are several."""
     words = label(name) if label(name) == name else f"{label(name)} (`{name}`)"
     text = result.experiment.variant(variant).label if variant else ""
     return f"{words}, {text}" if text else words

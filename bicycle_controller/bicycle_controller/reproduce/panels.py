@@ -1,4 +1,4 @@
-"""What figures are drawn from, and what several of them have."""
+"""Data of the figures, and elements shared by several of them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bicycle_controller.reproduce.tables import Row, distinct
 
 @dataclass(frozen=True)
 class Data:
-    """What a figure is drawn from."""
+    """Data of a figure."""
 
     experiment: Experiment
     mode: str
@@ -29,28 +29,28 @@ class Data:
     """Summarised, see `summary.rides`."""
 
     def arms(self, role: str | None = None) -> list[str]:
-        """Names of what was trained."""
+        """Return the names of the trained arms."""
         return [a for a, r in distinct(self.curves, "arm", "role") if role in (None, r)]
 
     @property
     def lines(self) -> list[dict[str, Any]]:
-        """Scores of what was not trained here, for lines across a panel."""
+        """Scores of controllers that were not trained here, for lines across a panel."""
         trained = self.arms()
         return [item for item in self.rides if item["rider"] not in trained]
 
 
 def figure(width: float, height: float) -> Figure:
-    """An empty figure, inches."""
+    """Return an empty figure; size in inches."""
     return Figure(figsize=(width, height), layout="constrained")
 
 
 def experience(data: Data) -> str:
-    """What the axis of a learning curve says."""
+    """Return the axis label of a learning curve."""
     return f"experience (episodes of {data.experiment.limit} steps)"
 
 
 def across(axes: Axes, data: Data, name: str, variant: str = "all") -> None:
-    """A line across for each controller that was not trained here."""
+    """Draw a line across for each controller that was not trained here."""
     kinds = iter((":", "--", "-."))
     for item in data.lines:
         if item["variant"] == variant and item[name][0] is not None:
@@ -61,6 +61,6 @@ def across(axes: Axes, data: Data, name: str, variant: str = "all") -> None:
 
 
 def legend(axes: Axes) -> None:
-    """A legend, where there is anything to tell."""
+    """Draw a legend, if there are entries."""
     if axes.get_legend_handles_labels()[0]:
         axes.legend()

@@ -1,4 +1,4 @@
-"""The figures, in the paper's form: each kind is a function of an experiment and its data."""
+"""Figures in the paper's form: each kind is a function of an experiment and its data."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def _learning(data: Data) -> Figure:
 
 
 def _limit_below(axes: Axes, data: Data) -> None:
-    """A return far below all others shall not press the rest together."""
+    """Limit the axis so that one far lower return does not squeeze the others together."""
     values = np.concatenate(
         [column(data.curves, "return"), column(data.evaluations, "mean_return")]
     )
@@ -125,7 +125,7 @@ def _states(data: Data) -> Figure:
 
 
 def _robustness(data: Data) -> Figure:
-    """Share of goals reached, by controller and disturbance."""
+    """Draw the share of goals reached, by controller and disturbance."""
     variants = data.experiment.variants
     riders = [rider for (rider,) in distinct(data.rides, "rider")]
     table = np.full((len(riders), len(variants)), np.nan)

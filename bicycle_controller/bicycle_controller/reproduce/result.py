@@ -1,4 +1,4 @@
-"""What an experiment came to in one mode of the physics, as its folder has it."""
+"""Result of an experiment in one mode of the physics, read from its folder."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Result:
 
 
 def collect(out: Path) -> list[Result]:
-    """What the folder of results holds, in the paper's order."""
+    """Return the results in a folder, in the paper's order."""
     found = []
     for name in [*experiments.names(), *experiments.causes()]:
         for mode in MODES:
@@ -36,7 +36,7 @@ def collect(out: Path) -> list[Result]:
 
 
 def title(item: Experiment) -> str:
-    """How a page names an experiment."""
+    """Return an experiment's title on its page."""
     if item.picture == "cause":
         return item.title
     return item.name.replace("figure-", "Figure ").replace("robustness", "Robustness")

@@ -1,7 +1,7 @@
-"""RESULTS.md and a page per figure, from the data folders alone: regenerated whole.
+"""RESULTS.md and a page per figure, regenerated completely from the data folders.
 
-RESULTS.md is the lines by hand of `OUT/summary.md`, whose numbers are fields that are filled in
-here, then a table of one row a figure; the pages lie in `docs/reproduction` beside it.
+RESULTS.md consists of the handwritten `OUT/summary.md`, whose fields are filled with numbers
+here, and a table with one row per figure; the pages are in `docs/reproduction` beside it.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from bicycle_controller.reproduce.result import Result, collect, title
 from bicycle_controller.reproduce.summary_fields import filled
 
 BY_HAND = "summary.md"
-"""In the folder of results: what they come to, in a few lines."""
+"""Handwritten summary in the folder of results."""
 PAGES = Path("docs", "reproduction")
-"""Where the figures' pages lie, from RESULTS.md."""
+"""Folder of the figures' pages, relative to RESULTS.md."""
 HEAD = "# The paper's experiments, reproduced\n"
 BELOW = """\
 Made by `bicycle reproduce` from the CSV and JSON files that each figure's page names; a test makes
@@ -31,7 +31,7 @@ def write_results(out: Path, path: Path) -> None:
     """Write `path` and the figures' pages from all results in `out`.
 
     Raises:
-        ValueError: when `summary.md` asks for something that is not there.
+        ValueError: if `summary.md` has a field without data.
     """
     pages = render_pages(out, path.parent)
     write_atomically(path, render(out, path.parent).encode())
@@ -41,7 +41,7 @@ def write_results(out: Path, path: Path) -> None:
 
 
 def render(out: Path, where: Path) -> str:
-    """RESULTS.md for the folder `where`."""
+    """Return RESULTS.md for the folder `where`."""
     results = collect(out)
     by_hand = out / BY_HAND
     lines = [HEAD]
@@ -62,7 +62,7 @@ def render(out: Path, where: Path) -> str:
 
 
 def render_pages(out: Path, where: Path) -> dict[str, str]:
-    """The figures' pages, by file name."""
+    """Return the figures' pages, by file name."""
     results = collect(out)
     texts = {}
     for name in dict.fromkeys(item.experiment.name for item in results):
@@ -74,7 +74,7 @@ def render_pages(out: Path, where: Path) -> dict[str, str]:
 
 
 def _missing(results: list[Result]) -> list[str]:
-    """What there are no results of."""
+    """Return the names of experiments without results."""
     there = {(item.experiment.name, item.mode) for item in results}
     return [
         f"{title(experiments.load(name))} ({mode})"

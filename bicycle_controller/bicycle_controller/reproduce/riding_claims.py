@@ -1,4 +1,4 @@
-"""The claims of figures 12 to 16, and what robustness came to: where the bicycle gets to."""
+"""Claims of figures 12 to 16, and the robustness results: the goals that bicycles reach."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def turn(experiment: Experiment, summary: Summary) -> Verdict:
 
 
 def _speeds(rider: str, profile: Entry, where: str) -> str:
-    """How fast a controller goes at the start, at its slowest or after 100 steps, and at last."""
+    """Return a controller's speed at the start, at its least or after 100 steps, and the end."""
     middle = f"{number(profile['least'])} m/s at step {profile['least_at']}"
     if where != "least":
         middle = f"{number(profile['at_100'])} m/s after 100 steps"
@@ -137,7 +137,7 @@ def speed(experiment: Experiment, summary: Summary) -> Verdict:
 
 
 def robustness(experiment: Experiment, summary: Summary) -> Verdict:
-    """The learned controllers against the classical one, and their weakest point."""
+    """Compare the learned controllers with the classical one, and name their weakest point."""
     parts = []
     for rider in dict.fromkeys(entry["rider"] for entry in summary["rides"]):
         mine = [entry for entry in summary["rides"] if entry["rider"] == rider]
@@ -151,6 +151,6 @@ def robustness(experiment: Experiment, summary: Summary) -> Verdict:
 
 
 def cause(experiment: Experiment, summary: Summary) -> Verdict:
-    """What the rides came to with each change; the paper claims nothing about it."""
+    """Return the results of the rides with each change; the paper claims nothing about it."""
     names = tuple(dict.fromkeys(entry["rider"] for entry in summary["rides"]))
     return Verdict((), (arrivals(summary, experiment, names),))

@@ -21,19 +21,19 @@ from bicycle_controller.training.run_folder import origin
 from bicycle_sim.plants.choi.parameters import Physics
 
 RUNS = "runs"
-"""Folder of the training runs beside the figures'."""
+"""Folder of the training runs, beside the figures' folders."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """What the command line says about a reproduction."""
+    """Command-line options of a reproduction."""
 
     out: Path
     short: bool = False
     arms: tuple[str, ...] = ()
     """Names of the arms to train; all by default."""
     train: bool = True
-    """Whether to train, or only to ride what is trained already."""
+    """True to train; False to ride only what is trained already."""
     address: str | None = None
     parallel: int = 1
     device: str = "cpu"
@@ -41,13 +41,13 @@ class Options:
 
 
 def reproduce(experiment: Experiment, mode: str, length: Length, options: Options) -> int:
-    """Make the experiment's data and picture in `OUT/NAME/MODE`.
+    """Create the experiment's data and picture in `OUT/NAME/MODE`.
 
     Returns:
         The number of the signal that stopped it, or 0.
 
     Raises:
-        ValueError: when a run of another kind is in the way.
+        ValueError: if the folder contains a run of another kind.
     """
     out, progress = options.out, options.progress
     experiment = limited(experiment, length)
@@ -80,7 +80,7 @@ def reproduce(experiment: Experiment, mode: str, length: Length, options: Option
 
 
 def redraw(experiment: Experiment, mode: str, out: Path) -> bool:
-    """Make summary and picture again from the data, if there is any; whether there is."""
+    """Recreate summary and picture from the data; return True if there is any."""
     folder = out / experiment.name / mode
     if not (folder / "run.json").exists():
         return False
@@ -90,7 +90,7 @@ def redraw(experiment: Experiment, mode: str, out: Path) -> bool:
 
 
 def _finish(experiment: Experiment, folder: Path) -> None:
-    """What follows from the raw data."""
+    """Write summary and picture from the raw data."""
     _write_json(folder / "summary.json", summary.summarise(folder))
     from bicycle_controller.reproduce.pictures import draw
 
@@ -100,7 +100,7 @@ def _finish(experiment: Experiment, folder: Path) -> None:
 def _write_training(
     folder: Path, experiment: Experiment, runs: list[training.Run], kept: Kept
 ) -> None:
-    """What the training episodes came to, and the ways of some."""
+    """Write the results of the training episodes, and the tracks of some."""
     limit = experiment.limit
     for name, read in ((summary.CURVES, logs.curves), (summary.EVALUATIONS, logs.evaluations)):
         rows = [row for run in runs for row in read(run, limit)]
@@ -121,7 +121,7 @@ def _write_rides(
     kept: Kept,
     progress: bool,
 ) -> None:
-    """What the rides without noise came to, and what the picture needs of them."""
+    """Write the results of the rides without noise, and the picture's data."""
     rows: list[Row] = []
     label = f"{experiment.name} {mode}"
     for item in tqdm(ridden, desc=label, unit="controller", disable=not progress, file=sys.stderr):
@@ -142,7 +142,7 @@ def _write_traces(
     count: int,
     kept: Kept,
 ) -> None:
-    """The states of a ride, the ways of many, or how their speed goes."""
+    """Write the states of a ride, the tracks of many, or their speed profile."""
     physics = Physics.named(mode)
     rows: dict[str, list[Row]] = {}
     best = next((item for item in ridden if item.role == "best" and item.seed == 0), None)

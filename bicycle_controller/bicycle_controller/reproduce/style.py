@@ -1,4 +1,4 @@
-"""What the figures have in common: colours by controller, a learning curve, a coloured way."""
+"""Elements shared by the figures: colours by controller, a learning curve, a coloured track."""
 
 from __future__ import annotations
 
@@ -44,18 +44,18 @@ STYLE: Any = plot_style.STYLE | {
     "legend.fontsize": 8,
 }
 STRETCHES = 20
-"""Points of a run that a curve is drawn through."""
+"""Number of points of a run's curve."""
 POINTS = 40
-"""Of a curve drawn over several runs."""
+"""Number of points of a curve over several runs."""
 
 
 def colour(name: str) -> str:
-    """Of a controller; the classical ones are dark."""
+    """Return the colour of a controller; the classical ones are dark."""
     return COLOURS.get(name, INK)
 
 
 def label(name: str) -> str:
-    """Of a controller, in a legend."""
+    """Return the label of a controller in a legend."""
     return LABELS.get(name, name)
 
 
@@ -66,12 +66,12 @@ def curve(
     look: dict[str, Any],
     factor: float = 1.0,
 ) -> bool:
-    """The mean of a column over the runs of `rows`, with its 95 % interval as a band.
+    """Draw the mean of a column over the runs of `rows`, with its 95 % interval as a band.
 
-    Beyond the end of the shortest run the longer ones go on as thin lines, one each.
+    Beyond the end of the shortest run the longer ones continue as thin lines, one each.
 
     Returns:
-        Whether there was anything to draw.
+        True if there was anything to draw.
     """
     runs = []
     for (seed,) in distinct(rows, "seed"):
@@ -97,13 +97,13 @@ def curve(
 
 
 def _thinned(values: np.ndarray) -> np.ndarray:
-    """Means of neighbours, so that no more than STRETCHES are left."""
+    """Average neighbours, so that no more than STRETCHES values are left."""
     width = -(-len(values) // STRETCHES)
     return np.array([values[i : i + width].mean() for i in range(0, len(values), width)])
 
 
 def by_age(axes: Axes, rows: list[Row]) -> LineCollection:
-    """Ways coloured from early (blue) to late (red)."""
+    """Draw tracks coloured from early (blue) to late (red)."""
     lines, ages = [], []
     for (episode,) in distinct(rows, "episode"):
         mine = select(rows, episode=episode)
@@ -117,7 +117,7 @@ def by_age(axes: Axes, rows: list[Row]) -> LineCollection:
 
 
 def as_map(axes: Axes) -> None:
-    """Equal scales in x and y, in metres."""
+    """Set equal scales in x and y, in metres."""
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.05)
     axes.autoscale_view()

@@ -1,4 +1,4 @@
-"""The numbers of RESULTS.md, from the raw data alone: `summarise` reads CSVs and nothing else."""
+"""Numbers of RESULTS.md from the raw data alone: `summarise` reads only CSVs."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from bicycle_controller.reproduce.tables import (
 CURVES, EVALUATIONS, RIDES = "curves.csv", "evaluations.csv", "rides.csv"
 TRACKS, WAYS, STATES, PROFILES = "tracks.csv", "ways.csv", "states.csv", "profiles.csv"
 TENTH = 0.1
-"""Share of a run that its beginning and its end are taken to be."""
+"""Share of a run that counts as its beginning and its end."""
 MEASURES = ("return", "steps", "reached", "fallen", "distance", "speed")
 TERMS = ("lean_angle", "lean_rate", "lean_acceleration", "heading_error")
 END_SECONDS = 1.0
-"""s of a ride that count as its end."""
+"""Duration at the end of a ride that counts as its end (s)."""
 
 
 def summarise(folder: Path) -> dict[str, Any]:
-    """What a folder's CSVs say, ready for JSON; see the parts for its keys."""
+    """Summarise a folder's CSVs, ready for JSON; see the parts for its keys."""
     return {
         "training": training(read_table(folder / CURVES)),
         "rides": rides(read_table(folder / RIDES)),
@@ -39,7 +39,7 @@ def summarise(folder: Path) -> dict[str, Any]:
 
 
 def training(rows: list[Row]) -> list[dict[str, Any]]:
-    """Each arm on each variant: `first` and `last` tenth of its runs, [mean, low, high].
+    """Summarise each arm on each variant: `first` and `last` tenth of its runs, [mean, low, high].
 
     `return`, `steps` and so on are means per episode; the intervals are over the runs, and
     `return_by_run` is what they are made of. `length` is in full episodes, of the shortest run,
@@ -68,25 +68,25 @@ def training(rows: list[Row]) -> list[dict[str, Any]]:
 
 
 def _tenth(rows: list[Row], name: str, part: str) -> float:
-    """Mean over the episodes of the first or the last tenth of one run."""
+    """Return the mean over the episodes of the first or the last tenth of one run."""
     mine, weights = _within(rows, part), column(rows, "episodes")
     return float(np.average(column(rows, name)[mine], weights=weights[mine]))
 
 
 def _episodes(rows: list[Row], part: str) -> int:
-    """Episodes of the first or the last tenth of one run."""
+    """Return the number of episodes in the first or the last tenth of one run."""
     return int(column(rows, "episodes")[_within(rows, part)].sum())
 
 
 def _within(rows: list[Row], part: str) -> np.ndarray:
-    """Which rows of one run belong to its first or last tenth."""
+    """Return which rows of one run belong to its first or last tenth."""
     at = column(rows, "at")
     end = at.max()
     return at <= max(TENTH * end, at.min()) if part == "first" else at > (1.0 - TENTH) * end
 
 
 def rides(rows: list[Row]) -> list[dict[str, Any]]:
-    """Each controller on each variant, over the runs it was trained in.
+    """Summarise each controller on each variant, over the runs of its training.
 
     Rates are `tables.share` of all rides; `return`, `steps`, `time_s` and so on are [mean, low,
     high] over runs.
@@ -109,7 +109,7 @@ def rides(rows: list[Row]) -> list[dict[str, Any]]:
 
 
 def states(rows: list[Row]) -> list[dict[str, Any]]:
-    """Each controller's ride: the largest size of every state, and its size in the last second."""
+    """Summarise each controller's ride: every state's largest size, also in the last second."""
     found = []
     for rider, role in distinct(rows, "rider", "role"):
         mine = select(rows, rider=rider)
@@ -125,7 +125,7 @@ def states(rows: list[Row]) -> list[dict[str, Any]]:
 
 
 def profiles(rows: list[Row]) -> list[dict[str, Any]]:
-    """Each controller's mean speed at the start, at its least, after 100 steps and at the end."""
+    """Summarise each controller's mean speed: start, least, after 100 steps, end."""
     found = []
     for rider, variant in distinct(rows, "rider", "variant"):
         mine = select(rows, rider=rider, variant=variant)

@@ -1,8 +1,8 @@
-"""The fields of the lines by hand: `{10 faithful authors reached}` becomes a number of the data.
+"""Fields of the handwritten summary: `{10 faithful authors reached}` becomes a number.
 
-A field names figure, physics and what is asked for: `verdict`, or a controller and a measure of
-its rides (`reached`, `fallen`, `return`, `steps`, `time_s`, `speed`) or of its training (`runs`,
-`first-return`, `last-return`). A controller's variant stands behind a slash, as
+A field names figure, physics and the requested value: `verdict`, or a controller and a measure
+of its rides (`reached`, `fallen`, `return`, `steps`, `time_s`, `speed`) or of its training
+(`runs`, `first-return`, `last-return`). A slash appends a controller's variant:
 `{12 faithful fast/d-0-cm reached}`.
 """
 
@@ -22,10 +22,10 @@ RIDES = ("return", "steps", "time_s", "speed")
 
 
 def filled(text: str, results: list[Result], source: Path) -> str:
-    """The text with its fields' values.
+    """Return the text with its fields replaced by their values.
 
     Raises:
-        ValueError: when a field asks for something that the results do not hold.
+        ValueError: if a field requests something that the results do not contain.
     """
 
     def value(match: re.Match[str]) -> str:

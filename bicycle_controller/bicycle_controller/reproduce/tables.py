@@ -1,4 +1,4 @@
-"""Raw data as CSV: lists of rows with the same keys, numbers where they are numbers."""
+"""Raw data as CSV: lists of rows with equal keys; numeric text becomes numbers."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from bicycle_controller.evaluation.evaluate import wilson
 from bicycle_controller.policy.policy import write_atomically
 
 EXACT, RESAMPLES = 5, 10_000
-"""Runs up to which every sample of them is drawn, and samples drawn of more."""
+"""Largest number of runs of which every sample is drawn, and number of samples for more runs."""
 Row = dict[str, Any]
 
 
 def write_table(path: Path, rows: Sequence[Row]) -> None:
-    """Write rows, of which every one has the keys of the first; None is an empty cell."""
+    """Write rows, which all have the keys of the first; None becomes an empty cell."""
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]) if rows else [], lineterminator="\n")
     writer.writeheader()
@@ -31,10 +31,10 @@ def write_table(path: Path, rows: Sequence[Row]) -> None:
 
 
 def read_table(path: Path) -> list[Row]:
-    """What `write_table` wrote, or nothing where there is no such file.
+    """Return the rows that `write_table` wrote; empty if there is no such file.
 
     Raises:
-        ValueError: when a line does not fit the header.
+        ValueError: if a line does not fit the header.
     """
     if not path.exists():
         return []
@@ -52,7 +52,7 @@ def _cell(value: Any) -> Any:
 
 
 def _value(text: str) -> Any:
-    """A number, None for nothing, or the text."""
+    """Parse a number, None for an empty cell, or the text."""
     if text == "":
         return None
     try:
@@ -63,19 +63,19 @@ def _value(text: str) -> Any:
 
 
 def column(rows: Iterable[Row], name: str) -> np.ndarray:
-    """One column's numbers, NaN where a cell is empty."""
+    """Return the numbers of one column, NaN for empty cells."""
     values = [math.nan if row[name] is None else row[name] for row in rows]
     return np.array(values, dtype=np.float64)
 
 
 def interval(values: Sequence[float] | np.ndarray) -> list[float | None]:
-    """[mean, low, high]: the mean of independent runs and its 95 % bootstrap interval.
+    """Return [mean, low, high]: the mean of independent runs and its 95 % bootstrap interval.
 
-    The means of all samples that may be drawn from the runs with replacement, from their 2.5 to
-    their 97.5 percentile: of two or three runs that is from the least to the largest. It never
-    leaves what was seen, so no share is above 1 and no return above 0.
+    The interval spans the 2.5 to the 97.5 percentile of the means of all samples drawn from the
+    runs with replacement; of two or three runs it spans the least to the largest. It never leaves
+    the observed range, so no share exceeds 1 and no return exceeds 0.
 
-    One run has no interval: low and high are None then; none at all gives three None.
+    One run has no interval: low and high are None; no run at all gives three None.
     """
     array = np.asarray(values, dtype=np.float64)
     array = array[np.isfinite(array)]
@@ -90,17 +90,17 @@ def interval(values: Sequence[float] | np.ndarray) -> list[float | None]:
 
 
 def _resamples(runs: int) -> np.ndarray:
-    """Indices (samples, runs): every sample where they are few, else RESAMPLES of them."""
+    """Return indices (samples, runs): every sample if there are few, else RESAMPLES of them."""
     if runs <= EXACT:
         return np.array(list(itertools.product(range(runs), repeat=runs)))
     return np.random.default_rng(0).integers(runs, size=(RESAMPLES, runs))
 
 
 def share(hits: Sequence[int] | np.ndarray, counts: Sequence[int] | np.ndarray) -> list[float]:
-    """[mean, low, high] of the shares `hits` of `counts`, one of each per run.
+    """Return [mean, low, high] of the shares `hits` of `counts`, one of each per run.
 
-    The interval holds both that over the runs (`interval`) and Wilson's over all that was
-    counted: the first knows how runs differ, the second that none in 100 is not never.
+    The interval contains both the one over the runs (`interval`) and Wilson's over all counts:
+    the first reflects differences between runs, the second that 0 in 100 is not never.
 
     Raises:
         ValueError: unless there is a run, and 0 <= hits <= count in each.
@@ -115,10 +115,10 @@ def share(hits: Sequence[int] | np.ndarray, counts: Sequence[int] | np.ndarray) 
 
 
 def select(rows: Iterable[Row], **wanted: Any) -> list[Row]:
-    """The rows with these values."""
+    """Return the rows with these values."""
     return [row for row in rows if all(row[key] == value for key, value in wanted.items())]
 
 
 def distinct(rows: Iterable[Row], *keys: str) -> list[tuple[Any, ...]]:
-    """The values of `keys` that occur, in the order of their first row."""
+    """Return the distinct values of `keys`, in the order of their first row."""
     return list(dict.fromkeys(tuple(row[key] for key in keys) for row in rows))

@@ -1,4 +1,4 @@
-"""The training runs of an experiment: which there are, and making them."""
+"""Training runs of an experiment: plan them and make them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Run:
 
     @property
     def succeeded(self) -> bool:
-        """Whether it is done and did not diverge."""
+        """True if it is done and did not diverge."""
         done = json.loads(self.job.result.read_text()) if self.job.result.exists() else {}
         return done.get("status", "failed") != "failed"
 
@@ -42,10 +42,10 @@ def plan(
     only: Iterable[str] = (),
     device: str = "cpu",
 ) -> list[Run]:
-    """Every run, those of the same seed together; two experiments may share some.
+    """Return every run, those of the same seed together; two experiments may share some.
 
     Args:
-        experiment: what is run.
+        experiment: whose runs are planned.
         out: folder of all runs.
         mode: `faithful` or `corrected`.
         length: seeds and episodes.
@@ -53,7 +53,7 @@ def plan(
         device: `cpu` or `cuda`.
 
     Raises:
-        ValueError: when a folder holds a run of another kind.
+        ValueError: if a folder contains a run of another kind.
     """
     chosen = set(only) or {arm.name for arm in experiment.arms}
     return [
@@ -95,7 +95,7 @@ def _run(
     base = variant.scenario or experiment.scenario
     plain = config.scenario == named(base)
     where = base if plain else f"{base}-{experiment.name}-{variant.name}"
-    # A run whose learning rate falls to its end cannot be made longer: it has a folder of its own.
+    # An annealed learning rate prevents a longer run, so it gets a folder of its own.
     annealed = config.learner.learning_rate_end < 1.0
     name = f"{arm.name}-{config.steps}" if annealed else arm.name
     folder = out / where / name / f"seed-{seed}"
@@ -104,18 +104,18 @@ def _run(
 
 
 def total_updates(config: RunConfig) -> int:
-    """Updates that a whole run makes."""
+    """Return the number of updates of a complete run."""
     rounds = max(0, config.steps - config.warm_up) // config.bicycles
     return rounds // config.rounds_between * config.updates_due
 
 
 def _lengthened(files: RunFolder, config: RunConfig) -> RunConfig:
-    """The configuration to go on with: that of the run there, if it is the same but for length.
+    """Return the configuration to use: an existing run's, if only its length differs.
 
-    A run that is longer than what is asked for stays as it is.
+    A run that is longer than requested stays as it is.
 
     Raises:
-        ValueError: when it is another run.
+        ValueError: if it is another run.
     """
     if not files.config.exists():
         return config
@@ -131,7 +131,7 @@ def _lengthened(files: RunFolder, config: RunConfig) -> RunConfig:
 
 
 def there(run: Run) -> Run | None:
-    """The run if it is done; else the longest of its kind that is, where lengths have folders."""
+    """Return the run if it is done; else the longest finished one, if lengths have folders."""
     if run.job.result.exists():
         return run
     kind = run.job.folder.parent
@@ -146,16 +146,16 @@ def there(run: Run) -> Run | None:
 
 
 def make(runs: list[Run], rides: int, address: str | None, parallel: int, progress: bool) -> int:
-    """Make the runs that are not done: here one after another, or with Ray several at once.
+    """Make the unfinished runs: here one after another, or with Ray several at once.
 
-    A run that another process makes is left to it, so that two calls share the work.
+    A run that another process is making is left to it, so that two calls share the work.
 
     Args:
         runs: from `plan`.
-        rides: of the score at the end of each.
+        rides: number of rides of each final score.
         address: of a Ray cluster.
-        parallel: runs at once on this machine; 1 does without Ray.
-        progress: whether to draw bars on standard error.
+        parallel: runs at once on this machine; 1 does not need Ray.
+        progress: True to draw bars on standard error.
 
     Returns:
         The number of the signal that stopped it, or 0.
@@ -168,7 +168,7 @@ def make(runs: list[Run], rides: int, address: str | None, parallel: int, progre
         sweep.sweep(left, rides, address, parallel, progress)
         return 0
     for number, job in enumerate(left, 1):
-        if job.result.exists():  # made by another process meanwhile
+        if job.result.exists():  # made by another process in the meantime
             continue
         if progress:
             print(f"run {number} of {len(left)}: {job.folder}", file=sys.stderr)
@@ -183,7 +183,7 @@ def make(runs: list[Run], rides: int, address: str | None, parallel: int, progre
 
 
 def _prepare(job: sweep.Job) -> None:
-    """Let a run that is done go on where a longer one is wanted."""
+    """Allow a finished run to continue if a longer one is requested."""
     files = RunFolder(job.folder)
     if files.config.exists() and loading.load(files.config).steps < job.config.steps:
         files.resumed_config([f"steps={job.config.steps}"])

@@ -1,8 +1,8 @@
-"""What a verdict is: the parts of a claim, each decided or open, and the words for it.
+"""Verdicts: the parts of a claim, each decided or open, and their wording.
 
-"Held" is said only of a part whose arm was run at the paper's length, with as many runs, and
-showed it. A shorter run leaves a part open; only what it cannot unlearn (that an algorithm which
-"cannot balance" balances) may be refuted early.
+"Held" requires a part whose arm was run at the paper's length, with as many runs, and showed it.
+A shorter run leaves a part open; only what cannot be unlearned (that an algorithm which "cannot
+balance" balances) may be refuted early.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ Entry = dict[str, Any]
 Summary = dict[str, Any]
 
 DDPG = "authors"
-"""The arm that a claim about the paper's DDPG is about."""
+"""Arm by which claims about the paper's DDPG are judged."""
 
 
 @dataclass(frozen=True)
@@ -25,22 +25,22 @@ class Part:
     """One part of what a figure claims."""
 
     claim: str
-    """In a few words, the paper's."""
+    """The paper's claim, in a few words."""
     shows: bool | None
-    """Whether the data show it; None where there are none."""
+    """True if the data show it; None without data."""
     shown: str
-    """What the data say."""
+    """What the data show."""
     at_length: bool = False
-    """Whether the runs behind it are as long and as many as the paper's."""
+    """True if its runs are as long and as many as the paper's."""
 
     @property
     def held(self) -> bool | None:
-        """None while it is open."""
+        """True or False if decided; None while it is open."""
         return self.shows if self.at_length else None
 
     @property
     def text(self) -> str:
-        """The part in a sentence's form."""
+        """The part as a sentence."""
         word = {True: "held", False: "did not hold", None: "open"}[self.held]
         if self.held is None and self.shows is not None:
             word += f" (so far {'yes' if self.shows else 'no'})"
@@ -49,17 +49,17 @@ class Part:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of a figure's claims."""
+    """Verdict on a figure's claims."""
 
     parts: tuple[Part, ...]
     notes: tuple[str, ...] = ()
-    """What is said besides: other controllers, arms that never arrive."""
+    """Notes: other controllers, arms that never arrive."""
 
     @property
     def word(self) -> str:
-        """In short, as `Held`, `Did not hold`, `Held in part (2 of 3)` or `Open (so far 1 of 3)`.
+        """Short form: `Held`, `Did not hold`, `Held in part (2 of 3)` or `Open (so far 1 of 3)`.
 
-        Where some parts are open and others decided, it says how many of each.
+        If some parts are open and others decided, it gives the number of each.
         """
         every = len(self.parts)
         if not every:
@@ -78,59 +78,59 @@ class Verdict:
 
 
 def not_run(claim: str) -> tuple[Part, ...]:
-    """The one part of a claim of whose arm there is no run."""
+    """Return the only part of a claim whose arm was not run."""
     return (Part(claim, None, f"`{DDPG}` was not run"),)
 
 
 def at_length(experiment: Experiment, *entries: Entry | None) -> bool:
-    """Whether all these arms' runs are as long and as many as the paper's."""
+    """Return True if the runs of all these arms are as long and as many as the paper's."""
     return not any(is_short(experiment, entry) for entry in entries)
 
 
 def is_short(experiment: Experiment, entry: Entry | None) -> bool:
-    """Whether an arm's runs are missing, or shorter or fewer than what is asked of it."""
+    """Return True if an arm's runs are missing, or shorter or fewer than requested."""
     if entry is None or entry["runs"] < experiment.full.seeds:
         return True
     return bool(entry["length"] < 0.99 * asked(experiment, entry["arm"]))
 
 
 def asked(experiment: Experiment, arm: str) -> float:
-    """Episodes that a run of an arm should have: the paper's, or as many as suffice for ours."""
+    """Return the episodes required of an arm's run: the paper's, or enough for ours."""
     full = float(experiment.full.episodes)
     most = next((item.most_steps for item in experiment.arms if item.name == arm), 0)
     return min(full, most / experiment.limit) if most else full
 
 
 def training(summary: Summary, **wanted: str) -> Entry | None:
-    """What an arm's training came to, or None."""
+    """Return the training results of an arm, or None."""
     return first(summary["training"], **wanted)
 
 
 def rides(summary: Summary, **wanted: str) -> Entry | None:
-    """What a controller's rides came to, or None."""
+    """Return the ride results of a controller, or None."""
     return first(summary["rides"], **wanted)
 
 
 def first(entries: list[Entry], **wanted: str) -> Entry | None:
-    """The first entry with these values."""
+    """Return the first entry with these values."""
     fits = (e for e in entries if all(e[key] == value for key, value in wanted.items()))
     return next(fits, None)
 
 
 def over(experiment: Experiment, entry: Entry) -> str:
-    """Over what length an entry speaks."""
+    """Return the length that an entry covers, as text."""
     text = f"{entry['runs']} × {lengths(entry)} episodes"
     full = f"{experiment.full.seeds} × {number(asked(experiment, entry['arm']))}"
     return f"{text} of {full}" if is_short(experiment, entry) else text
 
 
 def of_runs(entry: Entry) -> str:
-    """Says that a number is a mean over runs, where it is."""
+    """Return a note that a number is a mean over runs, if it is."""
     return f" (mean of {entry['runs']} runs)" if entry["runs"] > 1 else ""
 
 
 def arrivals(summary: Summary, experiment: Experiment, names: tuple[str, ...]) -> str:
-    """Shares of goals without noise, with those that never arrive or were not run named so."""
+    """Return the shares of goals without noise; name arms that never arrive or were not run."""
     parts = []
     for name in names:
         mine = [entry for entry in summary["rides"] if entry["rider"] == name]
@@ -143,7 +143,7 @@ def arrivals(summary: Summary, experiment: Experiment, names: tuple[str, ...]) -
 
 
 def arrival(entry: Entry, label: str) -> str:
-    """One controller's share of goals on a variant."""
+    """Return one controller's share of goals on a variant."""
     about = [label] if label else []
     about += [f"mean of {entry['runs']} runs"] if entry["runs"] > 1 else []
     return percent(entry["reached"][0]) + (f" ({', '.join(about)})" if about else "")

@@ -1,1 +1,1 @@
-"""The learning process of the trainer node, and its client."""
+"""Learning process of the trainer node, and its client."""

@@ -1,7 +1,7 @@
-"""The learning process as the trainer node sees it: started, fed, listened to and ended.
+"""Client of the learning process, for the trainer node: start, feed, poll and stop.
 
-Learning runs in a process of its own, so that neither its arithmetic nor its lock on the
-interpreter can hold up a callback; torch is imported there only.
+Learning runs in its own process, so that neither its computation nor its interpreter lock can
+block a callback; only that process imports torch.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from bicycle_controller.trainer_service.order import TrainingOrder
 NICE = 10
 """Added to the learning process's niceness: the loop and the controller come first."""
 PATIENCE = 60.0
-"""s for the learning process to save and end."""
+"""Time for the learning process to save and end (s)."""
 
 SET_PARENT_DEATH_SIGNAL = 1
 """PR_SET_PDEATHSIG of Linux' prctl(2)."""
@@ -42,37 +42,37 @@ class TrainerClient:
 
     @property
     def alive(self) -> bool:
-        """Whether it still runs."""
+        """True if it still runs."""
         return self._process.is_alive()
 
     def feed(self, rows: np.ndarray) -> None:
-        """Hand over packed transitions; never waits."""
+        """Send packed transitions; never blocks."""
         self._inbox.put(("rows", rows))
 
     def beat(self, name: str) -> None:
-        """Name the policy that candidates must beat: a file, a shipped policy, or lqr."""
+        """Set the policy that candidates must beat: a file, a shipped policy, or lqr."""
         self._inbox.put(("beat", name))
 
     def in_charge(self, policy_id: str) -> None:
-        """Tell that an offered policy has been loaded, and is the one to beat now."""
+        """Report that an offered policy has been loaded and is the new baseline."""
         self._inbox.put(("in charge", policy_id))
 
     def news(self) -> list[dict[str, Any]]:
-        """What it has told since the last call."""
+        """Return its reports since the last call."""
         found: list[dict[str, Any]] = []
         try:
             while self._outbox.poll():
                 found.append(self._outbox.recv())
         except (EOFError, OSError):
-            pass  # it has ended; `alive` tells
+            pass  # it has ended; see `alive`
         return found
 
     def stop(self) -> bool:
-        """End it; whether it saved and ended by itself."""
+        """Stop it; return True if it saved and ended by itself."""
         self._inbox.cancel_join_thread()
         self._inbox.close()
         if self._process.is_alive() and self._process.pid is not None:
-            with contextlib.suppress(PermissionError):  # only a superuser may take niceness back
+            with contextlib.suppress(PermissionError):  # only a superuser may lower niceness
                 os.setpriority(os.PRIO_PROCESS, self._process.pid, 0)
             self._process.terminate()
             self._process.join(PATIENCE)
@@ -84,20 +84,20 @@ class TrainerClient:
 
 
 def _end_with_parent() -> None:
-    """Have the kernel send SIGTERM when the node is gone, killed while torch loads, say."""
+    """Ask the kernel to send SIGTERM when the node ends, for example while torch loads."""
     parent = multiprocessing.parent_process()
     ctypes.CDLL(None).prctl(SET_PARENT_DEATH_SIGNAL, signal.SIGTERM)
     if parent is not None and os.getppid() != parent.pid:
-        os._exit(1)  # it went before the kernel was asked
+        os._exit(1)  # the node ended before the kernel was asked
 
 
 def _work(order: TrainingOrder, inbox: Any, outbox: Any) -> None:
-    """The learning process's beginning."""
-    os.setsid()  # a terminal's Ctrl-C is for the node, which ends this process in its own time
+    """Run the learning process."""
+    os.setsid()  # a terminal's Ctrl-C is for the node, which stops this process in its own time
     os.nice(NICE)
     _end_with_parent()
     from bicycle_controller.trainer_service.worker import work
 
     work(order, inbox, outbox)
     outbox.close()
-    os._exit(0)  # all is on the disk; torch takes a second to leave by itself
+    os._exit(0)  # everything is saved; torch takes a second to shut down by itself

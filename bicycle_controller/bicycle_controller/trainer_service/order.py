@@ -1,4 +1,4 @@
-"""What the learning process is to do."""
+"""Order for the learning process."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from bicycle_sim.task.scenario import Scenario
 
 @dataclass(frozen=True)
 class TrainingOrder:
-    """What the learning process is to do."""
+    """Settings of the learning process."""
 
     folder: Path
-    """The run's; see `run_folder`."""
+    """Folder of the run; see `run_folder`."""
     preset: str
     overrides: tuple[str, ...]
     bags: tuple[str, ...]
-    """Recorded rides to learn from, in live mode to begin with."""
+    """Recorded rides to learn from; in live mode they come first."""
     live: bool
-    """Whether transitions come while it learns."""
+    """True if transitions arrive during learning."""
     resume: bool
-    """Whether to go on with the run in the folder."""
+    """True to resume the run in the folder."""
     warm_up: int
     """Transitions before the first update, in live mode."""
     updates_per_step: float
-    """Most updates for each transition that has come, in live mode."""
+    """Largest number of updates per received transition, in live mode."""
     scenario: Scenario | None = None
-    """That of the running simulator; None takes the bags'."""
+    """Scenario of the running simulator; None uses the bags'."""
     physics: Physics | None = None

@@ -1,4 +1,4 @@
-"""What the learning process does between two looks at its inbox: update, try, offer, save."""
+"""Main loop of the learning process: update, evaluate, offer, save."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from bicycle_controller.training.run_folder import RunFolder
 from bicycle_controller.training.signals import InterruptError, StopRequest
 
 TELL = 0.5
-"""s between two reports."""
+"""Period of reports (s)."""
 NAP = 0.02
-"""s to sleep while there is nothing to do."""
+"""Sleep while there is nothing to do (s)."""
 MEMORY = "memory.f32"
-"""In the checkpoint's folder: the rows of the replay memory as they came, float32."""
+"""Rows of the replay memory in order of arrival, float32, in the checkpoint's folder."""
 
 
 def work(order: TrainingOrder, inbox: Any, outbox: Any) -> None:
-    """Learn until SIGTERM, or until the parent is gone."""
-    tqdm.set_lock(threading.RLock())  # its own is for many processes and must be cleaned up
+    """Learn until SIGTERM, or until the parent has ended."""
+    tqdm.set_lock(threading.RLock())  # the default lock spans processes and needs a clean-up
     with contextlib.suppress(BrokenPipeError):
         try:
             Worker(order, inbox, outbox).run()
@@ -47,7 +47,7 @@ def work(order: TrainingOrder, inbox: Any, outbox: Any) -> None:
 
 
 class Worker:
-    """A learner, what feeds it, and the policy that its candidates must beat."""
+    """A learner, its data, and the policy that its candidates must beat."""
 
     def __init__(self, order: TrainingOrder, inbox: Any, outbox: Any) -> None:
         self._order, self._inbox, self._outbox = order, inbox, outbox
@@ -85,13 +85,13 @@ class Worker:
                         saved = time.monotonic()
                 self._save(log)
 
-    # Beginning.
+    # Start.
 
     def _open(self) -> None:
-        """Make the learner, or take up the one of the folder.
+        """Create the learner, or restore that of the folder.
 
         Raises:
-            ValueError: on bags, a configuration or a folder that will not do.
+            ValueError: on unsuitable bags, configuration or folder.
         """
         order = self._order
         if order.live:
@@ -112,7 +112,7 @@ class Worker:
         return config
 
     def _data(self) -> dataset.Dataset:
-        """The bags, checked."""
+        """Read the bags and check them."""
         data = dataset.load(self._order.bags, self._order.scenario)
         for warning in dataset.check(data):
             self._say(note=warning)
@@ -139,10 +139,10 @@ class Worker:
         elif order.bags:
             self._keep(dataset.memory_rows(self._data(), ddpg))
 
-    # Feeding.
+    # Data.
 
     def _receive(self) -> None:
-        """Take in all that has come."""
+        """Read all that has arrived."""
         while True:
             try:
                 kind, value = self._inbox.get_nowait()
@@ -167,12 +167,12 @@ class Worker:
             self._keep(self._returns.push(*(column[one] for column in columns)))
 
     def _keep(self, rows: np.ndarray) -> None:
-        """Put rows that are new into the memory and its file."""
+        """Put new rows into the memory and its file."""
         self._fill(rows)
         self._file.add(rows)
 
     def _fill(self, rows: np.ndarray) -> None:
-        """Put rows into the memory; of more than it holds, the last remain."""
+        """Put rows into the memory; keep the last ones if they exceed its capacity."""
         memory = self._learner.replay
         for first in range(0, len(rows), memory.capacity):
             memory.add(rows[first : first + memory.capacity])
@@ -180,7 +180,7 @@ class Worker:
     # Learning.
 
     def _turn(self, log: Logger, interrupt: StopRequest) -> None:
-        """One thing: score what must be beaten, try a candidate, make some updates, or nap."""
+        """Do one thing: score the baseline, evaluate a candidate, make some updates, or sleep."""
         learner = self._learner
         try:
             if self._to_beat:
@@ -209,7 +209,7 @@ class Worker:
         return learner.updates < order.updates_per_step * self._file.rows
 
     def _progress(self) -> float:
-        """Share of the run that is done; a live one has no end."""
+        """Return the finished share of the run; a live run has no end."""
         done = self._learner.updates / self._learner.config.offline_updates
         return 0.0 if self._order.live else done
 
@@ -223,7 +223,7 @@ class Worker:
             self._offer()
 
     def _score_bar(self) -> None:
-        """Ride the policy in charge as candidates are ridden."""
+        """Evaluate the active policy as candidates are evaluated."""
         name, self._to_beat = self._to_beat, ""
         config = self._learner.config
         try:
@@ -240,7 +240,7 @@ class Worker:
         self._offer()
 
     def _offer(self) -> None:
-        """Offer the best policy if it beats the one in charge."""
+        """Offer the best policy if it beats the active one."""
         best, found = self._best, self._learner.best
         if best is None or found is None or self._bar is None or found.rank <= self._bar.rank:
             return
@@ -249,13 +249,13 @@ class Worker:
         self._offers[best.policy_id] = found
         self._say(offer=str(path.resolve()), policy=best.policy_id)
 
-    # Telling and saving.
+    # Reports and checkpoints.
 
     def _say(self, **values: Any) -> None:
         self._outbox.send(values)
 
     def _tell(self) -> None:
-        """Report where things stand, twice a second."""
+        """Report the progress, twice a second."""
         if time.monotonic() - self._told < TELL:
             return
         self._told = time.monotonic()
@@ -276,7 +276,7 @@ class Worker:
         )
 
     def _save(self, log: Logger) -> None:
-        """Write the checkpoint; of the memory only what has come since the last time."""
+        """Write the checkpoint; of the memory only the rows since the last one."""
         extra: dict[str, Any] = {}
         if self._order.live:
             self._file.save()

@@ -1,1 +1,1 @@
-"""Training runs: collecting, learning, checkpoints, logs and sweeps."""
+"""Training runs: collection, learning, checkpoints, logs and sweeps."""

@@ -1,4 +1,4 @@
-"""The whole state of a run in one file, written whole or not at all."""
+"""Complete state of a run in one file, written atomically."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import torch
 from bicycle_controller.policy.policy import write_atomically
 
 VERSION = 2
-"""Of the file's layout; a file of another version is refused."""
+"""Version of the file's layout; other versions are refused."""
 
 _ARRAY = "__array__"
 
@@ -23,7 +23,7 @@ def save(path: Path, state: dict[str, Any]) -> None:
     """Write nested dictionaries, lists, tensors, arrays and plain values.
 
     Raises:
-        OSError: when the file cannot be written; an older one stays as it was.
+        OSError: if the file cannot be written; an older one is kept.
     """
     buffer = io.BytesIO()
     torch.save({"version": VERSION, "state": _packed(state)}, buffer)
@@ -31,10 +31,10 @@ def save(path: Path, state: dict[str, Any]) -> None:
 
 
 def load(path: Path) -> dict[str, Any]:
-    """Read what `save` wrote, tensors on the CPU; nothing in the file is run.
+    """Read the state that `save` wrote, tensors on the CPU; nothing in the file is executed.
 
     Raises:
-        ValueError: when it cannot be read, is damaged or of another version.
+        ValueError: if it cannot be read, is damaged or has another version.
     """
     try:
         found = torch.load(path, map_location="cpu", weights_only=True)
@@ -51,10 +51,10 @@ def load(path: Path) -> dict[str, Any]:
 
 
 def restore(path: Path, take: Callable[[dict[str, Any]], None]) -> None:
-    """Give the state in a file to `take`.
+    """Pass the state in a file to `take`.
 
     Raises:
-        ValueError: as `load`, or the file lacks something that `take` looks for.
+        ValueError: as `load`, or if the file lacks something that `take` needs.
     """
     state = load(path)
     try:
@@ -68,7 +68,7 @@ def restore(path: Path, take: Callable[[dict[str, Any]], None]) -> None:
 
 
 def _packed(value: Any) -> Any:
-    """Arrays as tensors with a mark, since the safe reader knows tensors only."""
+    """Replace arrays by marked tensors, because the safe reader knows only tensors."""
     if isinstance(value, dict):
         return {key: _packed(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -21,16 +21,16 @@ from bicycle_sim.plants.choi.dynamics import State
 from bicycle_sim.task.task import BicycleTask, Step
 
 FAR = 20.0
-"""m from which on a goal is as far as any for a critic that sees the distance."""
+"""Distance beyond which a critic sees all goals as equally far (m)."""
 
 
 def driven(limits: np.ndarray) -> np.ndarray:
-    """Indices of the actions that a policy chooses: those whose limit is above zero."""
+    """Return the indices of the actions that a policy chooses: those with a limit above zero."""
     return np.flatnonzero(limits > 0)
 
 
 def observations(learner: LearnerConfig) -> int:
-    """Numbers per observation in the memory: the actor's, and what only the critic sees."""
+    """Return the numbers per observation in the memory: the actor's and the critic's extra."""
     return OBSERVATIONS + len(_extras(learner))
 
 
@@ -39,16 +39,16 @@ def _extras(learner: LearnerConfig) -> tuple[str, ...]:
 
 
 def teaches(learner: LearnerConfig) -> bool:
-    """Whether the memory holds what a teacher would have done."""
+    """Return True if the memory stores a teacher's actions."""
     return isinstance(learner, DdpgConfig) and learner.bc_to == "teacher"
 
 
 class Collector:
-    """The bicycles, their noise and the transitions still pending.
+    """Bicycles, their noise and the pending transitions.
 
     Attributes:
-        steps: environment steps made, over all bicycles.
-        rounds: steps of all bicycles made.
+        steps: environment steps made, summed over all bicycles.
+        rounds: number of steps that all bicycles made.
     """
 
     def __init__(self, config: RunConfig, replay: Memory, device: str = "cpu") -> None:
@@ -56,8 +56,8 @@ class Collector:
 
         Args:
             config: of the run.
-            replay: where transitions go.
-            device: where the bicycles are stepped, as torch names it.
+            replay: memory for the transitions.
+            device: torch's name of the device on which the bicycles are stepped.
         """
         self.config, self.replay = config, replay
         seeds = np.random.SeedSequence(config.seed).spawn(3)
@@ -93,7 +93,7 @@ class Collector:
         self.log = EpisodeLog(record, self.task) if record.episodes else None
 
     def step(self, agent: Chooser) -> None:
-        """Step every bicycle once and store the transitions that are complete."""
+        """Step every bicycle once and store the completed transitions."""
         shown = self._shown()
         action = self._chosen(agent, shown)
         physical = np.zeros((self.config.bicycles, 3))
@@ -118,7 +118,7 @@ class Collector:
         self.observation = self._after(step)
 
     def _seen(self, observation: np.ndarray) -> np.ndarray:
-        """The observation (N, 6) with what only the critic sees to its right."""
+        """Return the observation (N, 6) with the critic's extra inputs to its right."""
         extras = _extras(self.config.learner)
         if not extras:
             return observation
@@ -129,28 +129,28 @@ class Collector:
         return np.column_stack([observation, *(values[name] for name in extras)])
 
     def _spared(self, step: Step) -> np.ndarray | float:
-        """The part of equation 20 that training does without, (N,)."""
+        """Return the part of equation 20 that training omits, (N,)."""
         share = self.config.shaping.heading_share
         return 0.0 if share == 1.0 else (1.0 - share) * step.terms["heading_error"]
 
     def _progress(self, step: Step) -> np.ndarray | float:
-        """What is taken off for progress missed, (N,), see `ShapingConfig`."""
+        """Return the cost of missing progress, (N,), see `ShapingConfig`."""
         if self.config.shaping.progress == 0.0:
             return 0.0
         nearer = self.task.state.speed * np.cos(step.observation[:, 5])
         return self.config.shaping.progress * (nearer / self.top_speed - 1.0)
 
     def _shown(self) -> np.ndarray | None:
-        """What the teacher would do with every bicycle, normalised, (N, actions)."""
+        """Return the teacher's actions for all bicycles, normalised, (N, actions)."""
         if self.teacher is None:
             return None
         action = self.teacher.act(self.observation, self.task.state.speed)
         return np.clip(action[:, self.driven] / self._spread, -1.0, 1.0)
 
     def _chosen(self, agent: Chooser, shown: np.ndarray | None) -> np.ndarray:
-        """Normalised actions (N, actions): at random in the warm-up, else the noisy policy's.
+        """Return normalised actions (N, actions): random in the warm-up, else the noisy policy's.
 
-        Where the teacher rides it is its action, with the same noise.
+        A bicycle that the teacher rides gets its action, with the same noise.
         """
         size = (self.config.bicycles, len(self.driven))
         if self.steps < self.config.warm_up:
@@ -163,10 +163,10 @@ class Collector:
         return self._finite(np.minimum(np.maximum(action, -1.0), 1.0))
 
     def _finite(self, action: np.ndarray) -> np.ndarray:
-        """The actions as they are.
+        """Return the actions unchanged.
 
         Raises:
-            RuntimeError: when one is not finite.
+            RuntimeError: if one is not finite.
         """
         if not np.isfinite(action).all():
             raise RuntimeError(
@@ -176,7 +176,7 @@ class Collector:
         return action
 
     def _after(self, step: Step) -> np.ndarray:
-        """Start again what has ended; the observation (N, 6) to act on next."""
+        """Restart ended episodes; return the next observation (N, 6)."""
         self.episode_return += step.reward
         ended = step.terminated | step.truncated | (step.fallen & self.absorbing)
         if self.log is not None:
@@ -200,7 +200,7 @@ class Collector:
         return self.task.observation()
 
     def metrics(self) -> dict[str, float]:
-        """Episodes, mean return, goal and fall rate since the last call."""
+        """Return episodes, mean return, goal and fall rate since the last call."""
         totals, episodes = self.totals, max(self.totals["episodes"], 1.0)
         self.totals = dict.fromkeys(totals, 0.0)
         return {
@@ -211,12 +211,12 @@ class Collector:
         }
 
     def flush(self, folder: Path) -> None:
-        """Put the episodes that have ended on the disk, where they are recorded."""
+        """Write the ended episodes to the disk, if they are recorded."""
         if self.log is not None:
             self.log.flush(folder)
 
     def state_dict(self) -> dict[str, Any]:
-        """Bicycles, noise, generators, pending transitions and counters."""
+        """Return bicycles, noise, generators, pending transitions and counters."""
         task = self.task
         arrays = ("steps", "fallen", "goal_x", "goal_y", "_frozen_reward")
         return {
@@ -234,7 +234,7 @@ class Collector:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state`, to the bit."""
+        """Restore `state`, to the bit."""
         self.task.state = State(**state["state"])
         for name, value in state["task"].items():
             setattr(self.task, name, value)

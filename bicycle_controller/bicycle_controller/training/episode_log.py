@@ -1,4 +1,4 @@
-"""What every training episode came to, and the ways of some: `episodes.csv` and `tracks.csv`.
+"""Result of every training episode, and tracks of some: `episodes.csv` and `tracks.csv`.
 
 episodes.csv, a line for each episode in the order in which they ended:
 
@@ -40,14 +40,14 @@ TRACK_COLUMNS = ("episode", "step", "x", "y", "speed")
 
 
 class EpisodeLog:
-    """Adds up the episodes under way of N bicycles; `flush` puts those that ended on the disk.
+    """Accumulates the running episodes of N bicycles; `flush` writes the ended ones to the disk.
 
-    What is on the disk and what is under way is all in `state_dict`, so that a run that goes
-    on from a checkpoint writes the same bytes as one that never stopped.
+    `state_dict` contains the state of the disk and of the running episodes, so that a resumed run
+    writes the same bytes as an uninterrupted one.
     """
 
     def __init__(self, config: RecordConfig, task: BicycleTask) -> None:
-        """Begin with every bicycle where it is."""
+        """Start with every bicycle in its current state."""
         count = task.count
         self.config = config
         self.number = np.zeros(count, dtype=np.int64)
@@ -63,7 +63,7 @@ class EpisodeLog:
         self.begin(task, np.ones(count, dtype=bool))
 
     def begin(self, task: BicycleTask, mask: np.ndarray) -> None:
-        """New episodes of the bicycles of `mask`, bool (N,), from where they are."""
+        """Start new episodes of the bicycles of `mask`, bool (N,), in their current state."""
         who = np.flatnonzero(mask)
         self.number[who] = self.begun + np.arange(len(who))
         self.begun += len(who)
@@ -75,13 +75,13 @@ class EpisodeLog:
                 self.open[int(index)] = [self._point(task, index)]
 
     def add(self, task: BicycleTask, step: Step, ended: np.ndarray, steps: int) -> None:
-        """Take in one step of all; those of `ended`, bool (N,), end with it.
+        """Add one step of all; those of `ended`, bool (N,), end with it.
 
         Args:
             task: after the step, before any restart.
-            step: what it gave.
+            step: its result.
             ended: bool (N,), whose episode ends.
-            steps: environment steps made so far, over all bicycles.
+            steps: environment steps made so far, summed over all bicycles.
         """
         standing = ~step.fallen
         self.upright += standing
@@ -97,7 +97,7 @@ class EpisodeLog:
     def _end(
         self, task: BicycleTask, step: Step, terms: np.ndarray, ended: np.ndarray, steps: int
     ) -> None:
-        """Rows for the episodes that end; a fall's last terms count to the step limit."""
+        """Add rows for the episodes that end; a fall's last terms repeat to the step limit."""
         limit = task.scenario.max_steps
         left = np.where(step.fallen, limit - task.steps, 0)
         sums = self.terms + left[:, None] * terms
@@ -119,13 +119,13 @@ class EpisodeLog:
                 self.track_rows += points
 
     def _point(self, task: BicycleTask, index: Any) -> tuple[float, ...]:
-        """A line of tracks.csv."""
+        """Return a line of tracks.csv."""
         state = task.state
         where = (float(state.rear_x[index]), float(state.rear_y[index]), float(state.speed[index]))
         return (float(self.number[index]), float(task.steps[index]), *where)
 
     def flush(self, folder: Path) -> None:
-        """Append what has ended to the files of `folder`, after what the checkpoint knows."""
+        """Append ended episodes to the files of `folder`, after the part in the checkpoint."""
         for name, columns, rows in (
             (EPISODES, COLUMNS, self.rows),
             (TRACKS, TRACK_COLUMNS, self.track_rows),
@@ -143,7 +143,7 @@ class EpisodeLog:
         self.rows, self.track_rows = [], []
 
     def state_dict(self) -> dict[str, Any]:
-        """What is under way, and how long the files are; after `flush` nothing else is left."""
+        """Return the running episodes and the files' lengths; complete after `flush`."""
         names = ("number", "upright", "terms", "speed", "start")
         return {name: getattr(self, name).copy() for name in names} | {
             "begun": self.begun,
@@ -154,16 +154,16 @@ class EpisodeLog:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state`."""
+        """Restore `state`."""
         for name, value in state.items():
             setattr(self, name, value)
 
 
 def read_columns(path: Path) -> dict[str, np.ndarray]:
-    """The columns of a CSV file of numbers by name, each float64 (lines,).
+    """Return the columns of a CSV file of numbers by name, each float64 (lines,).
 
     Raises:
-        ValueError: when it cannot be read, or a line is not as long as the first.
+        ValueError: if it cannot be read, or lines differ in length.
     """
     try:
         with path.open() as file:

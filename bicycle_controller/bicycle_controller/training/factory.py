@@ -1,4 +1,4 @@
-"""From a run's configuration to its agent, its memory and its collector."""
+"""Creation of a run's agent, memory and collector from its configuration."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bicycle_controller.training.rollout_collector import RolloutCollector
 
 
 def make_agent(config: RunConfig, device: str) -> Agent:
-    """The learner; the fused DDPG supports every switch, so `auto` means it."""
+    """Create the learner; the fused DDPG supports every switch, so `auto` selects it."""
     learner, actions = config.learner, _actions(config)
     if isinstance(learner, NafConfig):
         return Naf(learner, actions, config.seed, device)
@@ -27,7 +27,7 @@ def make_agent(config: RunConfig, device: str) -> Agent:
 
 
 def make_memory(config: RunConfig, device: str) -> Memory:
-    """A replay memory, or for PPO the rollout between two rounds of updates."""
+    """Create a replay memory, or for PPO the rollout between two rounds of updates."""
     learner, actions = config.learner, _actions(config)
     if isinstance(learner, (DdpgConfig, NafConfig)):
         return ReplayBuffer(
@@ -37,7 +37,7 @@ def make_memory(config: RunConfig, device: str) -> Memory:
 
 
 def make_collector(config: RunConfig, memory: Memory, device: str = "cpu") -> Collector:
-    """The bicycles, exploring by noise or by PPO's own distribution."""
+    """Create the bicycles, which explore by noise or by PPO's own distribution."""
     kind = Collector if config.ppo is None else RolloutCollector
     return kind(config, memory, device)
 

@@ -1,7 +1,7 @@
-"""Updates from a replay memory that somebody else fills: recorded rides, or live ones.
+"""Updates from a replay memory that others fill: with recorded rides, or live ones.
 
-The learner looks at candidates as `train` does: it rides them in the vectorised simulator from
-fixed starts and keeps the best, by rides and never by losses.
+Candidates are evaluated as in `online`: they ride in the vectorised simulator from fixed starts,
+and the best is kept, judged by rides and never by losses.
 """
 
 from __future__ import annotations
@@ -27,31 +27,31 @@ from bicycle_controller.training.online import usable_device
 from bicycle_controller.training.run_folder import RunFolder, origin
 
 CHUNK = 10
-"""Updates between two looks at the clock and at signals; their batches are drawn at once."""
+"""Updates between two checks of the clock and of signals; their batches are drawn at once."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One actor on trial."""
+    """One evaluated actor."""
 
     policy: Policy
     score: Score
     q_policy: float | None
-    """Mean Q of its own actions, in scaled reward; None before it was measured."""
+    """Mean Q of its own actions, in scaled reward; None before it is measured."""
     kept: bool
-    """Whether it is the best so far, in `best.safetensors`."""
+    """True if it is the best so far, in `best.safetensors`."""
 
     @property
     def dreams(self) -> bool:
-        """Whether its critic promises what no reward can give: every true value is below 0."""
+        """True if the critic's mean Q is above 0, the largest possible return."""
         return self.q_policy is not None and self.q_policy > 0
 
 
 def ddpg_of(config: RunConfig) -> DdpgConfig:
-    """The algorithm, where it is one that can learn from what another policy did.
+    """Return the DDPG configuration of a run that can learn from another policy's actions.
 
     Raises:
-        ValueError: when it is not, or when it wants what no transition of a bag holds.
+        ValueError: on another algorithm, or if it needs data that bags do not contain.
     """
     foreign = {
         "ddpg.critic_sees": config.ddpg is not None and config.ddpg.critic_sees,
@@ -78,12 +78,12 @@ class Learner:
     Attributes:
         updates: critic updates made.
         best: score of the best policy so far.
-        refused: candidates that were not kept because their critic dreams.
-        evaluation_due: whether the next candidate is to be scored.
+        refused: candidates rejected because their critic overestimates.
+        evaluation_due: True if the next candidate must be scored.
     """
 
     def __init__(self, config: RunConfig, files: RunFolder, replay: ReplayBuffer) -> None:
-        """Draw the networks; `replay` may be filled later."""
+        """Initialise the networks; `replay` may be filled later."""
         torch.set_num_threads(config.threads)
         self.config, self.files, self.replay = config, files, replay
         self.agent = make_agent(config, usable_device(config.device))
@@ -97,7 +97,7 @@ class Learner:
         self._origin = origin()
 
     def advance(self, log: Logger, count: int = CHUNK, progress: float = 0.0) -> None:
-        """Make `count` updates; `progress` is the share of the run that is done."""
+        """Make `count` updates; `progress` is the finished share of the run."""
         config, before = self.config, self.updates
         self.agent.anneal(progress)
         self.agent.update(self.replay, count)
@@ -110,10 +110,10 @@ class Learner:
             log.write("learn", self.updates, self._row(row))
 
     def evaluate(self, log: Logger) -> Candidate:
-        """Ride the actor from the fixed starts, and keep it where it is the best so far.
+        """Evaluate the actor from the fixed starts, and keep it if it is the best so far.
 
         Raises:
-            RuntimeError: when learning has diverged.
+            RuntimeError: if learning has diverged.
         """
         config = self.config
         if not all(torch.isfinite(item).all() for item in self.agent.actor.parameters()):
@@ -138,7 +138,7 @@ class Learner:
         return candidate
 
     def policy(self) -> Policy:
-        """The actor as it is now, with what is known about it."""
+        """Return the current actor with its metadata."""
         config = self.config
         ddpg = ddpg_of(config)
         kind = "td3+bc" if ddpg.bc_weight > 0 else "ddpg"
@@ -156,7 +156,7 @@ class Learner:
         return Policy(info, policy_tensors(self.agent.deployed))
 
     def time(self) -> tuple[float, float]:
-        """s of wall and of processor time, over all calls of the run."""
+        """Return wall and processor time in s, summed over all calls of the run."""
         wall = self.spent[0] + time.monotonic() - self._started[0]
         return wall, self.spent[1] + time.process_time() - self._started[1]
 
@@ -165,12 +165,12 @@ class Learner:
         return {"updates": self.updates} | values | {"wall_s": wall, "cpu_s": cpu}
 
     def save(self, log: Logger, extra: dict[str, Any]) -> None:
-        """Write the checkpoint; the memory is not in it. `extra` is the caller's own state."""
+        """Write the checkpoint without the memory. `extra` is the caller's own state."""
         self.log_bytes = log.sync()
         checkpoint.save(self.files.checkpoint, self.state_dict() | {"extra": extra})
 
     def state_dict(self) -> dict[str, Any]:
-        """All that the numbers to come depend on, but for the memory."""
+        """Return everything that future numbers depend on, except the memory."""
         return {
             "agent": self.agent.state_dict(),
             "updates": self.updates,
@@ -184,13 +184,13 @@ class Learner:
         }
 
     def load(self, path: Path) -> dict[str, Any]:
-        """Go on from a checkpoint, to the bit.
+        """Resume from a checkpoint, to the bit.
 
         Returns:
-            What the caller gave to `save` as `extra`.
+            The `extra` that the caller gave to `save`.
 
         Raises:
-            ValueError: when it cannot be read.
+            ValueError: if it cannot be read.
         """
         extra: dict[str, Any] = {}
 

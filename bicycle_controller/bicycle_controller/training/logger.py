@@ -1,4 +1,4 @@
-"""What a run tells: JSON lines always, TensorBoard where it is installed, and a progress bar."""
+"""Output of a run: JSON lines, TensorBoard if it is installed, and a progress bar."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from tqdm import tqdm
 
 
 class Logger:
-    """`log.jsonl` of a run folder and, where TensorBoard is installed, its event files."""
+    """Writes `log.jsonl` of a run folder and, if TensorBoard is installed, its event files."""
 
     def __init__(self, folder: Path, keep: int, first_step: int, tensorboard: bool) -> None:
         """Open it.
 
         Args:
             folder: the run folder.
-            keep: bytes of the log that the checkpoint knows; what follows them is cut off.
-            first_step: environment steps made so far; events from there on are hidden.
-            tensorboard: whether to write event files too.
+            keep: bytes of the log that the checkpoint knows; the rest is cut off.
+            first_step: environment steps made so far; later events are hidden.
+            tensorboard: True to write event files too.
         """
         self._file = (folder / "log.jsonl").open("ab")
         self._file.truncate(keep)
@@ -53,7 +53,7 @@ class Logger:
                     self._writer.add_scalar(f"{kind}/{name}", value, step)
 
     def sync(self) -> int:
-        """Put all lines on the disk; how many bytes they are."""
+        """Flush all lines to the disk; return their total size in bytes."""
         self._file.flush()
         os.fsync(self._file.fileno())
         return self._file.seek(0, os.SEEK_END)
@@ -68,12 +68,12 @@ def _event_writer(folder: Path, first_step: int) -> Any:
 
 
 def _json_number(value: Any) -> Any:
-    """JSON has no infinity and no NaN."""
+    """Convert infinities and NaN, which JSON lacks."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 class Progress:
-    """A bar over environment steps, with their rate, the updates' rate and the time left."""
+    """Progress bar over environment steps, with both rates and the time left."""
 
     def __init__(self, total: int, done: int, shown: bool, unit: str = "step") -> None:
         """Draw it on standard error if `shown`; `unit` names what is counted."""
@@ -101,11 +101,11 @@ class Progress:
         self._bar.close()
 
     def advance(self, steps: int) -> None:
-        """Count steps, or what `unit` names."""
+        """Count steps, or other units as named by `unit`."""
         self._bar.update(steps)
 
     def show(self, updates: int | None = None, **values: float) -> None:
-        """Write values behind the bar; from the second count of `updates` on also their rate."""
+        """Show values behind the bar; from the second count of `updates` on also their rate."""
         if updates is not None:
             now = time.monotonic()
             if self._last is not None:

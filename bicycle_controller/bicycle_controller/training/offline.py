@@ -1,4 +1,4 @@
-"""A run that learns from recorded rides alone: a fixed budget of updates, the best actor kept."""
+"""Learning from recorded rides alone: a fixed budget of updates; the best actor is kept."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ from bicycle_controller.training.run_folder import RunFolder
 from bicycle_controller.training.signals import InterruptError, StopRequest
 
 DATA = "dataset.json"
-"""Of the run's folder: the bags, what is in them, and a digest."""
+"""File in the run's folder: the bags, their content, and a digest."""
 
 
 @dataclass(frozen=True)
 class Learned:
-    """How a run ended."""
+    """Result of a run."""
 
     status: str
     """`finished` (all updates made), `reached` (`stop_at` was met) or `interrupted`."""
@@ -40,17 +40,17 @@ class Learned:
     updates: int
     transitions: int
     best: Score | None
-    """Score of `best.safetensors`; None where no candidate was kept."""
+    """Score of `best.safetensors`; None if no candidate was kept."""
     last: Score | None
     """Score of the last candidate, kept or not."""
     refused: int
-    """Candidates not kept because the mean Q of their actions was above 0."""
+    """Candidates rejected because the mean Q of their actions was above 0."""
     q_policy: float | None
     """That mean at the end, in scaled reward."""
     wall_s: float
-    """s of wall time, over all calls that the run took."""
+    """Wall time over all calls of the run, s."""
     cpu_s: float
-    """s of processor time, likewise."""
+    """Processor time over all calls of the run, s."""
 
 
 def run(
@@ -63,21 +63,21 @@ def run(
     """Learn in a new folder from checked data.
 
     Args:
-        config: the run; its scenario and physics become those of the data.
+        config: of the run; its scenario and physics become those of the data.
         data: see `dataset.check`.
-        folder: made if need be; see `run_folder`.
-        progress: whether to draw a bar on standard error.
-        stop: asked between updates.
+        folder: created if missing; see `run_folder`.
+        progress: True to draw a bar on standard error.
+        stop: checked between updates.
 
     Raises:
-        ValueError: when the folder holds a run already, or the configuration does not suit bags.
-        RuntimeError: when learning diverges.
+        ValueError: if the folder contains a run already, or the configuration does not suit bags.
+        RuntimeError: if learning diverges.
     """
     return _learn(begin(config, data, folder), progress, stop)
 
 
 def begin(config: RunConfig, data: Dataset, folder: Path) -> Learner:
-    """A new run's folder and its learner, before the first update; arguments as in `run`."""
+    """Create a run's folder and its learner, before the first update; arguments as in `run`."""
     config = replace(config, scenario=data.scenario, physics=data.physics)
     rows = dataset.memory_rows(data, ddpg_of(config))
     files = RunFolder(folder)
@@ -92,17 +92,17 @@ def resume(
     progress: bool = False,
     stop: Callable[[], bool] = lambda: False,
 ) -> Learned:
-    """Go on with the run in `folder` from its last checkpoint, to the bit.
+    """Resume the run in `folder` from its last checkpoint, to the bit.
 
     Raises:
-        ValueError: when there is no such run, it cannot be read, or its bags have changed.
-        RuntimeError: when learning diverges.
+        ValueError: if there is no such run, it cannot be read, or its bags have changed.
+        RuntimeError: if learning diverges.
     """
     return _learn(reopen(folder), progress, stop)
 
 
 def reopen(folder: Path) -> Learner:
-    """The learner of the run in `folder` as its last checkpoint has it; see `resume`."""
+    """Return the learner of the run in `folder` from its last checkpoint; see `resume`."""
     files = RunFolder(folder)
     if not (folder / DATA).exists():
         raise ValueError(f"{folder} holds no run of 'bicycle learn' to resume: leave out --resume")
@@ -124,7 +124,7 @@ def _digest(rows: np.ndarray) -> str:
 
 
 def _memory(config: RunConfig, rows: np.ndarray) -> ReplayBuffer:
-    """A replay memory that holds exactly `rows`."""
+    """Create a replay memory that holds exactly `rows`."""
     actions = int((config.scenario.action_limits > 0).sum())
     memory = ReplayBuffer(len(rows), actions, usable_device(config.device))
     memory.add(rows)
@@ -132,7 +132,7 @@ def _memory(config: RunConfig, rows: np.ndarray) -> ReplayBuffer:
 
 
 def _learn(learner: Learner, progress: bool, stop: Callable[[], bool]) -> Learned:
-    """The loop: until the budget is spent, the goal rate is met or somebody stops it."""
+    """Learn until the budget is spent, the goal rate is met or `stop` is requested."""
     config, budget = learner.config, learner.config.offline_updates
     status, last, saved = "finished", None, time.monotonic()
     log = Logger(learner.files.path, learner.log_bytes, learner.updates, config.tensorboard)
@@ -171,7 +171,7 @@ def _learn(learner: Learner, progress: bool, stop: Callable[[], bool]) -> Learne
 
 
 def _try_now(learner: Learner, log: Logger, interrupt: StopRequest) -> Candidate | None:
-    """The next candidate, or None when a signal came while it was riding."""
+    """Return the next candidate, or None if a signal came during its rides."""
     try:
         with interrupt.at_once():
             return learner.evaluate(log)
@@ -181,7 +181,7 @@ def _try_now(learner: Learner, log: Logger, interrupt: StopRequest) -> Candidate
 
 
 def _met(config: RunConfig, candidate: Candidate, bar: Progress) -> bool:
-    """Show a candidate; whether the run may end with it."""
+    """Show a candidate; return True if the run may end with it."""
     found, limits = candidate.score, config.evaluation
     bar.show(reach=found.reach_rate, falls=found.fall_rate, q=candidate.q_policy or 0.0)
     good = found.reach_rate >= limits.stop_at and found.fall_rate <= limits.stop_falls

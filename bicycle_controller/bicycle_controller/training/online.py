@@ -1,4 +1,4 @@
-"""The training run: collect, update, evaluate, keep the best policy, save, go on."""
+"""Training run: collect, update, evaluate, keep the best policy, save, repeat."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ from bicycle_controller.training.signals import InterruptError, StopRequest
 
 @dataclass(frozen=True)
 class Result:
-    """How a run ended."""
+    """Result of a run."""
 
     status: str
     """`finished` (all steps made), `reached` (`stop_at` was met) or `interrupted`."""
     signal: int
     """Number of the signal that interrupted it; 0 otherwise."""
     steps: int
-    """Environment steps made."""
+    """Number of environment steps made."""
     updates: int
     best: Score | None
     """Score of `best.safetensors`."""
     wall_s: float
-    """s of wall time, over all calls that the run took."""
+    """Wall time over all calls of the run, s."""
     cpu_s: float
-    """s of processor time, likewise."""
+    """Processor time over all calls of the run, s."""
 
 
 def run(
@@ -49,18 +49,18 @@ def run(
     progress: bool = False,
     stop: Callable[[], bool] = lambda: False,
 ) -> Result:
-    """Train in a new folder until the steps are made, the goal rate is met or `stop` says so.
+    """Train in a new folder until the steps are made, the goal rate is met or `stop` is True.
 
     Args:
         config: the whole run.
-        folder: made if need be; see `run_folder`.
-        progress: whether to draw a bar on standard error.
-        stop: asked after every step of all bicycles.
+        folder: created if missing; see `run_folder`.
+        progress: True to draw a bar on standard error.
+        stop: checked after every step of all bicycles.
 
     Raises:
-        ValueError: when the folder holds a run already.
-        BusyError: when another process trains there.
-        RuntimeError: when training diverges.
+        ValueError: if the folder contains a run already.
+        BusyError: if another process trains there.
+        RuntimeError: if training diverges.
     """
     files = RunFolder(folder)
     with files.held():
@@ -74,7 +74,7 @@ def resume(
     progress: bool = False,
     stop: Callable[[], bool] = lambda: False,
 ) -> Result:
-    """Go on with the run in `folder` from its last checkpoint, to the bit.
+    """Resume the run in `folder` from its last checkpoint, to the bit.
 
     Args:
         folder: of the run.
@@ -83,9 +83,9 @@ def resume(
         stop: asked after every step of all bicycles.
 
     Raises:
-        ValueError: when there is no run, it cannot be read or a change is not allowed.
-        BusyError: when another process trains there.
-        RuntimeError: when training diverges.
+        ValueError: if there is no run, it cannot be read or a change is not allowed.
+        BusyError: if another process trains there.
+        RuntimeError: if training diverges.
     """
     files = RunFolder(folder)
     files.require()
@@ -97,7 +97,7 @@ def resume(
 
 
 def usable_device(device: str) -> str:
-    """`device`, or the CPU with one line on standard error when there is no CUDA here."""
+    """Return `device`; without CUDA the CPU, with one line on standard error."""
     if device == "cuda" and not torch.cuda.is_available():
         print("no CUDA device was found: training on the CPU", file=sys.stderr)
         return "cpu"
@@ -105,7 +105,7 @@ def usable_device(device: str) -> str:
 
 
 class Trainer:
-    """All the state of a run, and its loop.
+    """State of a run, and its loop.
 
     Attributes:
         updates: updates made, of the critic where there is one.
@@ -113,7 +113,7 @@ class Trainer:
     """
 
     def __init__(self, config: RunConfig, files: RunFolder) -> None:
-        """Build everything from the configuration and its seed."""
+        """Create everything from the configuration and its seed."""
         torch.set_num_threads(config.threads)
         device = usable_device(config.device)
         self.config, self.files = config, files
@@ -129,7 +129,7 @@ class Trainer:
         self._origin = origin()
 
     def train(self, progress: bool, stop: Callable[[], bool]) -> Result:
-        """The loop: until all steps are made, the goal rate is met or somebody stops it."""
+        """Train until all steps are made, the goal rate is met or `stop` is requested."""
         steps = self.collector.steps
         self._started = (time.monotonic(), time.process_time())
         saved = time.monotonic()
@@ -178,7 +178,7 @@ class Trainer:
             bar.show(updates=self.updates, ret=row["return"], goals=row["goal_rate"])
 
     def _evaluate(self, log: Logger, bar: Progress, interrupt: StopRequest) -> bool:
-        """Score the actor and keep it as the best if it is; whether the run may end."""
+        """Score the actor and keep it if it is the best; return True if the run may end."""
         config, policy = self.config, self.policy()
         try:
             with interrupt.at_once():
@@ -201,12 +201,12 @@ class Trainer:
         return {"updates": self.updates} | values | {"wall_s": wall, "cpu_s": cpu}
 
     def _time(self) -> tuple[float, float]:
-        """s of wall and of processor time, over all calls of the run."""
+        """Return wall and processor time in s, summed over all calls of the run."""
         wall = self.spent[0] + time.monotonic() - self._started[0]
         return wall, self.spent[1] + time.process_time() - self._started[1]
 
     def policy(self) -> Policy:
-        """The actor as it is now, with what is known about it."""
+        """Return the current actor with its metadata."""
         config = self.config
         about = {"algorithm": config.algorithm, "preset": config.preset, "seed": config.seed}
         about |= {"steps": self.collector.steps, "updates": self.updates}
@@ -229,7 +229,7 @@ class Trainer:
         checkpoint.save(self.files.checkpoint, self.state_dict())
 
     def state_dict(self) -> dict[str, Any]:
-        """All that the numbers to come depend on."""
+        """Return everything that future numbers depend on."""
         return {
             "agent": self.agent.state_dict(),
             "collector": self.collector.state_dict(),
@@ -244,7 +244,7 @@ class Trainer:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state`: to the bit, where the same backend goes on."""
+        """Restore `state`: to the bit, if the backend is the same."""
         if state["backend"] != self.agent.backend:
             print(
                 f"{state['backend']} began this run and {self.agent.backend} goes on with it:"

@@ -10,13 +10,13 @@ from bicycle_controller.training.collector import Collector
 
 
 class RolloutCollector(Collector):
-    """A collector without noise of its own.
+    """Collector without its own noise.
 
-    What is stored is the action as it was drawn, which the probability ratio needs; the task
-    clips it to the limits as it is applied.
+    It stores the action as drawn, which the probability ratio needs; the task clips it to the
+    limits when it is applied.
     """
 
     def _chosen(self, agent: Chooser, shown: np.ndarray | None) -> np.ndarray:
-        """Normalised actions (N, actions), drawn and not clipped."""
+        """Return normalised actions (N, actions), drawn and not clipped."""
         assert isinstance(agent, Ppo)
         return self._finite(agent.sample(self.observation))

@@ -1,4 +1,4 @@
-"""A run's folder: what was asked for, what came out, and all that is needed to go on.
+"""Folder of a run: its configuration, its results, and everything needed to resume it.
 
 config.yaml           the whole configuration
 run.json              command, commit, version, seed, start, processor
@@ -33,11 +33,11 @@ from bicycle_controller.config.run import RunConfig
 from bicycle_controller.policy.policy import write_atomically
 
 RESUMABLE = ("steps", "device", "threads", "save_every", "log_every", "evaluation", "tensorboard")
-"""What may change when a run goes on: nothing that its numbers so far depend on."""
+"""Settings that may change in a resumed run: none that its previous numbers depend on."""
 
 
 class BusyError(OSError):
-    """Another process trains in a run's folder."""
+    """Another process trains in this run's folder."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,11 @@ class RunFolder:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Keep other processes of this machine from training here; a crash lets go of it.
+        """Keep other processes of this machine from training here; a crash releases the lock.
 
         Raises:
-            BusyError: when another one does.
-            ValueError: when the folder cannot be made.
+            BusyError: if another process trains here.
+            ValueError: if the folder cannot be created.
         """
         try:
             self.path.mkdir(parents=True, exist_ok=True)
@@ -67,29 +67,29 @@ class RunFolder:
 
     @property
     def config(self) -> Path:
-        """The configuration, YAML."""
+        """Path of the configuration, YAML."""
         return self.path / "config.yaml"
 
     @property
     def checkpoint(self) -> Path:
-        """The whole state."""
+        """Path of the complete state."""
         return self.path / "checkpoint" / "state.pt"
 
     @property
     def best(self) -> Path:
-        """The policy with the best evaluation."""
+        """Path of the policy with the best evaluation."""
         return self.path / "best.safetensors"
 
     @property
     def last(self) -> Path:
-        """The policy of the last evaluation."""
+        """Path of the policy of the last evaluation."""
         return self.path / "last.safetensors"
 
     def create(self, config: RunConfig) -> None:
-        """Make the folder and say in it what is about to run.
+        """Create the folder and write the configuration.
 
         Raises:
-            ValueError: when it holds a run already, or cannot be made.
+            ValueError: if it contains a run already, or cannot be created.
         """
         if self.config.exists():
             raise ValueError(
@@ -106,7 +106,7 @@ class RunFolder:
         """Refuse a folder without a run.
 
         Raises:
-            ValueError: when this is one.
+            ValueError: if this is one.
         """
         if not self.config.exists():
             raise ValueError(f"{self.path} holds no run to resume: leave out --resume")
@@ -115,11 +115,11 @@ class RunFolder:
         """The run's configuration, with the changes that a run may go on with.
 
         Raises:
-            ValueError: when there is no run here, or on a change that its numbers forbid.
+            ValueError: if there is no run here, or on a change that affects its numbers.
         """
         self.require()
         old, new = loading.load(self.config), loading.load(self.config, overrides)
-        # Annealed learning rates depend on how many steps there will be.
+        # Annealed learning rates depend on the total number of steps.
         annealed = old.learner.learning_rate_end < 1.0
         free = [name for name in RESUMABLE if not (annealed and name == "steps")]
         for name in vars(old):
@@ -136,7 +136,7 @@ class RunFolder:
 
 
 def _lock(folder: int, path: Path) -> None:
-    """Lock an open folder, which unlocks as it is closed, by a crash too."""
+    """Lock an open folder; the lock ends when it is closed, also by a crash."""
     try:
         fcntl.flock(folder, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -146,7 +146,7 @@ def _lock(folder: int, path: Path) -> None:
 
 
 def origin() -> dict[str, Any]:
-    """Where a run comes from: command, commit, version, time, and what its seconds are of."""
+    """Return the origin of a run: command, commit, version, time and processor."""
     return {
         "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
         "commit": _commit(),
@@ -157,7 +157,7 @@ def origin() -> dict[str, Any]:
 
 
 def processor() -> str:
-    """The processor's name, as the kernel has it."""
+    """Return the processor's name, as reported by the kernel."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
@@ -165,7 +165,7 @@ def processor() -> str:
 
 
 def _commit() -> str:
-    """The commit of this source tree, `+` after it when files have changed, or `unknown`."""
+    """Return this source tree's commit, followed by `+` if files have changed, or `unknown`."""
     here = Path(__file__).parent
     found = []
     for words in (("rev-parse", "HEAD"), ("status", "--porcelain", "--untracked-files=no")):

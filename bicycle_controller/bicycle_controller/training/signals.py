@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM end a long work cleanly: at its next pause, or at once where it says so."""
+"""Clean interruption by Ctrl-C and SIGTERM, at the next pause or at once."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ class InterruptError(Exception):
 
 
 class StopRequest:
-    """Catches the first SIGINT or SIGTERM; a second one acts as if nothing caught it.
+    """Catches the first SIGINT or SIGTERM; a second one acts as without it.
 
-    Signals can be caught in the main thread only; in another this does nothing.
+    Only the main thread can catch signals; in another this does nothing.
 
     Attributes:
         signal: number of the signal that came; 0 until then.
@@ -44,10 +44,10 @@ class StopRequest:
 
     @contextmanager
     def at_once(self) -> Iterator[None]:
-        """Within this, a signal raises `InterruptError` instead of waiting to be asked for.
+        """Let a signal raise `InterruptError` in this context instead of waiting for a check.
 
         Raises:
-            InterruptError: when a signal comes, or has come.
+            InterruptError: if a signal comes, or has come.
         """
         self._raises = True
         try:

@@ -1,4 +1,4 @@
-"""Training starts: the scenario's, with near goals, tilted bicycles and rides that go on."""
+"""Training starts: the scenario's, plus near goals, tilted bicycles and continued rides."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bicycle_sim.task.task import BicycleTask
 
 
 def training_scenario(scenario: Scenario, starts: StartsConfig) -> Scenario:
-    """The scenario with the step limit of training episodes."""
+    """Return the scenario with the step limit of training episodes."""
     return dataclasses.replace(scenario, max_steps=starts.max_steps or scenario.max_steps)
 
 
@@ -27,7 +27,7 @@ def restart(task: BicycleTask, mask: np.ndarray, starts: StartsConfig) -> None:
 
 
 def ride_on(task: BicycleTask, mask: np.ndarray, starts: StartsConfig) -> None:
-    """Give the bicycles of `mask`, bool (N,), new goals and leave them where and how they are."""
+    """Give the bicycles of `mask`, bool (N,), new goals without changing their state."""
     if not mask.any():
         return
     goal = task.scenario.goal.draw(int(mask.sum()), task.rng)
@@ -37,7 +37,7 @@ def ride_on(task: BicycleTask, mask: np.ndarray, starts: StartsConfig) -> None:
 
 
 def _disturb(task: BicycleTask, mask: np.ndarray, starts: StartsConfig) -> None:
-    """Tilt and turn the bicycles that have just started."""
+    """Tilt and steer the bicycles that have just started."""
     spreads = {
         "lean_angle": starts.tilt,
         "lean_rate": starts.tilt_rate,

@@ -1,8 +1,8 @@
-"""Many training runs, as Ray tasks: presets x scenarios x seeds.
+"""Many training runs as Ray tasks: presets x scenarios x seeds.
 
-Each run has its own folder, `OUT/PRESET/SCENARIO/seed-N`, as `bicycle train` makes it, with a
-`result.json` once it is done. A sweep that is started again skips what is done and goes on with
-the rest from its checkpoints.
+Each run has its own folder, `OUT/PRESET/SCENARIO/seed-N`, as `bicycle train` creates it, with a
+`result.json` once it is done. A restarted sweep skips finished runs and resumes the rest from
+its checkpoints.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from bicycle_controller.training.run_folder import RunFolder
 from bicycle_controller.training.signals import StopRequest
 
 STORE_BYTES = 100 * 1024 * 1024
-"""Ray's shared memory: results are small, and containers give little of it."""
+"""Size of Ray's shared memory: results are small, and containers have little of it."""
 STARTS = 4
-"""How often Ray is started before that is given up."""
+"""Number of attempts to start Ray."""
 CONNECT_SECONDS = 5.0
 STOP_SECONDS = 60.0
-"""s that interrupted runs get to write their checkpoints."""
+"""Time for interrupted runs to write their checkpoints (s)."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Job:
 
     @property
     def result(self) -> Path:
-        """Written when the run is done."""
+        """Path of the result, written when the run is done."""
         return self.folder / "result.json"
 
 
@@ -57,10 +57,10 @@ def plan(
     seeds: Iterable[int],
     overrides: Iterable[loading.Override] = (),
 ) -> list[Job]:
-    """Every run of a sweep, those of the same seed together.
+    """Return every run of a sweep, those of the same seed together.
 
     Raises:
-        ValueError: on an unknown name or value, or when a folder holds a run of another kind.
+        ValueError: on an unknown name or value, or if a folder contains a run of another kind.
     """
     jobs = []
     for seed in seeds:
@@ -86,17 +86,17 @@ def _check_same(folder: Path, config: RunConfig) -> None:
 def run_job(
     job: Job, episodes: int, command: list[str], progress: bool = False
 ) -> tuple[dict[str, Any], bytes]:
-    """Train, or go on training, and score the best policy; this is what a Ray worker does.
+    """Train, or resume training, and score the best policy; executed by a Ray worker.
 
     Args:
-        job: what to train.
-        episodes: rides of the final score, on starts that training did not choose by.
+        job: to be trained.
+        episodes: rides of the final score, on other starts than training chose its best on.
         command: the sweep's own command line, for the record.
-        progress: whether to draw a bar on standard error.
+        progress: True to draw a bar on standard error.
 
     Returns:
-        The result and the policy file's bytes. The status is that of `train.Result`, or
-        `failed` with an `error` when training itself gave up.
+        The result and the policy file's bytes. The status is that of `online.Result`, or
+        `failed` with an `error` if training itself gave up.
     """
     from bicycle_controller.evaluation.evaluate import evaluate
     from bicycle_controller.training import online
@@ -127,21 +127,21 @@ def sweep(
     parallel: int | None = None,
     progress: bool = False,
 ) -> list[dict[str, Any]]:
-    """Run all jobs that are not done.
+    """Run all unfinished jobs.
 
     Args:
         jobs: from `plan`.
         episodes: rides of each final score.
         address: of a Ray cluster; by default a pool of this machine's processors.
         parallel: processors of that pool; all by default.
-        progress: whether to draw a bar on standard error.
+        progress: True to draw a bar on standard error.
 
     Returns:
-        The results of all jobs that are done, in the order of the jobs.
+        The results of all finished jobs, in the order of the jobs.
 
     Raises:
-        ConnectionError: when no cluster answers at `address`, or Ray does not start.
-        RuntimeError: when a worker was lost; what is done is kept.
+        ConnectionError: if no cluster answers at `address`, or Ray does not start.
+        RuntimeError: if a worker was lost; finished results are kept.
     """
     left = [job for job in jobs if not job.result.exists()]
     if left:
@@ -155,7 +155,7 @@ def sweep(
 
 
 def _connect(address: str | None, parallel: int | None) -> Any:
-    """Ray, started or joined."""
+    """Start Ray or join a cluster."""
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     import ray
 
@@ -168,23 +168,23 @@ def _connect(address: str | None, parallel: int | None) -> Any:
     import bicycle_controller
     import bicycle_sim
 
-    # The cluster's machines need not have this code; they do need torch and the rest.
+    # The cluster's machines need not have this code, only torch and its other dependencies.
     modules = [str(Path(item.__path__[0])) for item in (bicycle_sim, bicycle_controller)]
     ray.init(address=address, runtime_env={"py_modules": modules}, **quiet)
     return ray
 
 
 def _start(ray: Any, **options: Any) -> None:
-    """Start Ray, which gives its own processes 30 s: too little for a busy machine at times.
+    """Start Ray; its own limit of 30 s can be too short on a busy machine.
 
     Raises:
-        ConnectionError: when they do not come up.
+        ConnectionError: if its processes do not start.
     """
     for _ in range(STARTS):
         try:
             ray.init(**options)
             return
-        except Exception as error:  # Ray has no kind of its own for it
+        except Exception as error:  # Ray has no exception type of its own for this
             reason = (str(error).splitlines() or [type(error).__name__])[0]
             ray.shutdown()
     raise ConnectionError(
@@ -194,10 +194,10 @@ def _start(ray: Any, **options: Any) -> None:
 
 
 def _check_reachable(address: str) -> None:
-    """Refuse an address that nothing answers at: Ray itself would try it for many minutes.
+    """Refuse an unreachable address, which Ray would try for many minutes.
 
     Raises:
-        ConnectionError: when that is so.
+        ConnectionError: if it is unreachable.
     """
     if address == "auto":
         return
@@ -212,7 +212,7 @@ def _check_reachable(address: str) -> None:
 
 
 def _run_all(ray: Any, jobs: list[Job], episodes: int, bar: Any) -> None:
-    """Start every job as a task and store each result as it comes."""
+    """Start every job as a task and store each result when it arrives."""
     waiting = {}
     for job in jobs:
         gpus = 1 if job.config.device.startswith("cuda") else 0
@@ -243,7 +243,7 @@ def _run_all(ray: Any, jobs: list[Job], episodes: int, bar: Any) -> None:
 
 
 def store(job: Job, result: dict[str, Any], policy: bytes) -> None:
-    """Write what a worker, perhaps on another machine, has found."""
+    """Store the result of a worker, which may run on another machine."""
     if result["status"] == "interrupted":
         return
     if policy and not RunFolder(job.folder).best.exists():
@@ -252,7 +252,7 @@ def store(job: Job, result: dict[str, Any], policy: bytes) -> None:
 
 
 def groups(results: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The results of each preset on each scenario over its seeds.
+    """Return the results of each preset on each scenario over its seeds.
 
     Returns:
         For each: `preset`, `scenario`, `runs`, `failed`, and over the runs that did not fail
@@ -277,7 +277,7 @@ def groups(results: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _spread(values: list[float]) -> list[float] | None:
-    """[least, median, largest], or None of nothing."""
+    """Return [least, median, largest], or None for an empty list."""
     return [min(values), float(np.median(values)), max(values)] if values else None
 
 

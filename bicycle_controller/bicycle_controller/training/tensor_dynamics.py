@@ -1,4 +1,4 @@
-"""The dynamics of many bicycles as tensors, on any device of torch."""
+"""Dynamics of many bicycles as tensors, on any device of torch."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _NAMES = tuple(field.name for field in fields(State))
 
 
 class TensorDynamics:
-    """`dynamics.step` on a device: one copy there and one back, whatever the number of bicycles.
+    """`dynamics.step` on a device: one copy there and one back, for any number of bicycles.
 
     Starts, goals and rewards stay with the task, in numpy.
     """
@@ -33,7 +33,7 @@ class TensorDynamics:
         physics: Physics,
         speed_limits: tuple[float, float] | None = None,
     ) -> State:
-        """As `dynamics.step`, with arrays of shape (N,) in and out."""
+        """Step as `dynamics.step` does, with arrays of shape (N,) in and out."""
         rows = [getattr(state, name) for name in _NAMES]
         there = torch.from_numpy(np.stack([*rows, torque, displacement, pedal_force]))
         *values, torque_, displacement_, pedal_force_ = there.to(self.device)

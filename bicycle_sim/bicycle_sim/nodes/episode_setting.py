@@ -1,4 +1,4 @@
-"""What an episode was simulated with, as its message tells it."""
+"""Scenario and physics of an episode, read from its message."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from bicycle_sim.task.scenario import Scenario
 
 
 def to_setting(message: EpisodeInfo) -> tuple[Scenario, Physics]:
-    """Scenario and physics of an episode.
+    """Return the scenario and physics of an episode.
 
     Raises:
-        ValueError: when the message was not written by this simulator.
+        ValueError: if the message was not written by this simulator.
     """
     return Scenario.from_json(message.scenario), Physics.from_json(message.physics)

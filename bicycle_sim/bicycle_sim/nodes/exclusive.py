@@ -1,4 +1,4 @@
-"""Is somebody else simulating a bicycle under the same name?"""
+"""Detection of a second simulator of the same bicycle."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from bicycle_common.nodes.runner import UserError
 from bicycle_common.nodes.topics import STATE
 
 DISCOVERY = 0.5
-"""s that nodes of this machine need to find each other, with room to spare."""
+"""Time that nodes of one machine need to discover each other, with a margin (s)."""
 PROOF = 1.0
-"""s in which a living simulator is heard; a killed one stays listed for seconds."""
+"""Time in which a running simulator must be heard (s); a killed one stays listed for seconds."""
 
 
 def refuse_second_simulator(node: Node) -> None:
-    """Go on only where no other simulator is heard on this domain and namespace.
+    """Refuse to start if another simulator is heard on this domain and namespace.
 
     Raises:
-        UserError: when one is.
+        UserError: if one is heard.
     """
     heard: list[bytes] = []
     subscription = node.create_subscription(

@@ -18,7 +18,7 @@ _MODES = {
 
 
 class SimReport:
-    """Collects steps and says once a period how loop, commands and bicycle are."""
+    """Collects steps and reports loop, commands and bicycle once per period."""
 
     def __init__(self, name: str, loop: Loop) -> None:
         self._name = name
@@ -28,11 +28,11 @@ class SimReport:
         self._late = self._dropped = 0
 
     def add(self, made: StepResult) -> None:
-        """Count one step in."""
+        """Count one step."""
         self._made.append(made)
 
     def statuses(self, simulators: int) -> list[DiagnosticStatus]:
-        """The entries since the last call; `simulators` publish this bicycle's state."""
+        """Return the entries since the last call; `simulators` counts the state publishers."""
         made, self._made = self._made, []
         now = time.monotonic()
         elapsed, self._since = now - self._since, now
@@ -97,7 +97,7 @@ class SimReport:
         return status(f"{self._name}: bicycle", level, text, values)
 
     def _mode(self) -> str:
-        """A key of `_MODES`."""
+        """Return a key of `_MODES`."""
         loop = self._loop
         if loop.snapshot.fallen:
             return "fallen"
@@ -107,6 +107,6 @@ class SimReport:
 
 
 def _sources(made: list[StepResult]) -> list[str]:
-    """How many steps each kind of input made."""
+    """Return a text per kind of input: how many steps it made."""
     names = [one.snapshot.command_source.name.lower() for one in made]
     return [f"{names.count(name)} {name}" for name in sorted(set(names))]

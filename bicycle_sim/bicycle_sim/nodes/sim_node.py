@@ -41,17 +41,17 @@ from bicycle_sim.runtime.simulator import Simulator
 NAME = "bicycle_sim"
 
 LAST_WORD = 0.5
-"""s that the end waits for subscribers to have the last transition."""
+"""Longest wait at the end for subscribers to receive the last transition (s)."""
 
 
 class SimNode(Node):
-    """One bicycle that obeys `bicycle/command` and tells all about itself."""
+    """One bicycle that obeys `bicycle/command` and publishes its state and events."""
 
     def __init__(self) -> None:
         """Start the first episode.
 
         Raises:
-            UserError: on a bad parameter, or where another simulator runs already.
+            UserError: on a bad parameter, or if another simulator is running.
         """
         super().__init__(NAME)
         self._settings = declare(self, SimSettings)
@@ -83,7 +83,7 @@ class SimNode(Node):
         self._begin(self._settings.make_start(), self._settings.seed)
 
     def _make_loop(self) -> Loop:
-        """The bicycle and its schedule, as the parameters want them."""
+        """Create the bicycle and its schedule from the parameters."""
         settings = self._settings
         try:
             simulator = Simulator(settings.make_scenario(), settings.make_physics(), settings.seed)
@@ -101,7 +101,7 @@ class SimNode(Node):
         serve(self, topics.PUSH, self._on_push)
 
     def _start_timers(self) -> None:
-        """All on a steady clock, which no adjustment of the system's time moves."""
+        """Start the timers, on a steady clock, which ignores adjustments of the system time."""
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         period = self._loop.pacer.period_ns * 1e-9
         self._pace = self.create_timer(period, self._on_due, clock=steady)
@@ -112,24 +112,24 @@ class SimNode(Node):
         self.create_timer(self._settings.diagnostics_period, self._on_report, clock=steady)
 
     def close(self) -> None:
-        """Publish the transition that waited for the next step, and see that it arrives."""
+        """Publish the transition that waited for the next step, and wait until it is received."""
         self._publish_transitions(self._loop.close())
         publisher = self._publishers_by_name[topics.TRANSITION.name]
         publisher.wait_for_all_acked(Duration(seconds=LAST_WORD))
 
     @property
     def _now(self) -> int:
-        """Simulated time in ns since the node started; it goes on over resets."""
+        """Return the simulated time in ns since the node started; it continues over resets."""
         return self._loop.total_steps * round(self._constants.time_step * 1e9)
 
     def _publish(self, topic: Topic, message: Any) -> None:
         self._publishers_by_name[topic.name].publish(message)
 
     def _is_heard(self, topic: Topic) -> bool:
-        """Whether anybody would get a message: making one takes longer than a step."""
+        """Return True if the topic has a subscriber: to build a message costs more than a step."""
         return int(self._publishers_by_name[topic.name].get_subscription_count()) > 0
 
-    # What comes in.
+    # Inputs.
 
     def _on_command(self, message: BicycleCommand) -> None:
         was_held = self._loop.held
@@ -202,7 +202,7 @@ class SimNode(Node):
             response.success, response.message = False, f"not pushed: {error}"
         return response
 
-    # What time brings.
+    # Timers.
 
     def _on_due(self) -> None:
         self._on_made(self._loop.tick())
@@ -218,7 +218,7 @@ class SimNode(Node):
         self._was_starved = self._loop.starved
 
     def _on_idle(self) -> None:
-        """Repeat the state while nothing moves, reset after a fall, notice silence."""
+        """Repeat the state while nothing moves, reset after a fall, report silence."""
         now = time.monotonic()
         wait = self._settings.reset_after_fall
         if self._loop.snapshot.fallen and 0 < wait < now - self._fallen_at:
@@ -241,11 +241,11 @@ class SimNode(Node):
         self._publish(topics.DIAGNOSTICS, array)
 
     def _pace_from_now(self) -> None:
-        """The next step falls due one period from now."""
+        """Make the next step due one period from now."""
         if not self._loop.lockstep:
             self._pace.reset()
 
-    # What goes out.
+    # Outputs.
 
     def _begin(self, start: InitialPose | None, seed: int | None) -> None:
         """Start an episode; see `Loop.reset`, which may raise ValueError."""

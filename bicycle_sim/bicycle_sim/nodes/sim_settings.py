@@ -1,4 +1,4 @@
-"""What can be set on the simulator, and what it makes of it; no ROS here."""
+"""Parameters of the simulator and what is built from them; no ROS here."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bicycle_sim.task.scenario import SCENARIOS, Scenario, named
 
 @dataclass(frozen=True)
 class SimSettings:
-    """The simulator's ROS parameters."""
+    """ROS parameters of the simulator."""
 
     pace: str = parameter(
         "realtime",
@@ -77,7 +77,7 @@ class SimSettings:
     diagnostics_period: float = parameter(1.0, "s", 0.1, 3600.0)
 
     def make_physics(self) -> Physics:
-        """Constants and corrections."""
+        """Return the constants and corrections."""
         physics = Physics.named(self.physics)
         return replace(
             physics,
@@ -88,17 +88,17 @@ class SimSettings:
         )
 
     def make_scenario(self) -> Scenario:
-        """The paper's experiment of that name."""
+        """Return the paper's experiment of the configured name."""
         return named(self.scenario)
 
     def make_options(self) -> LoopOptions:
-        """Pace and watchdog."""
+        """Return pace and watchdog."""
         return LoopOptions(
             self.pace, self.real_time_factor, self.watchdog_timeout, self.on_timeout
         )
 
     def make_start(self) -> InitialPose | None:
-        """The start of an episode that nobody asked for by pose; None draws one."""
+        """Return the start of an episode without a requested pose; None draws one."""
         if self.random_start:
             return None
         heading = float(yaw_to_heading(self.start_yaw))
@@ -107,10 +107,10 @@ class SimSettings:
         )
 
     def loop_priority(self) -> int:
-        """Real-time priority of the loop: none where it may take a whole processor to itself."""
+        """Return the loop's real-time priority; none if the loop may occupy a whole processor."""
         paced = self.pace == "realtime" and self.real_time_factor <= 1.0
         return self.realtime_priority if paced else 0
 
     def speed_or_default(self, speed: float) -> float:
-        """The speed, or the scenario's start speed for a negative one; m/s."""
+        """Return the speed, or the scenario's start speed for a negative one; m/s."""
         return self.make_scenario().start_speed if speed < 0 else speed

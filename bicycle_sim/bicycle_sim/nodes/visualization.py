@@ -1,4 +1,4 @@
-"""The bicycle as other tools want to see it: odometry, joints and a drawing."""
+"""Messages for visualization tools: odometry, joint states and markers."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _GOAL = ColorRGBA(r=0.1, g=0.7, b=0.2, a=0.5)
 
 
 def odometry(snapshot: BicycleState, nanoseconds: int, constants: Constants) -> Odometry:
-    """Pose of the rear contact, with the lean as roll, and the twist in the bicycle's frame."""
+    """Return the rear contact's pose, with the lean as roll, and the twist in its frame."""
     yaw_rate = snapshot.speed * math.sin(snapshot.steer_angle) / constants.wheelbase
     roll = mirror("lean_angle", snapshot.lean_angle)
     pose = Pose(
@@ -46,7 +46,7 @@ def odometry(snapshot: BicycleState, nanoseconds: int, constants: Constants) -> 
 
 
 class Joints:
-    """Joint angles; those of the wheels and the crank are counted up from the start."""
+    """Joint angles; those of the wheels and the crank are integrated from the start."""
 
     def __init__(self, constants: Constants) -> None:
         self._constants = constants
@@ -57,7 +57,7 @@ class Joints:
         self._wheel += snapshot.speed * self._constants.time_step / self._constants.tyre_radius
 
     def message(self, snapshot: BicycleState, nanoseconds: int) -> JointState:
-        """Angles in rad and rates in rad/s of JOINTS."""
+        """Return the angles in rad and rates in rad/s of JOINTS."""
         k = self._constants
         ratio = k.sprocket / k.chain_wheel
         rate = snapshot.speed / k.tyre_radius
@@ -70,7 +70,7 @@ class Joints:
 
 
 class _Plane:
-    """Points of the leaning bicycle: `along` its frame's direction, `up` in its own plane."""
+    """Points of the leaning bicycle: `along` is along its frame, `up` is in its own plane."""
 
     def __init__(self, snapshot: BicycleState) -> None:
         self._yaw = yaw_of(snapshot)
@@ -80,7 +80,7 @@ class _Plane:
         self._front = (snapshot.front_x, snapshot.front_y)
 
     def at(self, front: bool, along: float, up: float) -> Point:
-        """A point `along` and `up`, m, from the front or the rear contact."""
+        """Return a point `along` and `up`, m, from the front or the rear contact."""
         x, y = self._front if front else self._rear
         direction = self._yaw + (self._steer if front else 0.0)
         sideways = up * math.sin(self._lean)
@@ -91,7 +91,7 @@ class _Plane:
         )
 
     def wheel(self, front: bool, radius: float) -> list[Point]:
-        """A circle that stands on the contact."""
+        """Return a circle that touches the ground at the contact."""
         angles = (2.0 * math.pi * i / WHEEL_SEGMENTS for i in range(WHEEL_SEGMENTS + 1))
         return [self.at(front, radius * math.sin(a), radius * (1.0 - math.cos(a))) for a in angles]
 
@@ -99,7 +99,7 @@ class _Plane:
 def markers(
     snapshot: BicycleState, nanoseconds: int, constants: Constants, goal_radius: float
 ) -> MarkerArray:
-    """Two wheels, a frame, the rider's mass, and the goal with its radius."""
+    """Return markers: two wheels, a frame, the rider's mass, and the goal with its radius."""
     plane, r = _Plane(snapshot), constants.tyre_radius
     frame = [
         plane.at(False, 0.0, r),

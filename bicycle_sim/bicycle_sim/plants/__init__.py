@@ -1,1 +1,1 @@
-"""Plants: the bicycles that the task, the simulator and controllers can ride."""
+"""Plants: the bicycles that the task, the simulator and the controllers use."""

@@ -1,4 +1,4 @@
-"""The contract of a plant: any bicycle that the task, the simulator and controllers can ride.
+"""Interface of a plant: any bicycle for the task, the simulator and the controllers.
 
 A plant moves N bicycles at once, in pure numpy or compiled code, without ROS. All signs are the
 paper's: lean and steering are positive to the left, the heading is counter-clockwise from +y.
@@ -18,10 +18,10 @@ Array = Any
 
 @dataclass
 class BodyState:
-    """What every plant knows of N bicycles; arrays of shape (N,), double precision.
+    """State that every plant has of N bicycles; arrays of shape (N,), double precision.
 
-    A plant's own state adds fields. All fields together are what a restart to the bit needs. The
-    last field may be (N, k); every other one is (N,).
+    A plant's own state adds fields. A bit-exact restart needs all fields together. The last field
+    may be (N, k); every other one is (N,).
     """
 
     lean_angle: np.ndarray
@@ -29,7 +29,7 @@ class BodyState:
     lean_rate: np.ndarray
     """rad/s."""
     lean_acceleration: np.ndarray
-    """rad/s^2, the mean over the control period before."""
+    """rad/s^2, the mean over the preceding control period."""
     steer_angle: np.ndarray
     """rad, of the front frame about the steering axis."""
     steer_rate: np.ndarray
@@ -53,20 +53,20 @@ State = TypeVar("State", bound=BodyState)
 
 @dataclass(frozen=True)
 class Loads:
-    """What acts on the bicycles from outside during one control period; floats or (N,)."""
+    """External loads on the bicycles during one control period; floats or (N,)."""
 
     lateral_force: Array = 0.0
-    """N on the rear frame, positive to the left."""
+    """Force on the rear frame, N, positive to the left."""
     force_height: Array = 0.9
-    """m above the ground where that force acts."""
+    """Height of that force's point of action above the ground, m."""
     force_forward: Array = 0.4
-    """m in front of the rear contact where that force acts."""
+    """Distance of that point in front of the rear contact, m."""
     roll_torque: Array = 0.0
-    """N m on the rear frame, positive to the left."""
+    """Torque on the rear frame, N m, positive to the left."""
     wind_x: Array = 0.0
-    """m/s towards +x, besides the steady wind of the plant."""
+    """Wind towards +x, m/s, added to the plant's steady wind."""
     wind_y: Array = 0.0
-    """m/s towards +y, besides the steady wind of the plant."""
+    """Wind towards +y, m/s, added to the plant's steady wind."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class Linear:
     """A plant linearised about riding straight and upright at one speed."""
 
     states: tuple[str, ...]
-    """Names of the n states; `heading_error` is psi_g of a goal far away."""
+    """Names of the n states; `heading_error` is psi_g of a distant goal."""
     inputs: tuple[str, ...]
     """Names of the m inputs."""
     a: np.ndarray
@@ -82,12 +82,12 @@ class Linear:
     b: np.ndarray
     """(n, m)."""
     time_step: float | None = None
-    """s, x[k+1] = a x[k] + b u[k]; None where dx/dt = a x + b u."""
+    """Period in s if x[k+1] = a x[k] + b u[k]; None if dx/dt = a x + b u."""
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """What is needed to draw a bicycle; m, kg, rad."""
+    """Dimensions needed to draw a bicycle; m, kg, rad."""
 
     wheelbase: float
     trail: float
@@ -103,38 +103,38 @@ class Geometry:
 
 
 class Plant(ABC, Generic[State]):
-    """N bicycles that obey one set of equations; one set of parameters or one for each."""
+    """N bicycles with the same equations and one set of parameters, or one set for each."""
 
     name: ClassVar[str]
-    """The kind of plant, `plant` in its JSON."""
+    """Kind of plant, `plant` in its JSON."""
     state_type: ClassVar[type[BodyState]]
-    """Of the states that `initial` and `step` give."""
+    """Type of the states that `initial` and `step` return."""
 
     @property
     @abstractmethod
     def time_step(self) -> float:
-        """s of one control period."""
+        """Duration of one control period, s."""
 
     @property
     @abstractmethod
     def count(self) -> int | None:
-        """How many different bicycles there are; None where all are alike, however many."""
+        """Number of different bicycles; None if all are alike, for any N."""
 
     @property
     @abstractmethod
     def input_names(self) -> tuple[str, ...]:
-        """The inputs of `step` that move this bicycle; the others must be zero."""
+        """Inputs of `step` that move this bicycle; the others must be zero."""
 
     @property
     @abstractmethod
     def geometry(self) -> Geometry:
-        """Of the bicycle, or of the first of many."""
+        """Geometry of the bicycle, or of the first of many."""
 
     @abstractmethod
     def initial(
         self, rear_x: np.ndarray, rear_y: np.ndarray, heading: np.ndarray, speed: np.ndarray
     ) -> State:
-        """N upright bicycles with straight handlebars; arguments of shape (N,), m, rad, m/s."""
+        """Return N upright bicycles with straight handlebars; arguments (N,), m, rad, m/s."""
 
     @abstractmethod
     def step(
@@ -146,22 +146,22 @@ class Plant(ABC, Generic[State]):
         speed_limits: tuple[Array, Array] | None = None,
         loads: Loads | None = None,
     ) -> State:
-        """One control period of N bicycles.
+        """Simulate one control period of N bicycles.
 
         Args:
-            state: the bicycles before it; not changed.
-            torque: (N,) N m that is wanted on the handlebar.
-            displacement: (N,) m that the centre of mass is wanted to be moved by.
-            pedal_force: (N,) N on the pedal; below zero it brakes.
-            speed_limits: m/s that the speed is kept between, or None.
+            state: bicycles before the period; not changed.
+            torque: (N,) N m requested on the handlebar.
+            displacement: (N,) m requested of the centre of mass.
+            pedal_force: (N,) N on the pedal; a negative one brakes.
+            speed_limits: bounds of the speed, m/s, or None.
             loads: pushes and gusts, or None.
 
         Returns:
             The bicycles one `time_step` later.
 
         Raises:
-            ValueError: when the plant has no use for an input that is not zero, or on a number
-                of bicycles other than `count`.
+            ValueError: if the plant cannot use a nonzero input, or the number of bicycles differs
+                from `count`.
         """
 
     def trace(
@@ -173,39 +173,39 @@ class Plant(ABC, Generic[State]):
         speed_limits: tuple[Array, Array] | None = None,
         loads: Loads | None = None,
     ) -> list[State]:
-        """The states within one control period at equal distances; the last is that of `step`.
+        """Return the states at equal intervals within a control period; the last is `step`'s.
 
-        A sensor that is read more often than the controller answers needs them.
+        Sensors that sample faster than the controller need them.
         """
         return [self.step(state, torque, displacement, pedal_force, speed_limits, loads)]
 
     @abstractmethod
     def pushed(self, state: State, lean_rate: Array) -> State:
-        """The state after a push that adds `lean_rate`, rad/s, float or (N,)."""
+        """Return the state after a push that adds `lean_rate`, rad/s, float or (N,)."""
 
     @abstractmethod
     def fallen(self, state: State, limit: float) -> np.ndarray:
-        """(N,) bool: leans by more than `limit`, rad, or cannot be ridden any more."""
+        """Return (N,) bool: True if it leans by more than `limit`, rad, or cannot be ridden."""
 
     @abstractmethod
     def linearize(self, speed: float, discrete: bool = False) -> Linear:
-        """The plant about riding straight at a speed, m/s, as `step` moves it if `discrete`."""
+        """Linearise about riding straight at `speed`, m/s; as one `step` if `discrete`."""
 
     @abstractmethod
     def steady_lean(self, steer_angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """(N,) rad at which a steady turn is balanced; arguments of shape (N,), rad and m/s."""
+        """Return the lean of a balanced steady turn, (N,) rad; arguments (N,), rad and m/s."""
 
     @abstractmethod
     def take(self, mask: np.ndarray) -> Plant[State]:
-        """The plant of those bicycles that `mask` (N,) keeps."""
+        """Return the plant of the bicycles that `mask` (N,) selects."""
 
     @abstractmethod
     def to_json(self) -> str:
-        """All parameters to the last bit, with the key `plant`."""
+        """Return all parameters as JSON, exact to the bit, with the key `plant`."""
 
 
 def where(mask: np.ndarray, first: State, second: State) -> State:
-    """Bicycle by bicycle, `first` where `mask` (N,) holds and `second` elsewhere."""
+    """Return for each bicycle `first` where `mask` (N,) holds and `second` elsewhere."""
 
     def chosen(name: str) -> np.ndarray:
         one, other = getattr(first, name), getattr(second, name)
@@ -215,12 +215,12 @@ def where(mask: np.ndarray, first: State, second: State) -> State:
 
 
 def take(state: State, index: np.ndarray) -> State:
-    """The bicycles of an index or mask, as a state of its own."""
+    """Return the bicycles of an index or mask as a separate state."""
     return type(state)(**{item.name: getattr(state, item.name)[index] for item in fields(state)})
 
 
 def put(state: State, index: np.ndarray, other: State) -> State:
-    """`state` with the bicycles of an index or mask replaced by those of `other`, in order."""
+    """Return `state` with the bicycles of an index or mask replaced by `other`'s, in order."""
     values = {item.name: getattr(state, item.name).copy() for item in fields(state)}
     for name, old in values.items():
         old[index] = getattr(other, name)
@@ -228,15 +228,15 @@ def put(state: State, index: np.ndarray, other: State) -> State:
 
 
 def to_array(state: BodyState) -> np.ndarray:
-    """All that a restart needs as (N, k), in the order of the fields."""
+    """Return everything that a restart needs as (N, k), in the order of the fields."""
     return np.column_stack([getattr(state, item.name) for item in fields(state)])
 
 
 def from_array(state_type: type[State], values: np.ndarray) -> State:
-    """The state that `to_array` turned into (N, k).
+    """Return the state that `to_array` converted to (N, k).
 
     Raises:
-        ValueError: when there are fewer columns than fields.
+        ValueError: if there are fewer columns than fields.
     """
     names = [item.name for item in fields(state_type)]
     if values.ndim != 2 or values.shape[1] < len(names) - 1:

@@ -1,4 +1,4 @@
-"""Which plants there are: by their JSON, and by the names that people type."""
+"""Registry of plants, by their JSON and by the names that users type."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from bicycle_sim.plants.whipple import catalogue
 from bicycle_sim.plants.whipple.plant import WhipplePlant
 
 PLANTS: dict[str, Any] = {ChoiPlant.name: ChoiPlant, WhipplePlant.name: WhipplePlant}
-"""The plants by the key `plant` of their JSON."""
+"""Plants by the key `plant` of their JSON."""
 
 
 def from_json(text: str) -> Plant[Any]:
-    """The plant that `to_json` wrote; JSON without the key `plant` is the paper's bicycle.
+    """Return the plant that `to_json` wrote; JSON without the key `plant` is the paper's bicycle.
 
     Raises:
-        ValueError: on text that is not such JSON, an unknown plant, key or value.
+        ValueError: on other text, or on an unknown plant, key or value.
     """
     data = json.loads(text)
     if not isinstance(data, dict):
@@ -31,7 +31,7 @@ def from_json(text: str) -> Plant[Any]:
 
 
 def named(plant: str, bicycle: str | Path | None = None, physics: str = "faithful") -> Plant[Any]:
-    """The plant of a name, with the bicycle of a name or a YAML file.
+    """Return the plant of a name, with the bicycle of a name or a YAML file.
 
     Args:
         plant: choi or whipple.

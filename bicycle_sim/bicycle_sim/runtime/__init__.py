@@ -1,1 +1,1 @@
-"""One bicycle in time: simulator, loop, pacing, and what is let in."""
+"""Simulation over time: simulator, loop, pacing, and validation of commands and pushes."""

@@ -1,7 +1,7 @@
-"""Which commands the simulator obeys, and what it says about the others.
+"""Validation of commands: which ones the simulator obeys, and the warning about the others.
 
-Sender's stamps are never judged: clocks differ. What counts is the step that a command answers
-and when it arrives by this machine's steady clock.
+The sender's stamps are not checked, because clocks differ. A command is judged by the step that
+it answers and by its arrival on this machine's steady clock.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ import numpy as np
 from bicycle_common.types import Command
 
 QUIET = 5.0
-"""s without a kind of rejection after which the next one is reported again."""
+"""Time without a kind of rejection after which it is reported again (s)."""
 
 IN_FLIGHT = 1.0
-"""s after a reset in which answers to the old episode are no trouble."""
+"""Time after a reset in which answers to the old episode are not reported (s)."""
 
 _NAMES = ("torque", "displacement", "pedal force")
 _UNITS = ("N m", "m", "N")
 
 
 class Reason(Enum):
-    """Why a command was not obeyed; the values are the counters' names in diagnostics."""
+    """Reason why a command was rejected; the values are the counters' names in diagnostics."""
 
     NOT_FINITE = "not finite"
     OUT_OF_RANGE = "out of range"
@@ -41,21 +41,21 @@ class Reason(Enum):
 
 @dataclass(frozen=True)
 class Decision:
-    """What becomes of one command."""
+    """Decision about one command."""
 
     reason: Reason | None = None
-    """Why it is not obeyed; None when it is."""
+    """Reason of the rejection; None if the command is accepted."""
     warning: str = ""
-    """One line with the remedy; empty unless this is the first of its kind for a while."""
+    """One line with the remedy; empty unless this is the first of its kind for some time."""
 
     @property
     def accepted(self) -> bool:
-        """Whether it is obeyed."""
+        """True if the command is obeyed."""
         return self.reason is None
 
 
 class CommandValidator:
-    """Takes one controller's commands in order and refuses everything else.
+    """Accepts one controller's commands in order and rejects everything else.
 
     `newest` is the last command accepted in this episode, None before the first.
     """
@@ -67,13 +67,13 @@ class CommandValidator:
         max_age: int = 10,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """Open the gate.
+        """Start without a controller.
 
         Args:
             limits: (3,) largest |T| (N m), |d| (m), |F| (N).
-            release: s of silence after which another controller may take over.
-            max_age: steps that the answered state may be behind the present one.
-            clock: steady, s.
+            release: silence in s after which another controller may take over.
+            max_age: largest number of steps between the answered state and the current one.
+            clock: steady clock, s.
         """
         self.limits = limits
         self.release = release
@@ -96,19 +96,19 @@ class CommandValidator:
 
     @property
     def owner(self) -> str | None:
-        """The controller whose commands are obeyed, while it is alive."""
+        """Controller whose commands are obeyed, while it is alive; None without one."""
         return self._owner if self.silence() <= self.release else None
 
     def silence(self) -> float:
-        """s since the last valid command."""
+        """Return the time since the last valid command, s."""
         return self._clock() - self._heard
 
     def keep_alive(self) -> None:
-        """Take the present for the time of the last valid command, after a pause."""
+        """Restart the command timeout."""
         self._heard = self._clock()
 
     def decide(self, command: Command, step: int) -> Decision:
-        """Accept `command` as the newest, or say why not; `step` is the present state's."""
+        """Accept `command` as the newest or return why not; `step` is the current state's."""
         reason, text = self._judge(command, step)
         if reason is Reason.DUPLICATE and command.controller == self._owner:
             self._heard = self._clock()
@@ -123,7 +123,7 @@ class CommandValidator:
         return Decision()
 
     def _judge(self, command: Command, step: int) -> tuple[Reason | None, str]:
-        """Why the command is refused, and a sentence about it; (None, "") when it is not."""
+        """Return the reason and a sentence if the command is rejected; (None, "") if accepted."""
         for value, limit, name, unit in zip(
             command.action, self.limits, _NAMES, _UNITS, strict=True
         ):
@@ -139,7 +139,7 @@ class CommandValidator:
         return self._judge_order(command, step)
 
     def _judge_order(self, command: Command, step: int) -> tuple[Reason | None, str]:
-        """The part of `_judge` about who sent it and which state it answers."""
+        """Judge the sender and the answered state, as part of `_judge`."""
         owner = self.owner
         if command.episode != self._episode:
             return Reason.WRONG_EPISODE, (
@@ -167,7 +167,7 @@ class CommandValidator:
         return None, ""
 
     def _report(self, reason: Reason, text: str, old: bool) -> str:
-        """The line for the log when `reason` begins, nothing while it lasts."""
+        """Return the log line when `reason` begins; empty while it lasts."""
         now = self._clock()
         last = self._last_seen.get(reason, -math.inf)
         self._last_seen[reason] = now

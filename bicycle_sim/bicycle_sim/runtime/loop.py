@@ -1,9 +1,9 @@
-"""When the simulator steps, and under which command: real time, lock-step, pause and watchdog.
+"""Loop of the simulator: when it steps, and under which command.
 
-A bicycle is held at its start until the first valid command of the episode. From then on
+A bicycle waits at its start for the first valid command of the episode. After that
 
-- in real time every step falls due by a fixed schedule and applies the newest command;
-- in lock-step every step is made when the command that answers the present state arrives.
+- in real time every step is due by a fixed schedule and applies the newest command;
+- in lock-step every step is made when the command that answers the current state arrives.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from bicycle_sim.runtime.simulator import Simulator
 from bicycle_sim.runtime.transitions import TransitionLog
 
 RELEASE = 0.25
-"""s of silence, at least, after which a controller gives way to another."""
+"""Shortest silence after which a controller gives way to another (s)."""
 
 SHORTEST_WATCHDOG = 4
-"""Steps: with less, the ordinary delay of an answer would set the watchdog off."""
+"""Fewest steps of the watchdog: fewer, and the normal delay of an answer would trigger it."""
 
 ROUNDING = 1e-6
-"""s."""
+"""Tolerance of rounding in time comparisons (s)."""
 
 
 @dataclass(frozen=True)
 class LoopOptions:
-    """How the loop is paced and what it does without commands.
+    """Pace of the loop, and behaviour without commands.
 
     Raises:
         ValueError: on an unknown choice or a number out of range.
@@ -42,12 +42,12 @@ class LoopOptions:
     pace: str = "realtime"
     """`realtime` or `lockstep`."""
     real_time_factor: float = 1.0
-    """Simulated seconds in one second of the clock; real time only."""
+    """Simulated seconds per second of the clock; real time only."""
     watchdog_timeout: float = 0.25
-    """Simulated s that a command may be held before `on_timeout`; zero is for ever.
-    Real time only."""
+    """Simulated time that a command may be held before `on_timeout`, s; zero disables the
+    watchdog. Real time only."""
     on_timeout: str = "zero"
-    """`zero` rides on without input, `pause` holds the bicycle until the next command."""
+    """`zero` continues without input, `pause` stops the bicycle until the next command."""
 
     def __post_init__(self) -> None:
         require(
@@ -70,22 +70,22 @@ class StepResult:
 
     snapshot: BicycleState
     transitions: list[Transition]
-    """Those that are complete now."""
+    """Transitions that this step completed."""
     timing: StepTiming
-    """In lock-step the lateness is NaN."""
+    """Punctuality of the step; its lateness is NaN in lock-step."""
     latency: float
-    """s from publishing the state before to the command that answered it; NaN without one."""
+    """Time from publishing the previous state to the command that answered it, s; or NaN."""
     push: Push | None = None
-    """That acted in it."""
+    """Push that acted in this step."""
 
 
 class Loop:
-    """One bicycle, its command gate and its schedule.
+    """One bicycle, its command validator and its schedule.
 
     Attributes:
-        held: waits for a command, at the start or after a watchdog's pause.
-        paused: somebody paused it.
-        starved: the last step was made without a valid command.
+        held: True while it waits for a command, at the start or after a watchdog's pause.
+        paused: True while a user's pause lasts.
+        starved: True if the last step was made without a valid command.
     """
 
     def __init__(
@@ -94,12 +94,12 @@ class Loop:
         options: LoopOptions,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Make the loop; `reset` begins the first episode.
+        """Create the loop; `reset` begins the first episode.
 
         Args:
             simulator: the bicycle.
             options: pace and watchdog.
-            clock: monotonic, ns.
+            clock: monotonic clock, ns.
         """
         self.simulator = simulator
         self.options = options
@@ -130,24 +130,24 @@ class Loop:
 
     @property
     def lockstep(self) -> bool:
-        """Whether steps wait for commands."""
+        """True if steps wait for commands."""
         return self.options.pace == "lockstep"
 
     @property
     def snapshot(self) -> BicycleState:
-        """The present state."""
+        """Current state."""
         return self.simulator.snapshot
 
     @property
     def riding(self) -> bool:
-        """Whether steps are being made."""
+        """True if steps are being made."""
         return not (self.held or self.paused or self.snapshot.fallen)
 
     def reset(self, start: InitialPose | None, seed: int | None) -> list[Transition]:
         """Begin a new episode; see `Simulator.reset`, which may raise ValueError.
 
         Returns:
-            The last transition of the old one, if it was still open.
+            The last transition of the old episode, if it was still open.
         """
         snapshot = self.simulator.reset(start, seed)
         self.gate.begin(snapshot.episode)
@@ -158,18 +158,18 @@ class Loop:
         return self._log.cut()
 
     def close(self) -> list[Transition]:
-        """The last transition, if it is still open."""
+        """Return the last transition, if it is still open."""
         return self._log.cut()
 
     def published(self) -> None:
-        """Note that the present state is published now, for the first time or again."""
+        """Note that the current state is published now, for the first time or again."""
         self._published = self._clock()
 
     def receive(self, command: Command) -> tuple[str, StepResult | None]:
         """Take in a command.
 
         Returns:
-            A line to warn with, or nothing; and in lock-step the step that it led to.
+            A warning, or an empty text; and in lock-step the step that the command led to.
         """
         step = self.snapshot.step
         decision = self.gate.decide(command, step)
@@ -183,7 +183,7 @@ class Loop:
         return "", self._answer() if self.lockstep else None
 
     def pause(self, paused: bool) -> StepResult | None:
-        """Stop or go on; in lock-step an answer that came meanwhile is a step now."""
+        """Pause or resume; in lock-step an answer from during the pause makes its step now."""
         going_on = self.paused and not paused
         self.paused = paused
         if not going_on:
@@ -196,18 +196,18 @@ class Loop:
         """Push in the next step, whenever that is; rad/s, positive to the left.
 
         Raises:
-            ValueError: when `PushGate` does not let it in, or the bicycle lies.
+            ValueError: if `PushGate` rejects it, or the bicycle has fallen.
         """
         if self.snapshot.fallen:
             raise ValueError("the bicycle lies: call bicycle/reset first")
         self._pushes.add(lean_rate)
 
     def tick(self) -> StepResult | None:
-        """In real time: make the step that is due, unless the bicycle is held, paused or down."""
+        """Make the due step in real time, unless the bicycle is held, paused or fallen."""
         if not self.riding:
             return None
         timing = self.pacer.tick()
-        # A command may rule no step that would end after the watchdog's time.
+        # Do not hold a command if the step would end after the watchdog timeout.
         ends = self.gate.silence() + self.pacer.period_ns * 1e-9
         silent = self.patience > 0 and ends > self.patience + ROUNDING
         if silent and self.options.on_timeout == "pause":
@@ -217,7 +217,7 @@ class Loop:
         return self._make(None if silent else self.gate.newest, timing)
 
     def single_step(self) -> StepResult | None:
-        """One step while paused, under the command that answers this state or zero input."""
+        """Make one step while paused, under the command that answers this state or zero input."""
         if not self.paused or self.snapshot.fallen:
             return None
         newest = self.gate.newest
@@ -226,7 +226,7 @@ class Loop:
         return self._make(newest if fresh else None, StepTiming(math.nan, math.nan))
 
     def _answer(self) -> StepResult | None:
-        """In lock-step: the step under the answer to the present state, if there is one."""
+        """Make the step under the answer to the current state, if there is one; lock-step only."""
         newest = self.gate.newest
         if not self.riding or newest is None or newest.step != self.snapshot.step:
             return None

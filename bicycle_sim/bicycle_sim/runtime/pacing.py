@@ -1,4 +1,4 @@
-"""A schedule that neither drifts nor catches up in bursts, on any monotonic clock."""
+"""Schedule without drift or bursts of catching up, on any monotonic clock."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from bicycle_common.validation import require
 
 @dataclass(frozen=True)
 class StepTiming:
-    """How punctual one step was."""
+    """Punctuality of one step."""
 
     period: float
-    """s since the step before; NaN for the first."""
+    """Time since the previous step, s; NaN for the first."""
     lateness: float
-    """s after it was due."""
+    """Delay after the due time, s."""
 
 
 class Pacer:
-    """Steps at whole multiples of a period after `start`.
+    """Schedules steps at whole multiples of a period after `start`.
 
     A step that begins more than half a period late counts as late. Periods that have passed
-    entirely are dropped and counted, never made up for.
+    entirely are dropped and counted, never caught up.
 
     Raises:
         ValueError: on a time step or a factor that is not finite and above zero.
@@ -36,12 +36,12 @@ class Pacer:
         real_time_factor: float = 1.0,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
-        """Make a schedule; `start` sets it going.
+        """Create a schedule; `start` begins it.
 
         Args:
-            time_step: simulated s of one step (dt).
-            real_time_factor: simulated seconds in one second of `clock`.
-            clock: monotonic, ns.
+            time_step: simulated duration of one step (dt), s.
+            real_time_factor: simulated seconds per second of `clock`.
+            clock: monotonic clock, ns.
         """
         for name, value in (("time_step", time_step), ("real_time_factor", real_time_factor)):
             require(
@@ -56,12 +56,12 @@ class Pacer:
         self._last: int | None = None
 
     def start(self) -> None:
-        """Make the first step due one period from now; the counts stay."""
+        """Make the first step due one period from now; keep the counts."""
         self._due = self._clock() + self.period_ns
         self._last = None
 
     def remaining(self) -> float:
-        """s until the next step is due, below zero when it is late."""
+        """Return the time until the next step is due, s; negative if it is late."""
         return (self._due - self._clock()) * 1e-9
 
     def tick(self) -> StepTiming:

@@ -1,8 +1,8 @@
-"""Pushes from the side: what is let in, and in which step it acts.
+"""Lateral pushes: validation, and the step in which they act.
 
-A push adds to the lean rate of the state that a step begins with, as a blow of that angular
-impulse would. It is told apart from the state, so that a bag shows it and a ride under pushes
-can be computed again to the bit.
+A push adds to the lean rate of the state with which a step begins, as a blow of that angular
+impulse would. It is recorded separately from the state, so that a bag shows it and a ride under
+pushes can be recomputed to the bit.
 """
 
 from __future__ import annotations
@@ -10,22 +10,22 @@ from __future__ import annotations
 import math
 
 LARGEST_PUSH = 2.0
-"""rad/s, of all pushes in one step together; a bicycle at rest falls from some 1.1 rad/s on."""
+"""Largest sum of all pushes in one step, rad/s; a bicycle at rest falls from about 1.1 rad/s."""
 
 
 class PushGate:
-    """Holds pushes until the next step is made."""
+    """Holds pushes until the next step."""
 
     def __init__(self, largest: float = LARGEST_PUSH) -> None:
-        """Begin with none; `largest` in rad/s bounds their sum."""
+        """Start without a push; `largest` in rad/s bounds their sum."""
         self._largest = largest
         self._waiting = 0.0
 
     def add(self, lean_rate: float) -> None:
-        """Let one in, rad/s, positive to the left.
+        """Accept a push, rad/s, positive to the left.
 
         Raises:
-            ValueError: when it is not finite, or too large together with those that wait.
+            ValueError: if it is not finite, or too large together with the pending pushes.
         """
         if not math.isfinite(lean_rate):
             raise ValueError(f"its lean rate is {lean_rate}: send a finite number")
@@ -39,6 +39,6 @@ class PushGate:
         self._waiting = total
 
     def take(self) -> float:
-        """The sum of those that waited, rad/s; none waits any more."""
+        """Return the sum of the pending pushes, rad/s, and remove them."""
         taken, self._waiting = self._waiting, 0.0
         return taken

@@ -1,4 +1,4 @@
-"""A ride as learning sees it: (s, a, r, s') with the ends of episodes marked."""
+"""Transitions of a ride for learning: (s, a, r, s') with the ends of episodes marked."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bicycle_sim.task.scenario import Scenario
 
 
 class TransitionLog:
-    """Makes transitions of steps; each waits for the next one, which may show that it was cut."""
+    """Builds transitions from steps; each waits for the next step, which may show a cut."""
 
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
@@ -22,7 +22,7 @@ class TransitionLog:
     def add(
         self, before: BicycleState, after: BicycleState, command: Command | None
     ) -> list[Transition]:
-        """Take in one step; returns the transitions that are complete now, in order."""
+        """Take in one step; return the transitions that are complete now, in order."""
         made = self._make(before, after, command)
         last = self._pending
         goes_on = (
@@ -40,7 +40,7 @@ class TransitionLog:
         return complete
 
     def cut(self) -> list[Transition]:
-        """End the pursuit here; returns the last transition, truncated unless it was an end."""
+        """End the pursuit here; return the last transition, truncated unless the episode ended."""
         last, self._pending = self._pending, None
         if last is None:
             return []
@@ -49,7 +49,7 @@ class TransitionLog:
     def _make(
         self, before: BicycleState, after: BicycleState, command: Command | None
     ) -> Transition | None:
-        """The transition of one step; None when it pursued no goal."""
+        """Return the transition of one step; None if it pursued no goal."""
         if command is None or command.goal is None:
             return None
         observation, _ = _observe(before, command.goal)
@@ -74,6 +74,6 @@ class TransitionLog:
 
 
 def _observe(snapshot: BicycleState, goal: Point2D) -> tuple[np.ndarray, float]:
-    """The six states towards `goal`, shape (6,), and the distance to it in m."""
+    """Return the six states towards `goal`, shape (6,), and the distance to it in m."""
     error, distance = goal_bearing(vars(snapshot), goal)
     return observation(snapshot, error), distance

@@ -1,1 +1,1 @@
-"""What is to be done: scenarios, the reward, N bicycles that ride to N goals, Gymnasium."""
+"""Task: scenarios, the reward, N bicycles that ride to N goals, Gymnasium."""

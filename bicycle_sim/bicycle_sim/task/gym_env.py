@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["AUTHORS_SCALE", "ENV_ID", "FALLS", "BicycleEnv", "BicycleVectorEnv"]
 
 AUTHORS_SCALE = (math.pi / 2, 1.0, math.pi / 6, 1.0, 1.0, 1.0)
-"""What the paper's authors divided the observation by (errata row 35)."""
+"""Divisors of the observation used by the paper's authors (errata row 35)."""
 
 FALLS = ("freeze", "terminate")
 
@@ -44,7 +44,7 @@ _METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 40}
 
 
 class _Face:
-    """Spaces, units and information that both environments share."""
+    """Spaces, units and information shared by both environments."""
 
     def __init__(
         self,
@@ -75,13 +75,13 @@ class _Face:
         self.observation_space = Box(-high, high, dtype=np.float32)
 
     def observe(self, observation: np.ndarray) -> np.ndarray:
-        """(N, 6) float32 inside the space from (N, 6) in SI units."""
+        """Return (N, 6) float32 within the space, from (N, 6) in SI units."""
         scaled = (np.clip(observation, -self._bounds, self._bounds) / self._scale).astype("f4")
         high = self.observation_space.high
         return np.clip(scaled, -high, high)
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, Step, np.ndarray]:
-        """Observation (N, 6), the task's step and whether each episode terminated (N,)."""
+        """Return observation (N, 6), the task's step, and if each episode terminated (N,)."""
         physical = np.zeros((self.task.count, 3))
         limits = self.task.scenario.action_limits[self._driven]
         physical[:, self._driven] = np.clip(action, -1.0, 1.0) * limits
@@ -110,7 +110,7 @@ class _Face:
         )
 
     def info(self, step: Step | None = None) -> dict[str, np.ndarray]:
-        """What is known beside the observation, arrays of shape (N,); see `BicycleEnv`."""
+        """Return information beside the observation, arrays of shape (N,); see `BicycleEnv`."""
         found = {
             "is_success": np.zeros(self.task.count, dtype=bool)
             if step is None
@@ -192,7 +192,7 @@ class BicycleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         observation_scale: Sequence[float] | None = None,
         render_mode: str | None = None,
     ) -> None:
-        """Make one bicycle.
+        """Create one bicycle.
 
         Args:
             scenario: a name of `bicycle_sim.task.scenario.SCENARIOS`, or a scenario.
@@ -212,12 +212,12 @@ class BicycleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @property
     def task(self) -> BicycleTask:
-        """The task inside, a batch of one."""
+        """Underlying task, a batch of one."""
         return self._face.task
 
     @property
     def action_names(self) -> tuple[str, ...]:
-        """Which action each number of the action space drives."""
+        """Names of the actions that the action space drives, in order."""
         return self._face.action_names
 
     def reset(
@@ -238,10 +238,10 @@ class BicycleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         return self._face.render(self._renderers)[0]
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """One time step, 0.025 s.
+        """Simulate one time step, 0.025 s.
 
         Raises:
-            ValueError: when the action is not finite.
+            ValueError: if the action is not finite.
         """
         observation, step, ended = self._face.step(np.asarray(action)[None])
         truncated = bool(step.truncated[0] and not ended[0])
@@ -250,10 +250,10 @@ class BicycleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
 
 class BicycleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """N bicycles in one array program; each as `BicycleEnv` says.
+    """N bicycles in one array program; each as in `BicycleEnv`.
 
-    An episode that ended is begun anew by the next step, whose action for it is ignored and
-    whose reward is zero (Gymnasium's next-step autoreset). All bicycles share one seed.
+    An ended episode is restarted by the next step, which ignores its action and returns a reward
+    of zero for it (Gymnasium's next-step autoreset). All bicycles share one seed.
     """
 
     metadata: dict[str, Any] = _METADATA | {"autoreset_mode": AutoresetMode.NEXT_STEP}
@@ -267,7 +267,7 @@ class BicycleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         observation_scale: Sequence[float] | None = None,
         render_mode: str | None = None,
     ) -> None:
-        """Make `num_envs` bicycles; for the rest see `BicycleEnv`.
+        """Create `num_envs` bicycles; see `BicycleEnv` for the other arguments.
 
         Raises:
             ValueError: on an unknown name or value.
@@ -284,12 +284,12 @@ class BicycleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     @property
     def task(self) -> BicycleTask:
-        """The task inside, a batch of N."""
+        """Underlying task, a batch of N."""
         return self._face.task
 
     @property
     def action_names(self) -> tuple[str, ...]:
-        """Which action each number of an action drives."""
+        """Names of the actions that an action drives, in order."""
         return self._face.action_names
 
     def reset(
@@ -313,10 +313,10 @@ class BicycleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def step(
         self, actions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """One time step for every bicycle that rides, a new start for every one that ended.
+        """Step every bicycle that rides, restart every one whose episode ended.
 
         Raises:
-            ValueError: when an action is not finite.
+            ValueError: if an action is not finite.
         """
         fresh = self._ended
         observation, step, ended = self._face.step(actions)
@@ -357,12 +357,12 @@ def _renderers(count: int) -> list[Renderer]:
 
 
 def _only(info: dict[str, np.ndarray]) -> dict[str, Any]:
-    """Plain numbers from arrays of one."""
+    """Return plain numbers from arrays of length one."""
     return {name: value[0].item() for name, value in info.items()}
 
 
 def _masked(info: dict[str, np.ndarray]) -> dict[str, Any]:
-    """The same with Gymnasium's masks, which say for which bicycles a key holds: for all."""
+    """Return the same with Gymnasium's masks, which mark the bicycles with a value: all."""
     masks = {f"_{name}": np.ones(len(value), dtype=bool) for name, value in info.items()}
     return info | masks
 

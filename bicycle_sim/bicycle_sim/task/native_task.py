@@ -1,4 +1,4 @@
-"""One step of `BicycleTask` in one call of `native_task.cpp`, to the bit as numpy makes it.
+"""One step of `BicycleTask` in one call of `native_task.cpp`, with numpy's result to the bit.
 
 For one bicycle numpy's hundred calls cost a hundred times what they compute; for many, one pass
 over blocks of bicycles stays in the processor's cache. Sine, arc tangent and the like differ in
@@ -23,22 +23,22 @@ from bicycle_sim.plants.choi.parameters import Physics
 from bicycle_sim.task.scenario import Scenario
 
 LIBRARY = "_native_task"
-"""Its file beside this one, less the suffix of Python's extensions."""
+"""Name of its file beside this one, without the suffix of Python extensions."""
 LOOPS = ("sin", "cos", "arctan", "arcsin", "arctan2", "maximum", "minimum")
-"""The ufuncs whose loops the library calls, in the order of `Model`."""
+"""Ufuncs whose loops the library calls, in the order of `Model`."""
 STATES = 11
-"""Fields of a State, the first rows of a result."""
+"""Number of fields of a State, the first rows of a result."""
 ROWS = 24
-"""Of a result (ROWS, N): State's fields, six observations, the reward, its four terms, the
-distance to the goal, and the steps as whole numbers."""
+"""Rows of a result (ROWS, N): State's fields, six observations, the reward, its four terms, the
+distance to the goal, and the steps as integers."""
 OBSERVED, REWARD, TERMS, DISTANCE, STEPS = 11, 17, 18, 22, 23
-"""Where each begins."""
+"""First row of each."""
 POOL = 64
-"""Results of one bicycle that are made at once."""
+"""Number of results allocated at once for one bicycle."""
 
 
 class TaskArrays(Protocol):
-    """What a step reads and writes of a `BicycleTask`; arrays of shape (N,)."""
+    """Arrays of a `BicycleTask` that a step reads and writes; shape (N,)."""
 
     count: int
     """N."""
@@ -97,7 +97,7 @@ class _Model(ctypes.Structure):
 
 
 _ACTION, _NOISE, _STATE, _GOAL_X, _GOAL_Y, _STEPS, _FALLEN, _FROZEN, _RESULT, _ENDS = range(10)
-"""Places in `Arrays` of native_task.cpp."""
+"""Indices into `Arrays` of native_task.cpp."""
 _ARRAYS = 10
 _GIVEN: dict[int, tuple[str, type]] = {
     _GOAL_X: ("goal_x", np.float64),
@@ -110,19 +110,19 @@ _GIVEN: dict[int, tuple[str, type]] = {
 
 
 class NativeStep:
-    """Steps the bicycles of one task, and remembers where their last result lies.
+    """Steps the bicycles of one task, and remembers the memory of its last result.
 
     Attributes:
         result: (ROWS, N) float64 of the last step, in memory of its own.
-        wholes: the same memory as whole numbers.
+        wholes: the same memory as integers.
         ends: (3, N) bool: terminated, truncated, fallen.
     """
 
     def __init__(self, scenario: Scenario, physics: Physics) -> None:
-        """Prepare what does not change from step to step.
+        """Prepare the values that stay constant from step to step.
 
         Raises:
-            RuntimeError: when the library cannot be used.
+            RuntimeError: if the library cannot be used.
         """
         library = load()
         if library is None:
@@ -145,11 +145,11 @@ class NativeStep:
         self._resize(0)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A stepper is copied and sent to other processes as what it was made of."""
+        """Return the constructor arguments, so that a stepper can be copied and pickled."""
         return NativeStep, self._made_of
 
     def state(self) -> State:
-        """The bicycles after the last step, as views of its result."""
+        """Bicycles after the last step, as views of its result."""
         self._views = tuple(self.result[:STATES])
         return State(*self._views)
 
@@ -160,12 +160,12 @@ class NativeStep:
 
         Args:
             task: with its goals, steps, falls and frozen rewards.
-            state: of its bicycles; None where nobody has asked for it since the last step.
+            state: of its bicycles; None if nobody has requested it since the last step.
             action: (N, 3) float64.
             noise: (N,) added to the displacement, if any.
 
         Returns:
-            False, with nothing done, when an action is not finite.
+            False, with nothing done, if an action is not finite.
         """
         if task.count != self._count:
             self._resize(task.count)
@@ -190,11 +190,11 @@ class NativeStep:
         return True
 
     def follow(self, task: TaskArrays) -> None:
-        """Remember that the task's arrays are where `Arrays` says."""
+        """Remember that `Arrays` points to the task's arrays."""
         self._known = task.steps, task.fallen, task._frozen_reward, task.goal_x, task.goal_y
 
     def _follows(self, task: TaskArrays) -> bool:
-        """Whether the task's arrays are still those of the last step."""
+        """Return True if the task's arrays are still those of the last step."""
         steps, fallen, frozen, goal_x, goal_y = self._known
         return (
             task.steps is steps
@@ -214,7 +214,7 @@ class NativeStep:
         self._at[_STATE] = self._input_at
 
     def _meet(self, task: TaskArrays) -> None:
-        """Find the task's arrays where somebody has put others in their place."""
+        """Update the pointers after somebody has replaced an array of the task."""
         for place, (name, kind) in _GIVEN.items():
             array: np.ndarray = np.ascontiguousarray(getattr(task, name), kind)
             setattr(task, name, array)
@@ -222,7 +222,7 @@ class NativeStep:
         self.follow(task)
 
     def _resize(self, count: int) -> None:
-        """Work for `count` bicycles from now on."""
+        """Allocate for `count` bicycles."""
         self._count = self._size.value = count
         self._action, self._input = np.zeros((count, 3)), np.zeros((STATES, count))
         self._rows, self._input_at = list(self._input), _address(self._input)
@@ -232,7 +232,7 @@ class NativeStep:
         self._next = 0
 
     def _refill(self) -> None:
-        """Make memory for further results; what was made before is the callers'."""
+        """Allocate memory for further results; earlier results belong to the callers."""
         pooled = max(1, POOL // self._count)
         self._results = np.empty((pooled, ROWS, self._count))
         self._wholes: np.ndarray = self._results.view(np.int64)
@@ -246,7 +246,7 @@ def _address(array: np.ndarray) -> int:
 
 
 def _model(scenario: Scenario, physics: Physics) -> _Model:
-    """Every number as dynamics.py, reward.py and task.py work it out."""
+    """Return all numbers, computed as in dynamics.py, reward.py and task.py."""
     k, weights = physics.constants, scenario.reward
     limits = scenario.action_limits.tolist()
     low, high = scenario.speed_limits or (0.0, 0.0)
@@ -286,10 +286,10 @@ def _model(scenario: Scenario, physics: Physics) -> _Model:
 
 @functools.cache
 def _loops() -> dict[str, _Loop]:
-    """numpy's inner loops for doubles, as it chose them for this processor.
+    """Return numpy's inner loops for doubles, as numpy selected them for this processor.
 
     Raises:
-        LookupError: when a ufunc does not look as numpy's C API says.
+        LookupError: if a ufunc's layout differs from numpy's C API.
     """
     found = {}
     for name in LOOPS:
@@ -306,14 +306,14 @@ def _loops() -> dict[str, _Loop]:
 
 @functools.cache
 def load() -> ctypes.PyDLL | None:
-    """The library that was built with the package, or None where there is none that works."""
+    """Return the library built with the package, or None if it is missing or fails to load."""
     for suffix in EXTENSION_SUFFIXES:
         path = Path(__file__).parent / f"{LIBRARY}{suffix}"
         try:
-            # Keeps the interpreter's lock: to take it again would cost more than the call.
+            # PyDLL keeps the interpreter's lock: to reacquire it would cost more than the call.
             library = ctypes.PyDLL(str(path))
             _loops()
-        except (OSError, LookupError, ValueError):  # not there, or made for another machine
+        except (OSError, LookupError, ValueError):  # missing, or built for another machine
             continue
         return library
     return None

@@ -1,4 +1,4 @@
-"""The names of the environments in Gymnasium's registry."""
+"""Names of the environments in Gymnasium's registry."""
 
 from __future__ import annotations
 

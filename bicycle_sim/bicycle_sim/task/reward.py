@@ -11,10 +11,10 @@ from bicycle_common.validation import require
 
 @dataclass(frozen=True)
 class RewardWeights:
-    """What each squared quantity costs (eq. 20); `balance()` is the authors' balance task.
+    """Weight of each squared quantity (eq. 20); `balance()` is the authors' balance task.
 
     Raises:
-        ValueError: on a weight below zero or not finite.
+        ValueError: on a weight that is negative or not finite.
     """
 
     lean_angle: float = 1.0
@@ -32,7 +32,7 @@ class RewardWeights:
 
     @classmethod
     def balance(cls) -> RewardWeights:
-        """The weights of the authors' balance task, reversed from eq. 20 (errata row 40)."""
+        """Return the weights of the authors' balance task, derived from eq. 20 (errata row 40)."""
         return cls(lean_angle=0.01, lean_rate=0.1, lean_acceleration=1.0, heading_error=0.0)
 
 
@@ -43,7 +43,7 @@ def reward_terms(
     heading_error: Array,
     weights: RewardWeights,
 ) -> dict[str, Array]:
-    """Each term of eq. 20, all of shape (N,) and never positive; their sum is the reward."""
+    """Return each term of eq. 20, shape (N,), never positive; their sum is the reward."""
     return {
         "lean_angle": -weights.lean_angle * lean_angle * lean_angle,
         "lean_rate": -weights.lean_rate * lean_rate * lean_rate,

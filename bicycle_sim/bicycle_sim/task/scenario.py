@@ -1,7 +1,7 @@
-"""The experiments of section 5 of the paper, as data.
+"""Experiments of section 5 of the paper, as data.
 
-A scenario says where a bicycle starts, where it must go, how fast it rides and what the
-controller may do to it. `SCENARIOS` holds the paper's; `replace` makes variants of them.
+A scenario defines where a bicycle starts, where it must go, how fast it rides and the limits of
+its controller. `SCENARIOS` holds the paper's; `replace` makes variants of them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ TEN_KM_H = 10.0 / 3.6
 
 @dataclass(frozen=True)
 class Region:
-    """A rectangle of the plane to draw points from; a point when both corners are the same."""
+    """Rectangle of the plane to draw points from; a point if both corners are equal."""
 
     low: tuple[float, float]
     """m, (x, y) of one corner."""
@@ -38,11 +38,11 @@ class Region:
 
     @classmethod
     def point(cls, x: float, y: float) -> Region:
-        """The region of one point, m."""
+        """Return the region of one point, m."""
         return cls((x, y), (x, y))
 
     def draw(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """`count` points, shape (count, 2), m."""
+        """Draw `count` points, shape (count, 2), m."""
         return rng.uniform(self.low, self.high, size=(count, 2))
 
 
@@ -51,18 +51,18 @@ class Scenario:
     """One task for the bicycle.
 
     Raises:
-        ValueError: on limits that are negative, not finite or contradict each other.
+        ValueError: on limits that are negative, not finite or contradictory.
     """
 
     name: str
     start: Region
     goal: Region
     start_speed: float = TEN_KM_H
-    """m/s at the start."""
+    """Speed at the start, m/s."""
     heading_spread: float = math.pi
-    """rad: the start heading is drawn within this of `heading_centre`; pi is any heading."""
+    """Largest difference of the start heading from `heading_centre`, rad; pi allows any."""
     facing_away: bool = False
-    """Whether that spread is about the direction away from the goal, not about +y."""
+    """True to centre that spread on the direction away from the goal instead of +y."""
     torque_limit: float = 2.0
     """N m, largest |T| (row 20)."""
     displacement_limit: float = 0.2
@@ -70,13 +70,13 @@ class Scenario:
     pedal_limit: float = 0.0
     """N, largest |F|; zero keeps the speed fixed."""
     speed_limits: tuple[float, float] | None = None
-    """m/s that the speed is kept between (row 18)."""
+    """Bounds of the speed, m/s (row 18)."""
     max_steps: int = 400
-    """Steps after which an episode is cut (truncated, never terminated)."""
+    """Steps after which an episode is truncated, never terminated."""
     goal_radius: float = 1.0
-    """m around the rear contact (row 26)."""
+    """Radius around the goal within which the rear contact has reached it, m (row 26)."""
     fall_angle: float = math.pi / 6
-    """rad, the lean beyond which a bicycle has fallen (eq. 20)."""
+    """Lean beyond which a bicycle has fallen, rad (eq. 20)."""
     reward: RewardWeights = field(default_factory=RewardWeights)
 
     def __post_init__(self) -> None:
@@ -111,21 +111,21 @@ class Scenario:
         return np.array([self.torque_limit, self.displacement_limit, self.pedal_limit])
 
     def to_json(self) -> str:
-        """All of it as JSON; floats keep every bit."""
+        """Return everything as JSON; floats keep every bit."""
         return json.dumps(asdict(self))
 
     @classmethod
     def from_json(cls, text: str) -> Scenario:
-        """What `to_json` wrote.
+        """Return the scenario that `to_json` wrote.
 
         Raises:
-            ValueError: on text that is not such JSON, or on an unknown field.
+            ValueError: on other text, or on an unknown field.
         """
         return cls.from_dict(json.loads(text))
 
     @classmethod
     def from_dict(cls, data: dict[str, object]) -> Scenario:
-        """A scenario from plain data, as JSON or YAML give it.
+        """Return a scenario from plain data, as JSON or YAML give it.
 
         Raises:
             ValueError: on an unknown field.
@@ -141,7 +141,7 @@ class Scenario:
 
 
 FIELD = Region((0.0, 0.0), (200.0, 200.0))
-"""m; the paper gives no field: this one holds its goal (150, 100) and takes its ~1,000 steps."""
+"""Field, m; the paper gives none: this one holds its goal (150, 100), ~1,000 steps away."""
 
 _FIXED_START = Region.point(50.0, 50.0)
 _FIXED_GOAL = Region.point(60.0, 65.0)
@@ -160,7 +160,7 @@ SCENARIOS: dict[str, Scenario] = {
         ),
         # Figure 14.
         Scenario("random-start-random-goal", start=FIELD, goal=FIELD, max_steps=4000),
-        # The same with the small displacement of section 5.3.2.
+        # Same, with the small displacement of section 5.3.2.
         Scenario(
             "random-small-displacement",
             start=FIELD,
@@ -207,10 +207,10 @@ SCENARIOS: dict[str, Scenario] = {
 
 
 def named(name: str) -> Scenario:
-    """The scenario of that name.
+    """Return the scenario of that name.
 
     Raises:
-        ValueError: on an unknown name, with the nearest one.
+        ValueError: on an unknown name; names the nearest one.
     """
     if name not in SCENARIOS:
         known = ", ".join(SCENARIOS)
@@ -219,5 +219,5 @@ def named(name: str) -> Scenario:
 
 
 def scenario_fields() -> list[str]:
-    """Names of what `--set NAME=VALUE` may change."""
+    """Return the names that `--set NAME=VALUE` accepts."""
     return [item.name for item in fields(Scenario)]

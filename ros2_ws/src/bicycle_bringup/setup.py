@@ -8,13 +8,13 @@ NAME = "bicycle_bringup"
 
 
 def files(folder: str) -> list[str]:
-    """The files of a folder beside this one, as data_files wants them."""
+    """Return the files of a folder beside this one, as data_files wants them."""
     here = Path(__file__).parent
     return sorted(str(path.relative_to(here)) for path in (here / folder).glob("*.*"))
 
 
 def sibling(name: str) -> str:
-    """The requirement of a package of this repository: the folder, where it is beside this one."""
+    """Return the requirement of a package of this repository: its folder, if beside this one."""
     root = Path(__file__).resolve().parent.parents[2]
     for folder in (root / name, root / "ros2_ws" / "src" / name):
         if (folder / "setup.py").is_file():

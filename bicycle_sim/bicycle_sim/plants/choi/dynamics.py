@@ -47,7 +47,7 @@ class State:
     """m/s (v)."""
 
     def where(self, mask: Array, other: State, xp: ModuleType = np) -> State:
-        """Bicycle by bicycle, this state where `mask` (N,) holds and `other` elsewhere."""
+        """Return for each bicycle this state where `mask` (N,) holds and `other` elsewhere."""
         pairs = {
             f.name: xp.where(mask, getattr(self, f.name), getattr(other, f.name))
             for f in fields(self)
@@ -55,7 +55,7 @@ class State:
         return State(**pairs)
 
     def copy(self) -> State:
-        """A state that shares no memory with this one."""
+        """Return a copy that shares no memory with this state."""
         return State(**{f.name: getattr(self, f.name) + 0.0 for f in fields(self)})
 
 
@@ -67,10 +67,10 @@ def upright(
     constants: Constants,
     xp: ModuleType = np,
 ) -> State:
-    """N upright bicycles with straight handlebars, all arguments of shape (N,).
+    """Return N upright bicycles with straight handlebars; all arguments of shape (N,).
 
-    The heading is taken again from the two contacts, as every step does, so that a state
-    can be rebuilt to the bit from its contacts alone.
+    The heading is recomputed from the two contacts, as in every step, so that a state can be
+    rebuilt to the bit from its contacts alone.
     """
     front_x = rear_x - constants.wheelbase * xp.sin(heading)
     front_y = rear_y + constants.wheelbase * xp.cos(heading)
@@ -99,15 +99,15 @@ def step(
     speed_limits: tuple[float, float] | None = None,
     xp: ModuleType = np,
 ) -> State:
-    """One time step of N bicycles.
+    """Simulate one time step of N bicycles.
 
     Args:
-        state: the bicycles before the step; not changed.
+        state: bicycles before the step; not changed.
         torque: (N,) N m on the handlebar (T).
         displacement: (N,) m of the centre of mass, any noise already added (d).
         pedal_force: (N,) N on the pedal (F_1).
         physics: constants and corrections.
-        speed_limits: m/s that the speed is kept between, or None (errata row 18).
+        speed_limits: bounds of the speed, m/s, or None (errata row 18).
         xp: numpy or torch.
 
     Returns:
@@ -147,14 +147,14 @@ def accelerate(
     speed_limits: tuple[float, float] | None = None,
     xp: ModuleType = np,
 ) -> Array:
-    """Speed after dt of pedalling, m/s (eq. 11-13; updated first, row 18)."""
+    """Return the speed after dt of pedalling, m/s (eq. 11-13; updated first, row 18)."""
     acceleration = pedal_force * (constants.pedal_gain / constants.driven_mass)
     faster = speed + constants.time_step * acceleration
     return faster if speed_limits is None else xp.clip(faster, *speed_limits)
 
 
 def curvatures(steer_angle: Array, constants: Constants, xp: ModuleType = np) -> Curvature:
-    """1/r_f, 1/r_b and 1/r_CM, 1/m, all finite at theta = 0 (eq. 3-4, rows 7, 11)."""
+    """Return 1/r_f, 1/r_b and 1/r_CM, 1/m, all finite at theta = 0 (eq. 3-4, rows 7, 11)."""
     wheelbase = constants.wheelbase
     sine, cosine = xp.abs(xp.sin(steer_angle)), xp.cos(steer_angle)
     front = sine / wheelbase
@@ -171,7 +171,7 @@ def lean_equation(
     constants: Constants,
     xp: ModuleType = np,
 ) -> Array:
-    """Lean acceleration, rad/s^2 (omega double dot, eq. 5-6, rows 8-11)."""
+    """Return the lean acceleration, rad/s^2 (omega double dot, eq. 5-6, rows 8-11)."""
     k = constants
     front, rear, mass = curvature
     tilt = state.lean_angle + xp.arctan(displacement / k.mass_height)
@@ -185,7 +185,7 @@ def lean_equation(
 
 
 def steer_equation(state: State, torque: Array, speed: Array, physics: Physics) -> Array:
-    """Steering acceleration, rad/s^2 (theta double dot, eq. 7, rows 12-13)."""
+    """Return steering acceleration, rad/s^2 (theta double dot, eq. 7, rows 12-13)."""
     k = physics.constants
     coupling = k.tyre_spin_inertia if physics.gyroscopic_correction else -k.tyre_lean_inertia
     wheel_rate = speed / k.tyre_radius
@@ -193,10 +193,10 @@ def steer_equation(state: State, torque: Array, speed: Array, physics: Physics) 
 
 
 def _roll(state: State, curvature: Curvature, physics: Physics, xp: ModuleType) -> State:
-    """Move both contacts along their chords, restore the wheelbase, take the heading anew.
+    """Move both contacts along their chords, restore the wheelbase, recompute the heading.
 
-    Equations 1-2 and rows 3-6: the radii belong to the steering before the step, the angle
-    of travel to the one after it.
+    Equations 1-2 and rows 3-6: the radii use the steering before the step, the angle of travel
+    uses the steering after it.
     """
     k = physics.constants
     front_curvature, rear_curvature, _ = curvature
@@ -231,10 +231,10 @@ def _roll(state: State, curvature: Curvature, physics: Physics, xp: ModuleType) 
 
 
 def _half_chord(half_travel: Array, curvature: Array, xp: ModuleType) -> Array:
-    """Half the angle that an arc of twice `half_travel` turns by, at most pi/2 (eq. 1-2)."""
+    """Return half the angle of an arc of length 2 `half_travel`, at most pi/2 (eq. 1-2)."""
     return xp.arcsin(xp.clip(half_travel * curvature, -1.0, 1.0))
 
 
 def fallen(lean_angle: Array, limit: float = math.pi / 6, xp: ModuleType = np) -> Array:
-    """Whether a bicycle lies: |omega| > pi/6 (eq. 20, row 24)."""
+    """Return True if a bicycle has fallen: |omega| > pi/6 (eq. 20, row 24)."""
     return xp.abs(lean_angle) > limit

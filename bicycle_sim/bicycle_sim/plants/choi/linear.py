@@ -25,7 +25,7 @@ _ANGLES, _RATES = [0, 2], [1, 3]
 
 
 def accelerations(speed: float, physics: Physics) -> tuple[np.ndarray, np.ndarray]:
-    """How state and input accelerate lean and steering at a speed, m/s.
+    """Return how state and input accelerate lean and steering at a speed, m/s.
 
     Returns:
         (2, 5) and (2, 2): rows are the lean and the steering acceleration, rad/s^2; columns
@@ -47,7 +47,7 @@ def accelerations(speed: float, physics: Physics) -> tuple[np.ndarray, np.ndarra
 
 
 def continuous(speed: float, physics: Physics) -> tuple[np.ndarray, np.ndarray]:
-    """A (5, 5) and B (5, 2) of dx/dt = A x + B u at a speed in m/s; the goal is far away."""
+    """Return A (5, 5) and B (5, 2) of dx/dt = A x + B u at a speed, m/s, for a distant goal."""
     from_state, from_input = accelerations(speed, physics)
     a, b = np.zeros((5, 5)), np.zeros((5, 2))
     a[_ANGLES, _RATES] = 1.0
@@ -57,7 +57,7 @@ def continuous(speed: float, physics: Physics) -> tuple[np.ndarray, np.ndarray]:
 
 
 def discrete(speed: float, physics: Physics) -> tuple[np.ndarray, np.ndarray]:
-    """A (5, 5) and B (5, 2) of one `dynamics.step`: rates first, then angles with the new rates.
+    """Return A (5, 5), B (5, 2) of one `dynamics.step`: rates first, then angles with new rates.
 
     This is the Jacobian of that step about straight riding, not an approximation of the
     continuous model's matrix exponential.
@@ -76,7 +76,7 @@ def discrete(speed: float, physics: Physics) -> tuple[np.ndarray, np.ndarray]:
 
 
 def eigenvalues(speed: float, physics: Physics) -> np.ndarray:
-    """Poles of lean and steering at a speed in m/s, (4,) complex, 1/s, most unstable first."""
+    """Return the poles of lean and steering, (4,) complex, 1/s, unstable first; speed in m/s."""
     a, _ = continuous(speed, physics)
     poles = np.linalg.eigvals(a[:4, :4])
     return poles[np.argsort(-poles.real)]
@@ -85,7 +85,7 @@ def eigenvalues(speed: float, physics: Physics) -> np.ndarray:
 def steady_lean(
     steer_angle: Array, speed: Array, constants: Constants, xp: ModuleType = np
 ) -> Array:
-    """Tilt of the centre of mass at which a steady turn balances (phi of eq. 5-6), rad.
+    """Return the tilt of the centre of mass that balances a steady turn (phi of eq. 5-6), rad.
 
     Not linearised: with this tilt and no rates the lean acceleration is exactly zero.
 

@@ -1,6 +1,6 @@
-"""The bicycle's constants (Table 1 of the paper) and the corrections that may be switched on.
+"""Constants of the bicycle (Table 1 of the paper) and its optional corrections.
 
-Rows named here are those of the project's errata table, `docs/errata.md`.
+Row numbers refer to the project's errata table, `docs/errata.md`.
 """
 
 from __future__ import annotations
@@ -14,23 +14,23 @@ from bicycle_common.validation import reject_unknown
 
 @dataclass(frozen=True)
 class Constants:
-    """Table 1, in SI units, with what the table leaves out (rows 11, 16, 17, 22).
+    """Table 1, in SI units, with values that the table omits (rows 11, 16, 17, 22).
 
     Raises:
-        ValueError: when a constant is not a finite number above zero, or when the handlebar
-            could turn to where a radius is zero.
+        ValueError: if a constant is not a finite number above zero, or the handlebar could turn
+            to an angle where a radius is zero.
     """
 
     gravity: float = 9.82
     """m/s^2 (g)."""
     front_to_mass: float = 0.66
-    """m, horizontally from the front contact to the common centre of mass (c)."""
+    """Horizontal distance from the front contact to the common centre of mass, m (c)."""
     rider_above_mass: float = 0.30
-    """m, vertically between the bicycle's and the cyclist's centres of mass (d_CM)."""
+    """Vertical distance between the bicycle's and the cyclist's centres of mass, m (d_CM)."""
     mass_height: float = 0.94
-    """m, of the common centre of mass over the ground (h)."""
+    """Height of the common centre of mass above the ground, m (h)."""
     wheelbase: float = 1.11
-    """m, between the two contacts (l)."""
+    """Distance between the two contacts, m (l)."""
     bicycle_mass: float = 15.0
     """kg (M_c)."""
     tyre_mass: float = 1.7
@@ -42,9 +42,9 @@ class Constants:
     time_step: float = 0.025
     """s (dt); 0.01 in Randlov & Alstrom (row 19)."""
     steer_stop: float = 1.3963
-    """rad, where the handlebar stops, 80 degrees (row 22)."""
+    """Angle at which the handlebar stops, rad, 80 degrees (row 22)."""
     wheelbase_tolerance: float = 0.01
-    """m that the contacts may drift before the rear one is put right (row 4)."""
+    """Drift of the contacts, m, beyond which the rear one is corrected (row 4)."""
     pedal_crank: float = 0.136
     """m (R_1, row 16)."""
     chain_wheel: float = 0.068
@@ -64,12 +64,12 @@ class Constants:
 
     @property
     def mass(self) -> float:
-        """kg of bicycle and cyclist (M = M_c + M_p, row 11)."""
+        """Mass of bicycle and cyclist, kg (M = M_c + M_p, row 11)."""
         return self.bicycle_mass + self.cyclist_mass
 
     @property
     def driven_mass(self) -> float:
-        """kg that the pedal accelerates (denominator of eq. 12, row 17)."""
+        """Mass that the pedal accelerates, kg (denominator of eq. 12, row 17)."""
         return self.bicycle_mass + self.tyre_mass + self.cyclist_mass
 
     @property
@@ -102,10 +102,10 @@ class Constants:
 
 @dataclass(frozen=True)
 class Physics:
-    """Which bicycle is integrated: the constants and the corrections, all off by default.
+    """Simulated bicycle: the constants and the corrections, all off by default.
 
     Raises:
-        ValueError: on a displacement noise below zero or not finite, or an option that is
+        ValueError: on a displacement noise that is negative or not finite, or an option that is
             neither true nor false.
     """
 
@@ -113,9 +113,9 @@ class Physics:
     chord_follows_steering: bool = False
     """Row 5: the chord's half angle takes the sign of the steering, not of the heading."""
     gyroscopic_correction: bool = False
-    """Row 13: steering feels +I_dc sigma_dot omega_dot, which does no work, not -I_dv."""
+    """Row 13: steering feels +I_dc sigma_dot omega_dot, which does no work, instead of -I_dv."""
     stop_absorbs_steering: bool = False
-    """Row 22: the steering rate is zero at the stop instead of growing on."""
+    """Row 22: the steering rate becomes zero at the stop instead of growing."""
     displacement_noise: float = 0.0
     """m, half width of uniform noise on the displacement (row 21; 0.02 in Randlov & Alstrom)."""
 
@@ -131,7 +131,7 @@ class Physics:
 
     @classmethod
     def named(cls, mode: str) -> Physics:
-        """The `faithful` mode (what the paper's authors ran) or the `corrected` one.
+        """Return the `faithful` mode (what the paper's authors ran) or the `corrected` one.
 
         Raises:
             ValueError: on any other name.
@@ -147,15 +147,15 @@ class Physics:
         raise ValueError(f"unknown physics {mode!r}: choose faithful or corrected")
 
     def to_json(self) -> str:
-        """All of it as JSON; floats keep every bit."""
+        """Return everything as JSON; floats keep every bit."""
         return json.dumps(asdict(self))
 
     @classmethod
     def from_json(cls, text: str) -> Physics:
-        """What `to_json` wrote.
+        """Return the physics that `to_json` wrote.
 
         Raises:
-            ValueError: on text that is not such JSON, or on an unknown field.
+            ValueError: on other text, or on an unknown field.
         """
         data = json.loads(text)
         reject_unknown(cls, data)

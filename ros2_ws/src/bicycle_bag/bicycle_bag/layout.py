@@ -36,7 +36,7 @@ class Leaf(NamedTuple):
 
 
 def layout(type_name: str, definition: str) -> list[Leaf]:
-    """The leaves of a type in the order in which CDR holds them.
+    """Return the leaves of a type in the order in which CDR holds them.
 
     Args:
         type_name: ``pkg/msg/Type`` of the definition's first part.

@@ -41,7 +41,7 @@ def fields(definition: str) -> Iterator[Field]:
 
 
 def dependencies(definition: str, package: str) -> list[str]:
-    """Names ``pkg/Type`` of the messages that a definition uses, sorted, each once."""
+    """Return names ``pkg/Type`` of the messages that a definition uses, sorted, each once."""
     used = {field.type for field in fields(definition) if field.type not in PRIMITIVES}
     return sorted(name if "/" in name else f"{package}/{name}" for name in used)
 
@@ -62,7 +62,7 @@ class Schemas:
         self._text = cache(self._read)
 
     def definition(self, type_name: str) -> str:
-        """The ``ros2msg`` text of ``pkg/msg/Type``: its definition, then its dependencies'.
+        """Return the ``ros2msg`` text of ``pkg/msg/Type``: its definition, then its dependencies'.
 
         Raises:
             BagError: No installed package defines the type or one that it uses.
@@ -72,7 +72,7 @@ class Schemas:
         return self._with_dependencies(f"{package}/{name}", seen)
 
     def type_hash(self, type_name: str) -> str:
-        """The type's hash ``RIHS01_…``, or an empty string where none is installed."""
+        """Return the type's hash ``RIHS01_…``, or an empty string where none is installed."""
         package, name = self._split(type_name)
         path = self._find(package, f"{name}.json")
         if path is None:

@@ -10,12 +10,12 @@ from bicycle_bag.errors import BagError
 
 
 def absolute(name: str) -> str:
-    """A topic's full name; ``bicycle/state`` means ``/bicycle/state``."""
+    """Return a topic's full name; ``bicycle/state`` means ``/bicycle/state``."""
     return name if name.startswith("/") else f"/{name}"
 
 
 def is_hidden(name: str) -> bool:
-    """Whether ROS tools hide the topic: a part of its name begins with an underscore."""
+    """Return True if ROS tools hide the topic: a part of its name begins with an underscore."""
     return any(part.startswith("_") for part in name.split("/"))
 
 
@@ -59,7 +59,7 @@ class TopicFilter:
         object.__setattr__(self, "_excluded", frozenset(map(absolute, self.exclude_topics)))
 
     def accepts(self, name: str, type_name: str = "") -> bool:
-        """Whether a topic of this full name and type is chosen."""
+        """Return True if a topic of this full name and type is chosen."""
         if name in self._excluded or type_name in self.exclude_types:
             return False
         if name in self._listed:

@@ -53,7 +53,7 @@ class RideOptions:
         return random_goals(count, self.field, (0.0, 0.0), rng)
 
     def command(self, name: str) -> list[str]:
-        """The command that starts one node.
+        """Return the command that starts one node.
 
         Args:
             name: a key of `MODULES`.
@@ -82,7 +82,7 @@ def parse(arguments: Sequence[str], workspace: Path) -> RideOptions:
 
 
 def _checked(given: argparse.Namespace, workspace: Path) -> RideOptions:
-    """The options.
+    """Return the options.
 
     Raises:
         ValueError: on a value out of range, an unknown node or a missing file.

@@ -27,7 +27,7 @@ class RefusedError(Exception):
 
 
 def is_local(address: str) -> bool:
-    """Whether an address to bind to can be reached from this machine only."""
+    """Return True if an address to bind to can be reached from this machine only."""
     if address == "localhost":
         return True
     try:

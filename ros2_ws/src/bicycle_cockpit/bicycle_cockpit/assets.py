@@ -39,7 +39,7 @@ class Assets:
         self._read: dict[str, Asset] = {}
 
     def response(self, request: web.Request, name: str) -> web.Response:
-        """The answer for one file.
+        """Return the answer for one file.
 
         Raises:
             HTTPNotFound: when the folder holds no such file.
@@ -79,7 +79,7 @@ def _read(path: Path, changed: int) -> Asset:
 
 
 def accepts_gzip(request: web.Request) -> bool:
-    """Whether a browser takes gzip."""
+    """Return True if a browser takes gzip."""
     for offer in request.headers.get("Accept-Encoding", "").lower().split(","):
         name, _, weight = offer.replace(" ", "").partition(";")
         if name == "gzip":

@@ -61,7 +61,7 @@ class BagDesk:
         self._idle: asyncio.TimerHandle | None = None
 
     async def listed(self) -> list[dict[str, Any]]:
-        """The bags, the newest first; see `shelf.entry`.
+        """Return the bags, the newest first; see `shelf.entry`.
 
         Raises:
             BagProblemError: when too many wait.
@@ -78,7 +78,7 @@ class BagDesk:
                     return found + slow
 
     async def load(self, name: str) -> Loaded:
-        """A bag.
+        """Return a bag.
 
         Raises:
             BagProblemError: there is no such bag, it cannot be shown, it takes too long, or too
@@ -141,7 +141,7 @@ class BagDesk:
         return line
 
     async def _list_once(self, end: float) -> tuple[list[dict[str, Any]], str]:
-        """The bags that could be looked into, and the name of the one that took too long.
+        """Return the bags that could be looked into, and the name of the one that took too long.
 
         Args:
             end: of all patience, on the loop's clock.
@@ -164,7 +164,7 @@ class BagDesk:
         return found, ""
 
     async def _ask(self, request: dict[str, Any], patience: float) -> dict[str, Any]:
-        """The first line of an answer.
+        """Return the first line of an answer.
 
         Raises:
             TimeoutError, EOFError, ValueError: it took too long, the process ended, or said

@@ -104,7 +104,7 @@ class Worker:
 
 
 def _safe_entry(name: str, path: Path) -> dict[str, Any]:
-    """A bag for the list, whatever is wrong with it."""
+    """Return a bag for the list, whatever is wrong with it."""
     try:
         return entry(name, path)
     except Exception as error:

@@ -29,7 +29,7 @@ Made = TypeVar("Made")
 
 
 def session(path: Path) -> dict[str, Any]:
-    """A ride as the page draws it.
+    """Return a ride as the page draws it.
 
     Returns:
         `columns` (names), `data` (one list per column), `marks` (see there), `riders` (the
@@ -68,7 +68,7 @@ def session(path: Path) -> dict[str, Any]:
 
 
 def _simulated_time(ride: RideLog) -> Numbers:
-    """(n,) s from the first state on; goes on where the simulator was started anew."""
+    """Return (n,) s from the first state on; goes on where the simulator was started anew."""
     stamp = np.asarray(ride.states["header.stamp"], dtype=np.float64)
     steps = np.diff(stamp, prepend=stamp[:1])
     return np.cumsum(np.where(steps < 0, 0.025, steps))
@@ -87,7 +87,7 @@ def _first(ride: RideLog, name: str, read: Callable[[str], Made]) -> Made | None
 def _newest_before(
     messages: Mapping[str, NDArray[Any]], places: NDArray[np.int64]
 ) -> NDArray[np.intp]:
-    """(n,) row of the newest message before each place in the recorded order, -1 for none."""
+    """Return (n,) rows of the newest message before each place in recorded order, -1 for none."""
     if "recorded_order" not in messages:
         return np.full(len(places), -1)
     return np.searchsorted(messages["recorded_order"], places, side="left") - 1
@@ -100,7 +100,7 @@ def _table(
     riders: Numbers,
     scenario: Scenario | None,
 ) -> list[Numbers]:
-    """The columns of `Sample`."""
+    """Return the columns of `Sample`."""
     states = ride.states
     weights = scenario.reward if scenario else RewardWeights()
     rewards = reward_columns(states, weights)
@@ -125,7 +125,7 @@ def _table(
 
 
 def _at(messages: Mapping[str, NDArray[Any]], name: str, rows: NDArray[np.intp]) -> Numbers:
-    """A column at some rows; NaN where there is none."""
+    """Return a column at some rows; NaN where there is none."""
     if name not in messages or not len(messages[name]):
         return np.full(len(rows), np.nan)
     return np.where(rows >= 0, messages[name][np.maximum(rows, 0)], np.nan)
@@ -134,7 +134,7 @@ def _at(messages: Mapping[str, NDArray[Any]], name: str, rows: NDArray[np.intp])
 def _riders(
     ride: RideLog, newest: NDArray[np.intp], names: Mapping[str, str]
 ) -> tuple[list[Rider], Numbers]:
-    """The policies that rode, in the order in which they first did, and (n,) which did when."""
+    """Return the policies that rode, in order of first use, and (n,) their index per row."""
     numbers = np.full(len(newest), np.nan)
     if "policy" not in ride.commands or not len(ride.commands["policy"]):
         return [], numbers

@@ -118,7 +118,7 @@ class Broadcaster:
         return sum(box.dropped for box in self._boxes.values())
 
     def join(self) -> tuple[int, Outbox] | None:
-        """A new page's number and outbox; None where there are too many."""
+        """Return a new page's number and outbox; None where there are too many."""
         if len(self._boxes) >= MOST_CLIENTS:
             return None
         number, box = self._next, Outbox()

@@ -153,7 +153,7 @@ class Connections:
         self._busy: set[Connection] = set()
 
     def __call__(self) -> Connection:
-        """The protocol of a new connection."""
+        """Return the protocol of a new connection."""
         return Connection(self, self._manager, asyncio.get_running_loop(), **self._more)
 
     def opened(self, connection: Connection) -> None:
@@ -183,7 +183,7 @@ class Connections:
 
 
 def _where(error: BaseException | None) -> str:
-    """The place of a mistake of ours; nothing for what a client sent wrong."""
+    """Return the place of a mistake of ours; nothing for what a client sent wrong."""
     trace = error.__traceback__ if error is not None and not _is_http(error) else None
     if trace is None:
         return ""

@@ -24,7 +24,7 @@ class EventRoom:
         self._left_out = 0
 
     def take(self, kind: str) -> bool:
-        """Whether one more of this kind may be told; if not, it is counted."""
+        """Return True if one more of this kind may be told; if not, it is counted."""
         room = self._rooms[kind].take()
         self._left_out += not room
         return room

@@ -69,7 +69,7 @@ class GoalList:
                 self.ahead = []
 
     def with_more(self, points: Sequence[Point2D]) -> list[Point2D]:
-        """All that lies ahead and then these."""
+        """Return all that lies ahead and then these."""
         if self._untaken is not None:
             return [*self._untaken, *points]
         return [*([self.active] if self.active else []), *self.ahead, *points]

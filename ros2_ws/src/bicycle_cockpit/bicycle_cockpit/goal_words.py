@@ -28,7 +28,7 @@ WORDS = {
 
 
 def kind(status: Status) -> str:
-    """The word by which the page draws it."""
+    """Return the word by which the page draws it."""
     return status.name.lower()
 
 
@@ -65,7 +65,7 @@ class Told:
         self._active: Point2D | None = None
 
     def news(self, status: Status, place: Point2D) -> bool:
-        """Whether a change is to be told."""
+        """Return True if a change is to be told."""
         if status is Status.REJECTED:
             return True
         is_active = place == self._active

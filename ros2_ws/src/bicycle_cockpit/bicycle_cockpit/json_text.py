@@ -7,7 +7,7 @@ from typing import Any
 
 
 def json_text(data: dict[str, Any]) -> str:
-    """JSON without NaN and without spaces.
+    """Return JSON without NaN and without spaces.
 
     Raises:
         ValueError: on a number that is not finite.

@@ -38,7 +38,7 @@ class Ridden(NamedTuple):
 
 
 def marks(ridden: Ridden) -> list[Mark]:
-    """All of them in order of time, the first MOST_MARKS."""
+    """Return all of them in order of time, the first MOST_MARKS."""
     found = [*_goals(ridden), *_states(ridden), *_others(ridden)]
     return sorted(found, key=lambda mark: float(mark["t"]))[:MOST_MARKS]
 
@@ -57,7 +57,7 @@ def _mark(ridden: Ridden, row: int, kind: str, level: str, text: str) -> Mark:
 
 
 def _rows(ridden: Ridden, messages: Mapping[str, NDArray[Any]]) -> list[int]:
-    """The newest state that was recorded by the time of each message."""
+    """Return the newest state that was recorded by the time of each message."""
     places = messages["recorded_order"]
     rows = np.searchsorted(ridden.ride.states["recorded_order"], places, side="right") - 1
     return [int(row) for row in np.maximum(rows, 0)]
@@ -124,6 +124,6 @@ def _others(ridden: Ridden) -> Iterator[Mark]:
 
 
 def push_text(lean_rate: float) -> str:
-    """A push in words; rad/s, positive to the right."""
+    """Return a push in words; rad/s, positive to the right."""
     side = "right" if lean_rate > 0 else "left"
     return f"pushed to the {side}, {abs(lean_rate):.2f} rad/s"

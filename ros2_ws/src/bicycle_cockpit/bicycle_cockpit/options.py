@@ -67,7 +67,7 @@ def parse(arguments: Sequence[str], workspace: Path) -> Options:
 
 
 def _checked(given: argparse.Namespace, ros: list[str]) -> Options:
-    """The options.
+    """Return the options.
 
     Raises:
         ValueError: on a value out of range, an unsafe door or an unknown word.

@@ -120,7 +120,7 @@ def _keep_short(request: web.Request) -> None:
 
 
 def _text(message: WSMessage) -> str:
-    """The text of a message.
+    """Return the text of a message.
 
     Raises:
         RequestError: when it is not text.

@@ -18,7 +18,7 @@ class PolicyCatalogue:
         self._folder = folder
 
     def offered(self) -> list[dict[str, str]]:
-        """Name and group of each, in the order to show them."""
+        """Return the name and group of each, in the order to show them."""
         groups = {
             **dict.fromkeys(shipped_policies(), "shipped"),
             **dict.fromkeys(LQR, "classical"),
@@ -37,7 +37,7 @@ class PolicyCatalogue:
         return str(self._files()[name].resolve())
 
     def _files(self) -> dict[str, Path]:
-        """The best policy of each run by the run's name, other files by their own."""
+        """Return the best policy of each run by the run's name, other files by their own."""
         try:
             files = [*self._folder.glob(f"*{SUFFIX}"), *self._folder.glob(f"*/*{SUFFIX}")]
             files += self._folder.glob(f"*/*/{BEST}")

@@ -23,7 +23,7 @@ class RateLimiter:
         self._left, self._asked = burst, clock()
 
     def take(self) -> bool:
-        """Whether it may happen once more, now."""
+        """Return True if it may happen once more, now."""
         now = self._clock()
         self._left = min(self._burst, self._left + (now - self._asked) * self._rate)
         self._asked = now

@@ -101,7 +101,7 @@ class Record(Request):
 
 
 def parse(text: str) -> Request:
-    """The request that a message holds.
+    """Return the request that a message holds.
 
     Raises:
         RequestError: on anything but a request with fields of the right type and range.
@@ -132,7 +132,7 @@ def _no_constant(name: str) -> float:
 
 
 def _shown(value: object) -> str:
-    """Foreign text in one line of bounded length."""
+    """Return foreign text in one line of bounded length."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 

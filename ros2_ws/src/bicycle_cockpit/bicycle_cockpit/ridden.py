@@ -18,7 +18,7 @@ LARGEST_CHUNK = 64 * 1024 * 1024
 
 
 def ridden(files: Sequence[Path]) -> float | None:
-    """s of simulated time between the first and the last state.
+    """Return s of simulated time between the first and the last state.
 
     Args:
         files: the MCAP files of a bag, in order.
@@ -42,7 +42,7 @@ def _first_known(stamps: Iterable[float | None]) -> float | None:
 
 
 def _stamp(file: Path, *, last: bool) -> float | None:
-    """s, the stamp of a file's first or last state; only the chunk that holds it is read."""
+    """Return the stamp of a file's first or last state, s; read only the chunk that holds it."""
     with file.open("rb") as stream:
         reader = SeekingReader(stream)
         summary = reader.get_summary()
@@ -55,7 +55,7 @@ def _stamp(file: Path, *, last: bool) -> float | None:
 
 
 def _state_topic(summary: Summary) -> str:
-    """Name of the one bicycle's states; nothing where the file's index does not lead to them."""
+    """Return the state topic of the only bicycle; empty if the file's index lacks it."""
     names = {one.topic for one in summary.channels.values() if one.topic.endswith(STATE)}
     chunks = summary.chunk_indexes
     small = all(chunk.uncompressed_size <= LARGEST_CHUNK for chunk in chunks)
@@ -63,7 +63,7 @@ def _state_topic(summary: Summary) -> str:
 
 
 def _seconds(data: bytes) -> float | None:
-    """The stamp that a message with a header begins with."""
+    """Return the stamp that a message with a header begins with."""
     if len(data) < _CDR_HEADER + 8 or data[1] != _LITTLE_ENDIAN:
         return None
     seconds, nanoseconds = struct.unpack_from("<iI", data, _CDR_HEADER)

@@ -93,12 +93,12 @@ class RideState:
 
     @property
     def at_start(self) -> bool:
-        """Whether no step of the episode has been made."""
+        """True if no step of the episode has been made."""
         return self._last is None or self._last.step == 0
 
     @property
     def hears_simulator(self) -> bool:
-        """Whether states arrive."""
+        """True if states arrive."""
         return self._clock() - self._heard < SILENCE
 
     def due(self) -> bool:
@@ -124,11 +124,11 @@ class RideState:
         return True
 
     def policy_number(self, policy: str) -> float:
-        """The number by which rows name a policy; NaN for none."""
+        """Return the number by which rows name a policy; NaN for none."""
         return self._policies.setdefault(policy, len(self._policies)) if policy else math.nan
 
     def riders(self) -> dict[str, Any]:
-        """The policies that rows name, in the order of their numbers."""
+        """Return the policies that rows name, in the order of their numbers."""
         known = (rider(policy, self.names) for policy in self._policies)
         return {"type": "riders", "riders": [asdict(one) for one in known]}
 
@@ -156,7 +156,7 @@ class RideState:
             self._training.append(facts)
 
     def hello(self) -> dict[str, Any]:
-        """All that a new page must know but for the rows, which `history` has."""
+        """Return all that a new page must know but for the rows, which `history` has."""
         return {
             "type": "hello",
             "session": self.session,
@@ -169,7 +169,7 @@ class RideState:
         }
 
     def history(self) -> list[Rows]:
-        """All rows but those of the next frame, in pieces, the newest first."""
+        """Return all rows but those of the next frame, in pieces, the newest first."""
         end = self._count - len(self._new)
         rows = tuple(islice(self._rows, max(0, len(self._rows) - len(self._new))))
         pieces = []
@@ -179,7 +179,7 @@ class RideState:
         return pieces
 
     def frame(self) -> Rows | None:
-        """The rows since the last call; None when there are none."""
+        """Return the rows since the last call; None when there are none."""
         rows, self._new = self._new, []
         return Rows(self._ride, self._count - len(rows), tuple(rows)) if rows else None
 

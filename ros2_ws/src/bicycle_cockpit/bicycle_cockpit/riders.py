@@ -13,12 +13,12 @@ from bicycle_sim.plants.choi.parameters import Physics
 
 
 def shipped_names() -> dict[str, str]:
-    """Names of the shipped policies by their ids."""
+    """Return the names of the shipped policies by their ids."""
     return {load_policy(name).policy_id: name for name in shipped_policies()}
 
 
 def lqr_names(physics: Physics) -> dict[str, str]:
-    """Names of the LQR's tunings by their ids, which differ with the bicycle."""
+    """Return the names of the LQR's tunings by their ids, which differ with the bicycle."""
     return {tuning_id(config, physics): name for name, config in TUNED.items()}
 
 
@@ -35,7 +35,7 @@ class Rider:
 
 
 def rider(policy: str, names: Mapping[str, str]) -> Rider:
-    """A policy by its id.
+    """Return a policy by its id.
 
     Args:
         policy: the id.
@@ -68,6 +68,6 @@ class Palette:
         return bool(new)
 
     def message(self) -> dict[str, Any]:
-        """All of them, for the pages."""
+        """Return all of them, for the pages."""
         with self._lock:
             return {"type": "palette", "slots": dict(self._slots)}

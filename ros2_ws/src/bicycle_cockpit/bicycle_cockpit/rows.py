@@ -36,7 +36,7 @@ def row_text(values: Iterable[float]) -> str:
 
 
 def joined(parts: Iterable[Rows]) -> Rows:
-    """Rows that follow one another, as one.
+    """Return the rows that follow one another, as one.
 
     Raises:
         ValueError: when there are none, or they do not follow one another.

@@ -70,7 +70,7 @@ COLUMNS = Sample._fields
 
 
 def reward_columns(state: Mapping[str, Any], weights: RewardWeights) -> list[Any]:
-    """The four terms of equation 20 of a state or of columns of states, in REP-103 signs.
+    """Return the four terms of equation 20 of a state or of columns of states, in REP-103 signs.
 
     Args:
         state: `lean_angle`, `lean_rate`, `lean_acceleration` and `heading_error`, numbers or
@@ -83,16 +83,16 @@ def reward_columns(state: Mapping[str, Any], weights: RewardWeights) -> list[Any
 
 
 def plain(value: float) -> float | None:
-    """A number as JSON can hold it: rounded, None where it is not finite."""
+    """Return a number as JSON can hold it: rounded, None where it is not finite."""
     return round(value, DIGITS) if math.isfinite(value) else None
 
 
 def plain_row(sample: Iterable[float]) -> list[float | None]:
-    """A row as JSON can hold it."""
+    """Return a row as JSON can hold it."""
     return [plain(value) for value in sample]
 
 
 def plain_column(column: NDArray[Any]) -> list[float | None]:
-    """A column as JSON can hold it."""
+    """Return a column as JSON can hold it."""
     numbers = np.round(column.astype(np.float64), DIGITS)
     return [value if math.isfinite(value) else None for value in numbers.tolist()]

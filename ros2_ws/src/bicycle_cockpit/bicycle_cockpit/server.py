@@ -253,7 +253,7 @@ class Server:
 
 
 def _bearer(request: web.Request) -> str:
-    """The token of a request without WebSocket."""
+    """Return the token of a request without WebSocket."""
     return request.headers.get("Authorization", "").removeprefix("Bearer ")
 
 

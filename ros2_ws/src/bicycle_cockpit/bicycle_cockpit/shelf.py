@@ -35,7 +35,7 @@ class BagShelf:
         self.folder = folder
 
     def found(self) -> dict[str, Path]:
-        """Paths by name, the newest first; a link that leads out of the folder is none."""
+        """Return the paths by name, newest first; skip links that lead out of the folder."""
         root = self.folder.resolve()
         paths = [
             path
@@ -46,7 +46,7 @@ class BagShelf:
         return {path.relative_to(self.folder).as_posix(): path for path in paths[:MOST_BAGS]}
 
     def path(self, name: str) -> Path:
-        """A bag's path.
+        """Return a bag's path.
 
         Raises:
             KeyError: when the folder's listing has no such bag.
@@ -55,7 +55,7 @@ class BagShelf:
 
 
 def entry(name: str, path: Path) -> dict[str, Any]:
-    """A bag for the list.
+    """Return a bag for the list.
 
     Returns:
         `name`, `start` (s since 1970, None where that is not known), `duration` (s), `ridden` (s
@@ -82,7 +82,7 @@ def entry(name: str, path: Path) -> dict[str, Any]:
 
 
 def _written(path: Path) -> float:
-    """s since 1970, when the bag was written to last."""
+    """Return s since 1970, when the bag was written to last."""
     return max((when for _, _, when in signature(path)), default=0) * 1e-9
 
 

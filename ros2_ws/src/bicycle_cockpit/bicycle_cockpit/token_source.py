@@ -15,7 +15,7 @@ LARGEST_FILE = 4096
 
 
 def find_token(word: str | None, file: Path | None, environment: MutableMapping[str, str]) -> str:
-    """The secret that a page must know; empty for none.
+    """Return the secret that a page must know; empty for none.
 
     Args:
         word: of the option `--token`, which takes AUTO only; None where it is not given.

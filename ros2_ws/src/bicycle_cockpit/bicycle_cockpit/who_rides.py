@@ -75,7 +75,7 @@ class WhoRides:
         self.chosen = policy
 
     def settled(self) -> str:
-        """The policy that rides since a moment ago and that no hand-over explains; once."""
+        """Return the policy that rides since a moment ago and that no hand-over explains; once."""
         if self._changed is None or self._clock() - self._changed < SETTLED:
             return ""
         self._changed = None

@@ -36,7 +36,7 @@ def heading_error(
 
 
 def heading_to_yaw(heading: Array, xp: ModuleType = np) -> Array:
-    """Return the REP-103 yaw (zero along +x) of a heading psi (zero along +y), rad in (-pi, pi]."""
+    """Return the REP-103 yaw (zero along +x) of a heading psi (zero along +y), in (-pi, pi]."""
     return wrap_angle(heading + 0.5 * math.pi, xp)
 
 

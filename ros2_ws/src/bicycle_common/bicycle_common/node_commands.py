@@ -53,7 +53,7 @@ def workspace() -> Path:
 
 
 def config_folder() -> Path:
-    """Return the folder of the parameter files: beside the sources, or where colcon installed them.
+    """Return the folder of the parameter files: beside the sources, or colcon's installed one.
 
     Raises:
         ValueError: if it is in neither place.

@@ -25,7 +25,7 @@ def observation(snapshot: BicycleState, heading_error: float) -> np.ndarray:
 
 
 def goal_bearing(numbers: dict[str, float], goal: Point2D | None) -> tuple[float, float]:
-    """Return heading error psi_g (rad) and distance (m) of a goal from a state; NaN without one."""
+    """Return a goal's heading error psi_g (rad) and distance (m) from a state; NaN without one."""
     if goal is None:
         return math.nan, math.nan
     x, y = numbers["rear_x"], numbers["rear_y"]

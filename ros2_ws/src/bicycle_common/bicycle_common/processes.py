@@ -19,7 +19,7 @@ PATIENCE = 10.0
 FIRST_WORD, NEXT_WORD = 2.0, 10.0
 """Wait before the first message about a process that is still saving, and between messages (s)."""
 ASKED = (-signal.SIGINT, -signal.SIGTERM, 128 + signal.SIGINT, 128 + signal.SIGTERM)
-"""Exit statuses that count as clean for a process with nothing to save, such as one starting up."""
+"""Exit statuses that are clean for a process with nothing to save, such as one starting up."""
 LOOK = 0.05
 """Polling period while waiting for a process (s)."""
 

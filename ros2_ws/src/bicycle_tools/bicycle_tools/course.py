@@ -19,7 +19,7 @@ NEAREST = 10.0
 def random_goals(
     count: int, field: float, start: Point2D, rng: np.random.Generator, nearest: float = NEAREST
 ) -> list[Point2D]:
-    """Goals drawn evenly from a square around the start, each some way from the one before.
+    """Return goals drawn evenly from a square around the start, each some way from the one before.
 
     Args:
         count: how many.
@@ -47,7 +47,7 @@ def random_goals(
 
 
 def read_waypoints(path: Path) -> list[Point2D]:
-    """The points of a file, in order.
+    """Return the points of a file, in order.
 
     Args:
         path: YAML with a list of ``[x, y]`` or ``{x: …, y: …}``, or under the key ``waypoints``

@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 
 def ride_time(log: RideLog) -> Floats:
-    """s of simulated time since the start, (n,) for the states, going on through resets."""
+    """Return s of simulated time since the start, (n,) for the states, going on through resets."""
     if not len(log.segment):
         return np.empty(0)
     elapsed = np.diff(log.states["header.stamp"])
@@ -33,7 +33,7 @@ def ride_time(log: RideLog) -> Floats:
 
 
 def envelope(time: Floats, values: Floats, most: int) -> tuple[Floats, Floats]:
-    """A line with fewer points that looks the same: the extremes of each stretch.
+    """Return a line with fewer points that looks the same: the extremes of each stretch.
 
     Args:
         time: (n,) in order.

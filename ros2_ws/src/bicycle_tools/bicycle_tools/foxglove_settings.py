@@ -25,5 +25,5 @@ class FoxgloveSettings:
 
     @property
     def is_open(self) -> bool:
-        """Whether other machines can connect."""
+        """True if other machines can connect."""
         return self.host not in LOOPBACK

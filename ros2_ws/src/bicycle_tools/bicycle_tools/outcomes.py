@@ -32,11 +32,11 @@ class Outcome:
     message: str = ""
     """That word, for a person."""
     begun_before: bool = False
-    """Whether it was under way when the recording began: the numbers count from before."""
+    """True if it was under way when the recording began: the numbers count from before."""
 
 
 def outcomes(statuses: Columns) -> list[Outcome]:
-    """The goals of a ride in the order they were taken, each once.
+    """Return the goals of a ride in the order they were taken, each once.
 
     A goal that was still open when the controller died or the bicycle fell, and that was sent
     again, counts once, as it ended at last.
@@ -63,7 +63,7 @@ def outcomes(statuses: Columns) -> list[Outcome]:
 def _update(
     known: Outcome | None, position: Point2D, status: Status, statuses: Columns, row: int
 ) -> Outcome:
-    """The goal after one more status message."""
+    """Return the goal after one more status message."""
     distance = float(statuses["distance"][row])
     straight = distance if status is Status.ACTIVE else known.straight if known else float("nan")
     if status is Status.REACHED and not (known and known.status is Status.REACHED):

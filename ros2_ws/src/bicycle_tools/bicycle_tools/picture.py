@@ -72,7 +72,7 @@ def _mark_goals(axes: Axes, log: RideLog, time: Floats) -> None:
 
 
 def _applied(log: RideLog) -> tuple[Floats, Floats] | None:
-    """Torque (N m) and displacement (m) that led to each state; NaN where there was no command."""
+    """Return torque (N m) and displacement (m) that led to each state; NaN without a command."""
     commands: Columns = log.commands
     if not len(commands.get("step", ())):
         return None

@@ -33,7 +33,7 @@ class Plan:
 
     @property
     def finished(self) -> bool:
-        """Whether every goal is decided."""
+        """True if every goal is decided."""
         return not self.remaining
 
     def take(self, position: Point2D, status: Status) -> int | None:

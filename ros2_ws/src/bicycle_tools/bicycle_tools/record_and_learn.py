@@ -30,7 +30,7 @@ EVALUATED = (
 
 
 def is_better(comparison: dict[str, Any]) -> bool:
-    """Whether the first policy of `bicycle evaluate --against` is the better one.
+    """Return True if the first policy of `bicycle evaluate --against` is the better one.
 
     It reaches more goals less falls, or as many and does better in more rides than the other.
     """
@@ -41,7 +41,7 @@ def is_better(comparison: dict[str, Any]) -> bool:
 
 
 def text_of(before: dict[str, Any], after: dict[str, Any], comparison: dict[str, Any]) -> str:
-    """The table: rides by the nodes, then the pairs in simulation."""
+    """Return the table: rides by the nodes, then the pairs in simulation."""
     new, old = comparison, comparison["against"]
     lines = [_row("", "before", "after"), _row("", old["controller"], new["controller"])]
     lines.append("the same goals, ridden by the nodes:")
@@ -67,7 +67,7 @@ def _row(label: str, first: str, second: str) -> str:
 
 
 def _short(text: str) -> str:
-    """A policy's id without the middle of a long name."""
+    """Return a policy's id without the middle of a long name."""
     return text if len(text) <= 25 else f"{text[:12]}..{text[-11:]}"
 
 

@@ -51,7 +51,7 @@ def sent_before(columns: Columns, begun: float, commands: Columns) -> NDArray[np
 
 
 def _sending_time(columns: Columns, commands: Columns) -> str:
-    """The column that tells when a message was sent; "" where none does.
+    """Return the column that tells when a message was sent; "" where none does.
 
     Recorders before Jazzy write the time of receiving for both times.
     """
@@ -61,7 +61,7 @@ def _sending_time(columns: Columns, commands: Columns) -> str:
 
 
 def goals_of_recording(statuses: Columns, begun: float, commands: Columns) -> Columns:
-    """The goal statuses that belong to a recording.
+    """Return the goal statuses that belong to a recording.
 
     Args:
         statuses: columns of GoalStatus.
@@ -94,7 +94,7 @@ def goals_of_recording(statuses: Columns, begun: float, commands: Columns) -> Co
 
 
 def _first_sent(statuses: Columns) -> list[int]:
-    """Rows without those that a recorder heard again because it subscribed anew."""
+    """Return rows without those that a recorder heard again because it subscribed anew."""
     seen: set[tuple[Any, ...]] = set()
     rows = []
     names = ("publish_time", "goal_id", "status", "position.x", "position.y")

@@ -100,18 +100,18 @@ def load_ride(reader: BagReader, prefix: str) -> RideLog:
 
 
 def begun(reader: BagReader) -> float:
-    """s, log time of the first message in recorded order; clocks may be set back later on."""
+    """Return the log time of the first recorded message, s; clocks may be set back later."""
     first = next(iter(reader.messages()), None)
     return first.log_time_ns * 1e-9 if first is not None else 0.0
 
 
 def _no_states() -> tuple[Columns, NDArray[np.intp]]:
-    """Columns of any name without a row, and their segments."""
+    """Return the columns of any name without a row, and their segments."""
     return defaultdict(lambda: np.empty(0)), np.empty(0, dtype=np.intp)
 
 
 def prefix_of(reader: BagReader) -> str:
-    """The namespace of the bag's bicycle, such as "" or "/red"."""
+    """Return the namespace of the bag's bicycle, such as "" or "/red"."""
     found = [name[: -len(STATE)] for name in reader.topics if name.endswith(STATE)]
     if not found:
         raise no_bicycle(reader)
@@ -121,7 +121,7 @@ def prefix_of(reader: BagReader) -> str:
 
 
 def no_bicycle(reader: BagReader) -> BagError:
-    """The error for a bag in which no bicycle was recorded."""
+    """Return the error for a bag in which no bicycle was recorded."""
     return BagError(
         f"{reader.path} holds no bicycle: nothing was recorded of {STATE}; name a bag of record.sh"
     )

@@ -39,7 +39,7 @@ def report(bag: Path, folder: Path, events: Sequence[str] = ()) -> tuple[RideSum
 
 
 def _read(bag: Path) -> RideLog:
-    """The ride, after a repair if its recorder was cut off."""
+    """Return the ride, after a repair if its recorder was cut off."""
     try:
         return read_ride(bag)
     except BagError:

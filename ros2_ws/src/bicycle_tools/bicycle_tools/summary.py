@@ -30,7 +30,7 @@ class Quantiles:
 
     @classmethod
     def of(cls, values: Floats) -> Quantiles:
-        """The quantiles of the finite values."""
+        """Return the quantiles of the finite values."""
         finite = values[np.isfinite(values)]
         if not len(finite):
             return cls(np.nan, np.nan, np.nan)
@@ -98,11 +98,11 @@ class RideSummary:
 
     @property
     def perfect(self) -> bool:
-        """Whether every goal was reached without a fall."""
+        """True if every goal was reached without a fall."""
         return self.falls == 0 and self.reached == self.goals > 0
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain data for JSON; what was not measured is None."""
+        """Return plain data for JSON; what was not measured is None."""
         plain = _without_nan(asdict(self))
         assert isinstance(plain, dict)
         return plain
@@ -161,13 +161,13 @@ def summarise_loop(log: RideLog) -> Loop:
 
 
 def path_length(states: Columns, segment: NDArray[np.intp]) -> float:
-    """m that the rear contact rode; a reset's jump does not count."""
+    """Return m that the rear contact rode; a reset's jump does not count."""
     legs = np.hypot(np.diff(states["rear_contact.x"]), np.diff(states["rear_contact.y"]))
     return float(legs[np.diff(segment) == 0].sum())
 
 
 def path_ratio(goals: Iterable[Outcome]) -> float:
-    """Path over straight line, of the goals reached: 1 is as the crow flies."""
+    """Return path over straight line, of the goals reached: 1 is as the crow flies."""
     reached = [
         goal
         for goal in goals
@@ -179,7 +179,7 @@ def path_ratio(goals: Iterable[Outcome]) -> float:
 
 
 def _ridden_time(states: Columns, segment: NDArray[np.intp]) -> float:
-    """s of simulated time that passed within the segments, less the time lying on the ground."""
+    """Return the simulated time within the segments, s, minus the time lying on the ground."""
     moving = (np.diff(segment) == 0) & ~states["fallen"][:-1].astype(bool)
     return float(np.diff(states["header.stamp"])[moving].sum())
 
@@ -198,12 +198,12 @@ def _floats(columns: Columns, name: str) -> Floats:
 
 
 def late_steps(timing: Columns) -> int:
-    """Steps of a recording that began later than half a period."""
+    """Return the steps of a recording that began later than half a period."""
     return _counted(timing, "late_steps", lambda lateness, period: int(lateness > 0.5 * period))
 
 
 def dropped_steps(timing: Columns) -> int:
-    """Whole periods that were skipped during a recording."""
+    """Return whole periods that were skipped during a recording."""
     return _counted(timing, "dropped_steps", lambda lateness, period: int(lateness // period))
 
 
@@ -229,7 +229,7 @@ def _counted(columns: Columns, name: str, own: Callable[[float, float], int]) ->
 
 
 def _usual(timing: Columns) -> float:
-    """s, the median period; NaN where none was measured."""
+    """Return s, the median period; NaN where none was measured."""
     period = _floats(timing, "period")
     known = period[np.isfinite(period)]
     return float(np.median(known)) if len(known) else np.nan

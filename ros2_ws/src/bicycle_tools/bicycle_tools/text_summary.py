@@ -9,14 +9,14 @@ from bicycle_tools.summary import Quantiles, RideSummary
 
 
 def render(summary: RideSummary, events: Sequence[str] = ()) -> str:
-    """The summary as a person reads it, with what happened to the processes."""
+    """Return the summary as a person reads it, with what happened to the processes."""
     lines = [*rows(summary), *(("event", event) for event in events)]
     width = max(len(name) for name, _ in lines)
     return "\n".join(f"  {name:<{width}}  {value}" for name, value in lines)
 
 
 def rows(summary: RideSummary) -> list[tuple[str, str]]:
-    """The summary as pairs of a name and a text."""
+    """Return the summary as pairs of a name and a text."""
     return [*_ride_rows(summary), *_loop_rows(summary)]
 
 

@@ -64,7 +64,7 @@ def _way(figure: Figure | SubFigure, axes: Axes, log: RideLog) -> None:
 
 
 def _pieces(segment: NDArray[np.intp], points: Floats) -> list[NDArray[np.intp]]:
-    """Rows of short unbroken stretches, each of one colour, that touch at their ends."""
+    """Return the rows of short unbroken stretches of one colour, which touch at their ends."""
     finite = np.isfinite(points).all(axis=1)
     kept = np.flatnonzero(finite)[:: max(1, len(points) // MOST_POINTS)]
     length = max(2, -(-len(kept) // MOST_COLOURS))
@@ -77,7 +77,7 @@ def _pieces(segment: NDArray[np.intp], points: Floats) -> list[NDArray[np.intp]]
 
 
 def _colours() -> Colormap:
-    """Viridis without its ends, which are lost on white or on black."""
+    """Return Viridis without its ends, which are lost on white or on black."""
     steps = mpl.colormaps["viridis"](np.linspace(0.12, 0.9, 64))
     return LinearSegmentedColormap.from_list("track", [tuple(step) for step in steps])
 

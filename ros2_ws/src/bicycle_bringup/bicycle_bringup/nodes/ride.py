@@ -131,11 +131,11 @@ class Ride:
 
     @property
     def recording(self) -> bool:
-        """Whether the recorder still writes, left to do so alone."""
+        """True if the recorder still writes, left to do so alone."""
         return self._crew.left
 
     def all_reached(self, summary: RideSummary) -> bool:
-        """Whether the bag shows that everything asked for was ridden to."""
+        """Return True if the bag shows that everything asked for was ridden to."""
         if self._options.minutes:
             return self._over() and summary.missed == summary.given_up == 0 < summary.reached
         return summary.reached == self._options.goals

@@ -23,7 +23,7 @@ def to_sample(
     weights: RewardWeights,
     policy: float = math.nan,
 ) -> Sample:
-    """The row of one state under the newest command, which the policy of that number chose."""
+    """Return the row of one state and the newest command; `policy` is its policy's number."""
     stamp = state.header.stamp
     rewarded = {name: getattr(state, name) for name in REWARDED}
     acts = ("torque", "displacement", "pedal_force")
@@ -48,7 +48,7 @@ def to_sample(
 
 
 def to_pose(point: Point2D, heading: float | None = None) -> PoseStamped:
-    """A goal as RViz sends it."""
+    """Return a goal as RViz sends it."""
     pose = PoseStamped()
     pose.header.frame_id = topics.ODOM_FRAME
     pose.pose.position = convert.to_point(point)
@@ -57,7 +57,7 @@ def to_pose(point: Point2D, heading: float | None = None) -> PoseStamped:
 
 
 def to_path(points: list[Point2D], heading: float | None = None) -> Path:
-    """Points to ride to in order, the last one in a direction."""
+    """Return the points to ride to in order, the last one in a direction."""
     poses = [to_pose(point) for point in points[:-1]]
     poses += [to_pose(point, heading) for point in points[-1:]]
     path = Path(poses=poses)
@@ -66,13 +66,13 @@ def to_path(points: list[Point2D], heading: float | None = None) -> Path:
 
 
 def points_of(message: PoseStamped | Path) -> list[Point2D]:
-    """The points of a goal or a path."""
+    """Return the points of a goal or a path."""
     poses = message.poses if isinstance(message, Path) else [message]
     return [(pose.pose.position.x, pose.pose.position.y) for pose in poses]
 
 
 def trainer_facts(status: TrainerStatus) -> dict[str, Any]:
-    """All that the trainer tells, for the page."""
+    """Return all that the trainer tells, for the page."""
     names = [name for name in status.get_fields_and_field_types() if name != "header"]
     values = {name: getattr(status, name) for name in names}
     shown = {k: plain(v) if isinstance(v, float) else v for k, v in values.items()}

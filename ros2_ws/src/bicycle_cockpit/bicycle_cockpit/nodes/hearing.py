@@ -194,7 +194,7 @@ class Hearing:
         )
 
     def _is_old(self, change: GoalStatus) -> bool:
-        """Whether it is from before this cockpit, kept for who comes late."""
+        """Return True if it is from before this cockpit, kept for who comes late."""
         stamp = change.header.stamp
         before = stamp.sec * 10**9 + stamp.nanosec < self._began_ns
         return before and time.monotonic() - self._began < OLD_NEWS

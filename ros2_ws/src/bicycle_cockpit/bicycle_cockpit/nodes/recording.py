@@ -81,7 +81,7 @@ class Recording:
         return True, f"closing {self._name}"
 
     def look(self) -> Line | None:
-        """A line when the recorder begins to record, keeps us waiting, or has ended."""
+        """Return a line when the recorder begins to record, keeps us waiting, or has ended."""
         child = self._child
         if child is None:
             return None
@@ -100,7 +100,7 @@ class Recording:
         return Line("info", f"recorded {name}" if begun else f"{name} was ended before it began")
 
     def _first_message(self, child: ManagedProcess) -> Line | None:
-        """A line once the recorder has said that it hears the bicycle."""
+        """Return a line once the recorder has said that it hears the bicycle."""
         if self._hears or self._ending is not None:
             return None
         try:

@@ -64,7 +64,7 @@ def to_point(point: Point2D | None, z: float = 0.0) -> PointMessage:
 
 
 def to_quaternion(yaw: float, roll: float = 0.0) -> Quaternion:
-    """Return the rotation by roll about the forward axis, then yaw about the vertical axis, rad."""
+    """Return the rotation by roll about the forward axis, then yaw about the vertical one, rad."""
     cy, sy = math.cos(0.5 * yaw), math.sin(0.5 * yaw)
     cr, sr = math.cos(0.5 * roll), math.sin(0.5 * roll)
     return Quaternion(x=cy * sr, y=sy * sr, z=sy * cr, w=cy * cr)

@@ -101,8 +101,8 @@ def start_ros(words: Sequence[str]) -> None:
         words: ROS arguments, with the program's name if there are any.
 
     Raises:
-        UserError: on arguments or an environment that ROS rejects, and if DDS security is requested
-            but missing in the middleware.
+        UserError: on arguments or an environment that ROS rejects, or if DDS security is
+            requested but missing in the middleware.
     """
     refusal = dds_security.refusal()
     if refusal:

@@ -69,7 +69,7 @@ class Caller:
         return True
 
     def call(self, service: Service, request: Any, patience: float, remedy: str) -> Any:
-        """The answer of a service.
+        """Return the answer of a service.
 
         Args:
             service: its name and type.

@@ -34,7 +34,7 @@ class FillingError(ValueError):
 
 
 def filled(kind: type[Any], text: str) -> Any:
-    """A message, or a service's request, with the values of a YAML text.
+    """Return a message, or a service's request, with the values of a YAML text.
 
     Args:
         kind: class of the message.
@@ -69,7 +69,7 @@ def _fill(message: Any, values: Any, place: str) -> None:
 
 
 def _value(kind: Any, value: Any, old: Any, place: str) -> Any:
-    """A value as a field of that type takes it."""
+    """Return a value as a field of that type takes it."""
     if isinstance(kind, AbstractNestedType):
         return _values(kind, value, place)
     if isinstance(kind, NamespacedType):

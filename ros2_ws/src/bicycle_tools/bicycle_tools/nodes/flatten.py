@@ -37,5 +37,5 @@ def flatten(message: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def shown(value: Any) -> str:
-    """A value as one reads it; floats with all their digits."""
+    """Return a value as one reads it; floats with all their digits."""
     return str(value).lower() if isinstance(value, bool) else str(value)

@@ -164,7 +164,7 @@ class FoxgloveServer(Node):
         self._work()
 
     def _is_wanted(self, name: str) -> bool:
-        """Whether a topic is chosen, and somebody besides this node publishes it."""
+        """Return True if a topic is chosen, and somebody besides this node publishes it."""
         own = int(name in self._inputs)
         return self._filter.accepts(name) and self.count_publishers(name) > own
 
@@ -249,7 +249,7 @@ class FoxgloveServer(Node):
 
 
 def _message(kind: Any, encoding: str, data: bytes) -> Any:
-    """The message that a client sent.
+    """Return the message that a client sent.
 
     Raises:
         ValueError: when it is none.

@@ -165,7 +165,7 @@ class GoalClient:
             raise ErrandError(NOBODY, f"no controller for {ABSENT:g} s: start controller.sh")
 
     def _lasts(self, what: str, holds: bool, seconds: float) -> bool:
-        """Whether something has held for so long."""
+        """Return True if something has held for so long."""
         now = time.monotonic()
         if not holds:
             self._missing.pop(what, None)
@@ -176,7 +176,7 @@ class GoalClient:
         return progress_text(self._rider.state)
 
     def _heard(self) -> bool:
-        """Whether the controller has answered the first goal.
+        """Return True if the controller has answered the first goal.
 
         Raises:
             ErrandError: when the answer is no.
@@ -192,7 +192,7 @@ class GoalClient:
         return False
 
     def _ends(self) -> list[tuple[Status, str]]:
-        """Goals that have ended since the last call.
+        """Return the goals that have ended since the last call.
 
         Raises:
             ErrandError: when the goals were taken away.

@@ -31,10 +31,10 @@ class Graph(Protocol):
         """Serve messages for so long, or until a condition holds."""
 
     def topics(self) -> dict[str, str]:
-        """Names of all topics and their types."""
+        """Return the names of all topics and their types."""
 
     def message_type(self, full: str, kind: str) -> type[Any]:
-        """The class of a type."""
+        """Return the class of a type."""
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:

@@ -84,7 +84,7 @@ class RideClient(Node):
                     self.warnings.append(item.value)
 
     def silence(self) -> float:
-        """s since the last state, or since this node was made."""
+        """Return s since the last state, or since this node was made."""
         return time.monotonic() - self._heard
 
     def condition(self) -> str:
@@ -115,13 +115,13 @@ class RideClient(Node):
         return float(stamp.sec + 1e-9 * stamp.nanosec)
 
     def others(self) -> list[str]:
-        """Names of nodes that simulate or command a bicycle of this name."""
+        """Return the names of nodes that simulate or command a bicycle of this name."""
         both = (topics.STATE, topics.COMMAND)
         found = [self.get_publishers_info_by_topic(self._full(topic)) for topic in both]
         return sorted({str(end.node_name) for ends in found for end in ends})
 
     def controller_listens(self) -> bool:
-        """Whether a living controller takes goals and answers states."""
+        """Return True if a living controller takes goals and answers states."""
         alive = self._controllers() - self._dead
         return bool(alive) and self.count_publishers(topics.COMMAND.name) > 0
 
@@ -130,7 +130,7 @@ class RideClient(Node):
         self._dead = self._controllers()
 
     def recorder_listens(self, name: str) -> bool:
-        """Whether a recorder of that name takes all that is published and that a bag needs."""
+        """Return True if a recorder of that name subscribes to all topics that a bag needs."""
         return all(
             name in self._names(self.get_subscriptions_info_by_topic(self._full(topic)))
             for topic in RECORDED
@@ -158,7 +158,7 @@ class RideClient(Node):
         return bool(answer is not None and answer.success)
 
     def _controllers(self) -> set[bytes]:
-        """Ids of the subscriptions to goals, but for recorders'."""
+        """Return the ids of the subscriptions to goals, but for recorders'."""
         found = self.get_subscriptions_info_by_topic(self._full(topics.GOAL_PATH))
         return {bytes(end.endpoint_gid) for end in found if not end.node_name.startswith(RECORDER)}
 
@@ -171,7 +171,7 @@ class RideClient(Node):
 
 
 def _pose(goal: Point2D) -> PoseStamped:
-    """A goal as RViz sends it, with no direction to arrive in."""
+    """Return a goal as RViz sends it, with no direction to arrive in."""
     pose = PoseStamped()
     pose.header.frame_id = topics.ODOM_FRAME
     pose.pose.position.x = float(goal[0])
@@ -181,7 +181,7 @@ def _pose(goal: Point2D) -> PoseStamped:
 
 
 def progress_text(state: BicycleState | None) -> str:
-    """Distance left, speed and lean, for a progress bar."""
+    """Return the distance left, speed and lean, for a progress bar."""
     if state is None:
         return "no state yet"
     left = f"{state.goal_distance:.1f} m left, " if math.isfinite(state.goal_distance) else ""

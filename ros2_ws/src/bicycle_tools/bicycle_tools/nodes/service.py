@@ -26,13 +26,13 @@ COMMON = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
 
 
 def services(caller: Caller) -> dict[str, str]:
-    """Names of all services and their types."""
+    """Return the names of all services and their types."""
     found = caller.node.get_service_names_and_types()
     return {name: ", ".join(types) for name, types in sorted(found)}
 
 
 def show_list(caller: Caller, given: argparse.Namespace) -> int:
-    """All services with their types."""
+    """Return all services with their types."""
     caller.spin_until(lambda: False, DISCOVERY)
     found = services(caller)
     if not given.all:
@@ -44,7 +44,7 @@ def show_list(caller: Caller, given: argparse.Namespace) -> int:
 
 
 def find(caller: Caller, name: str, patience: float) -> Service:
-    """A service that somebody offers.
+    """Return a service that somebody offers.
 
     Raises:
         CallError: when nobody does, or its type is not installed.
@@ -57,7 +57,7 @@ def find(caller: Caller, name: str, patience: float) -> Service:
 
 
 def service_class(kind: str) -> type[Any]:
-    """The class of `pkg/srv/Type`.
+    """Return the class of `pkg/srv/Type`.
 
     Raises:
         CallError: when it is not installed.
@@ -71,7 +71,7 @@ def service_class(kind: str) -> type[Any]:
 
 
 def show_type(caller: Caller, given: argparse.Namespace) -> int:
-    """The type of a service and the fields of its request."""
+    """Return the type of a service and the fields of its request."""
     service = find(caller, given.service, given.timeout)
     print(services(caller)[service.name])
     for field, kind in service.type.Request.get_fields_and_field_types().items():

@@ -68,12 +68,12 @@ class Watcher:
         return until()
 
     def topics(self) -> dict[str, str]:
-        """Names of all topics and their types."""
+        """Return the names of all topics and their types."""
         found = self.node.get_topic_names_and_types()
         return {name: ", ".join(types) for name, types in sorted(found)}
 
     def find(self, name: str, published: bool = True) -> tuple[str, str]:
-        """The full name and the type of a topic.
+        """Return the full name and the type of a topic.
 
         Args:
             name: of the topic.
@@ -95,7 +95,7 @@ class Watcher:
         return full, self.topics()[full]
 
     def message_type(self, full: str, kind: str) -> type[Any]:
-        """The class of a topic's type.
+        """Return the class of a topic's type.
 
         Raises:
             TopicError: when it is not installed.
@@ -125,7 +125,7 @@ class Watcher:
 
 
 def show_list(watcher: Watcher, _: argparse.Namespace) -> int:
-    """All topics with their types and how many publish and subscribe."""
+    """Return all topics with their types and how many publish and subscribe."""
     watcher.spin(DISCOVERY)
     topics = watcher.topics()
     width = max(map(len, topics), default=0)
@@ -146,7 +146,7 @@ def show_info(watcher: Watcher, given: argparse.Namespace) -> int:
 
 
 def show_type(watcher: Watcher, given: argparse.Namespace) -> int:
-    """The type of a topic and the fields of its messages."""
+    """Return the type of a topic and the fields of its messages."""
     full, kind = watcher.find(given.topic, published=False)
     print(kind)
     for field, type_name in watcher.message_type(full, kind).get_fields_and_field_types().items():
@@ -163,7 +163,7 @@ def _print_ends(title: str, ends: Iterable[Any]) -> None:
 
 
 def echo(watcher: Watcher, given: argparse.Namespace) -> int:
-    """Messages as dotted names and values, until Ctrl-C or after one."""
+    """Return messages as dotted names and values, until Ctrl-C or after one."""
     seen = 0
 
     def on_message(message: Any) -> None:
@@ -202,7 +202,7 @@ def show_rate(watcher: Watcher, given: argparse.Namespace) -> int:
 
 
 def publish(watcher: Watcher, given: argparse.Namespace) -> int:
-    """Messages from the command line."""
+    """Return the messages from the command line."""
     try:
         return publishing.publish(watcher, given)
     except FillingError as error:

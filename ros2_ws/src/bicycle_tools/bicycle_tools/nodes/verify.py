@@ -76,7 +76,7 @@ class Verdict:
     begins: str = ""
     """The state that the proof begins with, where that is not the start of an episode."""
     led: bool = False
-    """Whether a state was computed under a recorded command."""
+    """True if a state was computed under a recorded command."""
     unknown: int = 0
     """States that cannot be computed, as the state before or the command is missing."""
     first_unknown: str = ""
@@ -86,12 +86,12 @@ class Verdict:
 
     @property
     def same(self) -> bool:
-        """Whether every state that something comes before came out again, or nearly so."""
+        """True if every state that something comes before came out again, or nearly so."""
         return not self.difference and not self.unknown and self.checked > 0
 
     @property
     def proved(self) -> bool:
-        """Whether they did to the bit."""
+        """True if they did to the bit."""
         return self.same and not self.rounded
 
     def __str__(self) -> str:
@@ -188,7 +188,7 @@ def _check_versions(reader: BagReader, topics: list[str]) -> None:
 
 
 def decoded(data: bytes, kind: type[Any]) -> Any:
-    """A message of its CDR.
+    """Return a message of its CDR.
 
     Raises:
         BagError: it is none of this kind.
@@ -273,7 +273,7 @@ def _compute(
 
 
 def _candidates(recording: Recording, state: BicycleState) -> list[Command | None]:
-    """The commands that may have led to a state; a controller may answer one state twice."""
+    """Return the commands that may have led to a state; a state may be answered twice."""
     if state.command_source == CommandSource.ZERO:
         return [None]
     key = int(state.episode), int(state.command_step), str(state.controller)
@@ -281,7 +281,7 @@ def _candidates(recording: Recording, state: BicycleState) -> list[Command | Non
 
 
 def _restored(recording: Recording, state: BicycleState, place: int) -> Simulator:
-    """A simulator in this recorded state.
+    """Return a simulator in this recorded state.
 
     Raises:
         BagError: see `verify`.
@@ -315,7 +315,7 @@ def _place(state: BicycleState) -> str:
 
 
 def _bits(message: BicycleState) -> list[Any]:
-    """The fields of a message, floats as their eight bytes."""
+    """Return the fields of a message, floats as their eight bytes."""
     return [_exact(value) for _, value in flatten(message)]
 
 
@@ -324,7 +324,7 @@ def _exact(value: Any) -> Any:
 
 
 def _gap(recorded: BicycleState, computed: BicycleState) -> float:
-    """The largest difference of two numbers; infinite where something else differs."""
+    """Return the largest difference of two numbers; infinite where something else differs."""
     largest = 0.0
     for (_, old), (_, new) in zip(flatten(recorded), flatten(computed), strict=True):
         if _exact(old) != _exact(new):
@@ -334,7 +334,7 @@ def _gap(recorded: BicycleState, computed: BicycleState) -> float:
 
 
 def _difference(recorded: BicycleState, computed: BicycleState) -> str:
-    """The first field that differs, and by how much."""
+    """Return the first field that differs, and by how much."""
     for (name, old), (_, new) in zip(flatten(recorded), flatten(computed), strict=True):
         if _exact(old) != _exact(new):
             by = f", {abs(old - new):.3g} apart" if isinstance(old, float) else ""

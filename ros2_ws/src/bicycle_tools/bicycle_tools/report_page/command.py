@@ -103,7 +103,7 @@ def _write(path: Path, write: Callable[[Path], object]) -> Path:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command; returns its exit status."""
+    """Return the command; returns its exit status."""
     options = parse(arguments)
     try:
         for path in report(options):

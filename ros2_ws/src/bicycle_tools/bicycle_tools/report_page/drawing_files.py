@@ -40,7 +40,7 @@ class Drawing(NamedTuple):
     heights: tuple[float, float]
 
     def size(self, pages: Sequence[RidePage]) -> tuple[float, float]:
-        """Inches across and down."""
+        """Return inches across and down."""
         return (10.0, self.heights[0]) if len(pages) == 1 else (14.0, self.heights[1])
 
 

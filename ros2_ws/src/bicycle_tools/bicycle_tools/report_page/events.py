@@ -31,7 +31,7 @@ class RideEvent(NamedTuple):
 
 
 def ride_events(page: RidePage) -> list[RideEvent]:
-    """All that happened, in order of time."""
+    """Return all that happened, in order of time."""
     found = [*_from_states(page), *_from_commands(page), *_rejections(page)]
     return sorted(found, key=lambda one: one.time)
 
@@ -66,7 +66,7 @@ def _steps(count: int) -> str:
 
 
 def runs(flag: NDArray[np.bool_], segment: NDArray[np.intp]) -> list[tuple[int, int]]:
-    """First and last rows of the stretches within one segment in which a flag is true."""
+    """Return first and last rows of the stretches within one segment in which a flag is true."""
     broken = np.diff(segment, prepend=-1) != 0
     begins = flag & (broken | ~np.concatenate([[False], flag[:-1]]))
     ends = flag & np.concatenate([broken[1:] | ~flag[1:], [True]])
@@ -87,7 +87,7 @@ def _from_commands(page: RidePage) -> Iterator[RideEvent]:
 
 
 def _changes(columns: Columns, name: str) -> list[int]:
-    """Rows in which a text differs from the one before; the first row too."""
+    """Return the rows in which a text differs from the one before; the first row too."""
     values: NDArray[Any] = columns.get(name, np.empty(0, dtype=object))
     if not len(values):
         return []

@@ -49,7 +49,7 @@ class RidePage:
 
     @property
     def has_states(self) -> bool:
-        """Whether there is a bicycle to be drawn."""
+        """True if there is a bicycle to be drawn."""
         return len(self.log.segment) > 0
 
     @cached_property
@@ -138,7 +138,7 @@ def load(path: Path, name: str, namespace: str | None = None) -> RidePage:
 
 
 def _bag_of(path: Path) -> Path:
-    """The bag itself, where a run's folder is named."""
+    """Return the bag itself, where a run's folder is named."""
     inside = path / "bag"
     is_run = path.is_dir() and not any(path.glob("*.mcap")) and inside.is_dir()
     return inside if is_run else path
@@ -173,7 +173,7 @@ def _load(
 
 
 def _ride(reader: BagReader, prefix: str) -> tuple[RideLog, Sequence[str]]:
-    """The ride, and what is missing for it.
+    """Return the ride, and what is missing for it.
 
     Raises:
         BagError: when the topics are there and hold something else.
@@ -215,7 +215,7 @@ def _left_out(log: RideLog) -> Iterator[str]:
 
 
 def _prefix(reader: BagReader, namespace: str | None) -> str:
-    """The namespace of the bag's bicycle.
+    """Return the namespace of the bag's bicycle.
 
     Raises:
         BagError: when the bag has none, or several of which none is chosen.

@@ -31,7 +31,7 @@ def title_of(pages: Sequence[RidePage]) -> str:
 
 
 def html(pages: Sequence[RidePage], step: Callable[[], object] = lambda: None) -> str:
-    """The whole page.
+    """Return the whole page.
 
     Args:
         pages: one ride, or two that are to be compared.
@@ -58,7 +58,7 @@ def _head(title: str) -> str:
 
 
 def _ride_line(page: RidePage) -> str:
-    """Name, place and time of a bag, its verdict, and what must be known of it."""
+    """Return the name, place and time of a bag, its verdict, and what must be known of it."""
     when = ""
     if page.contents.message_count:
         begun = datetime.fromtimestamp(page.start, tz=timezone.utc)
@@ -88,7 +88,7 @@ def _chips(page: RidePage) -> Iterator[str]:
 
 
 def _chip(text: str, good: bool | None) -> str:
-    """A word of praise or blame; None is neither."""
+    """Return a word of praise or blame; None is neither."""
     kind = {True: " good", False: " bad", None: ""}[good]
     return f' <span class="chip{kind}">{escape(text)}</span>'
 

@@ -21,7 +21,7 @@ MOST_ROWS = 500
 def table(
     heads: Sequence[str], lines: Iterable[Sequence[str]], numbers: Sequence[int] = ()
 ) -> str:
-    """A table.
+    """Return a table.
 
     Args:
         heads: of the columns.
@@ -47,7 +47,7 @@ def table(
 
 
 def figures(pages: Sequence[RidePage]) -> str:
-    """The summary's numbers, one column for each ride."""
+    """Return the summary's numbers, one column for each ride."""
     found = [
         {name: text for name, text in rows(page.summary) if _is_known(page, name)}
         for page in pages
@@ -62,7 +62,7 @@ def figures(pages: Sequence[RidePage]) -> str:
 
 
 def _is_known(page: RidePage, name: str) -> bool:
-    """Whether the bag holds what a row of the summary is computed from."""
+    """Return True if the bag holds what a row of the summary is computed from."""
     if name in ("falls", "time", "path", "peak lean", "watchdog"):
         return page.has_states
     if name == "steps":
@@ -150,7 +150,7 @@ def _episodes(page: RidePage) -> list[tuple[str, str]]:
 
 
 def _plain(text: str) -> str:
-    """The name in a JSON object; other texts as they are."""
+    """Return the name in a JSON object; other texts as they are."""
     try:
         value = json.loads(text)
     except ValueError:
@@ -159,7 +159,7 @@ def _plain(text: str) -> str:
 
 
 def _switches(text: str) -> str:
-    """The physics without its constants, which Table 1 has."""
+    """Return the physics without its constants, which Table 1 has."""
     try:
         value = json.loads(text)
     except ValueError:
@@ -170,12 +170,12 @@ def _switches(text: str) -> str:
 
 
 def _breakable(name: str) -> str:
-    """A name as HTML that may go on in the next line after a slash."""
+    """Return a name as HTML that may go on in the next line after a slash."""
     return escape(name).replace("/", "/<wbr>")
 
 
 def contents(page: RidePage) -> str:
-    """The topics of the bag."""
+    """Return the topics of the bag."""
     seconds = 1e-9 * page.contents.duration_ns
     counts = page.contents.counts
     lines = [
