@@ -24,6 +24,7 @@ except ImportError:
 from bicycle_common import yaml_text
 from bicycle_common.nodes import dds_security
 from bicycle_common.nodes.heartbeat import VARIABLE, Heartbeat
+from bicycle_common.nodes.log_lines import bound_log_lines
 from bicycle_common.signals import on_signals
 
 WAKE_PERIOD = 0.1
@@ -107,6 +108,7 @@ def start_ros(words: Sequence[str]) -> None:
     refusal = dds_security.refusal()
     if refusal:
         raise UserError(refusal)
+    bound_log_lines()
     try:
         rclpy.init(args=list(words), signal_handler_options=SignalHandlerOptions.NO)
     except Exception as error:

@@ -1,0 +1,31 @@
+"""Log lines that end: a message of 10 MB makes no line of 10 MB, on screens, files and /rosout."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rclpy.impl.implementation_singleton import rclpy_implementation
+
+LONGEST = 1000
+"""Characters."""
+
+
+def bound_log_lines() -> None:
+    """Cut what rclpy's loggers are given; each logger's last step, in C, is the one place."""
+    log = rclpy_implementation.rclpy_logging_rcutils_log
+    if getattr(log, "cuts", False):
+        return
+
+    def cut(severity: int, name: str, message: str, *place: Any) -> None:
+        log(severity, name, shortened(message), *place)
+
+    cut.cuts = True  # type: ignore[attr-defined]
+    rclpy_implementation.rclpy_logging_rcutils_log = cut
+
+
+def shortened(text: str) -> str:
+    """A text of any length in `LONGEST` characters and a word about the rest."""
+    if len(text) <= LONGEST:
+        return text
+    end = LONGEST // 2
+    return f"{text[:end]}... ({len(text)} characters) ...{text[-end:]}"
