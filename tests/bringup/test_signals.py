@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -10,16 +11,22 @@ from pathlib import Path
 import pytest
 from waiting import finish
 
-RUN = "import sys; from bicycle_common.signals import run_module; run_module('program')"
+BEGIN = """
+if __name__ == "__main__":
+    from bicycle_common.signals import run_module
+
+    run_module("program")
+"""
 SLEEP = "print('up', flush=True); time.sleep(3600)"
 
 
 def begun(folder: Path, *lines: str) -> subprocess.Popen[str]:
     """A program whose `main` has these lines, when it says that it is up."""
     body = "".join(f"    {line}\n" for line in lines)
-    (folder / "program.py").write_text(f"import signal, time\n\ndef main():\n{body}")
+    (folder / "program.py").write_text(f"{BEGIN}\nimport signal, time\n\ndef main():\n{body}")
     process = subprocess.Popen(
-        [sys.executable, "-c", f"import sys; sys.path.insert(0, {str(folder)!r})\n{RUN}"],
+        [sys.executable, "-m", "program"],
+        env={**os.environ, "PYTHONPATH": f"{folder}:{os.environ.get('PYTHONPATH', '')}"},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
