@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import random
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import cache
 from itertools import chain
 from pathlib import Path
@@ -253,3 +254,51 @@ def test_an_original_that_was_kept_before_stays(folder: Path) -> None:
         repair.repair(file)
     kept = [folder / f"x.mcap.damaged{end}" for end in ("", ".2", ".3")]
     assert [path.read_bytes() for path in kept] == before
+
+
+def finish_badly(change: Callable[[bytes], bytes]) -> Callable[[int], None]:
+    """A sync after which the file holds something else."""
+
+    def sync(descriptor: int) -> None:
+        place = Path(f"/proc/self/fd/{descriptor}").readlink()
+        if place.is_file():
+            place.write_bytes(change(place.read_bytes()))
+
+    return sync
+
+
+def test_a_repaired_file_that_does_not_read_back_takes_no_place(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = folder / "x.mcap"
+    damaged = original("zstd")[:-1]
+    for change in (
+        lambda data: data[:3000] + bytes([data[3000] ^ 1]) + data[3001:],
+        lambda data: data[:2000] + bytes(4096) + data[6096:],
+        lambda _: b"",
+        lambda data: data[:-30],
+    ):
+        file.write_bytes(damaged)
+        monkeypatch.setattr(os, "fsync", finish_badly(change))
+        with pytest.raises(BagError, match="the bag is as it was"):
+            repair.repair(file)
+        assert {path.name: path.read_bytes() for path in folder.iterdir()} == {"x.mcap": damaged}
+
+
+def test_a_repaired_file_is_on_the_disk_before_it_takes_the_old_ones_place(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    really = os.fsync
+    synced: list[tuple[str, object]] = []
+
+    def note(descriptor: int) -> None:
+        place = Path(f"/proc/self/fd/{descriptor}").readlink()
+        names = sorted(path.name for path in place.iterdir()) if place.is_dir() else None
+        synced.append((place.name, names or place.read_bytes()))
+        really(descriptor)
+
+    monkeypatch.setattr(os, "fsync", note)
+    file = folder / "x.mcap"
+    file.write_bytes(original("zstd")[:-1])
+    repair.repair(file)
+    assert synced == [(".x.mcap.repair", file.read_bytes()), (folder.name, ["x.mcap"])]
