@@ -225,6 +225,35 @@ def test_a_flipped_bit_in_a_head_of_a_file_without_chunks_loses_a_message(folder
             file.with_name("x.mcap.damaged").unlink()
 
 
+@pytest.mark.parametrize("kind", [Opcode.CHANNEL, Opcode.SCHEMA], ids=["channel", "schema"])
+def test_a_flipped_bit_in_a_definition_of_a_file_without_chunks_loses_nothing(
+    folder: Path, kind: Opcode
+) -> None:
+    """No message comes out on another topic or as another type: the summary knows better."""
+    file = folder / "x.mcap"
+    with ForeignFile(file, use_chunking=False) as made:
+        made.ride_channels()
+        for topic, data, now in ride(STEPS):
+            made.write(topic, data, now, now - 1000)
+    whole, types = file.read_bytes(), {n: t.type for n, t in BagReader(file).topics.items()}
+    start, end = places(whole)[kind][1]
+    # Bit 7 of an opcode makes a private record, which is none of ours: all else stays as it was.
+    for bit in (
+        *range(start * 8, start * 8 + 7),
+        start * 8 + 8,
+        *range(start * 8 + 72, end * 8, 997),
+        end * 8 - 1,
+    ):
+        flipped = bytearray(whole)
+        flipped[bit // 8] ^= 1 << bit % 8
+        file.write_bytes(flipped)
+        assert (read(file)[0], read(file)[1].split()[-1]) == ([], "--repair"), bit
+        report = repair.repair(file)
+        assert read(file) == (recorded(), ""), bit
+        assert {name: topic.type for name, topic in BagReader(file).topics.items()} == types
+        assert (report.lost_messages, len(report.kept)) == (0, 1)
+
+
 def test_what_only_the_checksum_of_all_data_can_tell_is_told_so(folder: Path) -> None:
     file = folder / "x.mcap"
     with ForeignFile(file, use_chunking=False, enable_data_crcs=True) as made:

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 import yaml
 from foreign_bag import ForeignFile
-from mcap.reader import make_reader
+from mcap.reader import NonSeekingReader, make_reader
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import CompressionType, IndexType
 from ride_bag import make_bag, ride
@@ -144,6 +144,11 @@ def test_a_lost_chunk_takes_nothing_else_with_it(tmp_path: Path) -> None:
     assert found["messages"] == wanted["messages"][lost:]
     for part in ("header", "attachments", "metadata", "channels", "schemas", "private"):
         assert found[part] == wanted[part], part
+    with file.open("rb") as stream:  # by a reader that knows no index: each topic is defined again
+        in_order = NonSeekingReader(stream).iter_messages(log_time_order=False)
+        assert [(one.topic, message) for _, one, message in in_order] == [
+            (one.topic, message) for _, one, message in found["messages"]
+        ]
     (kept,) = report.kept
     assert kept.read_bytes() == data
 
