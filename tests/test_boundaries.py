@@ -141,6 +141,37 @@ def test_a_room_imports_what_its_row_names(room: Room) -> None:
     assert room.libraries - libraries.keys() == set(), "and libraries"
 
 
+KNOWN_BY_NAME = {
+    "bicycle_sim.task.native_task": "steps the paper's bicycle in C++",
+    "bicycle_controller.training.tensor_dynamics": "steps it as tensors",
+    "bicycle_controller.config.loading": "reads a run's `physics` by its fields",
+    "bicycle_controller.cli.info": "describes Whipple bicycles",
+    "bicycle_controller.cli.eigenvalue_chart": "draws their eigenvalues",
+}
+"""Who outside of the plants may name a kind of plant, and why; all others take any."""
+
+
+def test_plants_are_known_by_what_every_plant_has() -> None:
+    kinds = ("bicycle_sim.plants.choi", "bicycle_sim.plants.whipple")
+    found = {
+        module
+        for module, path in MODULES.items()
+        if room_of(module) != "bicycle_sim.plants"
+        and any(f"{name}.".startswith(f"{kind}.") for name in imported(path) for kind in kinds)
+    }
+    assert found == set(KNOWN_BY_NAME)
+
+
+def test_table_1_is_known_to_the_papers_plant_alone() -> None:
+    words = re.compile(r"import .*\bConstants\b|choi import (linear|dynamics)|choi\.(linear|dyn)")
+    found = [
+        module
+        for module, path in MODULES.items()
+        if room_of(module) != "bicycle_sim.plants" and words.search(path.read_text())
+    ]
+    assert found == ["bicycle_controller.training.tensor_dynamics"]
+
+
 def test_no_module_is_in_a_circle_of_imports() -> None:
     arrows = {
         module: {name for name in imported(path) if name in MODULES and name != module}

@@ -47,7 +47,7 @@ Work = Callable[[], None]
 
 def stepped(count: int, device: str) -> Work:
     """The whole task: dynamics on `device`, goals and rewards in numpy."""
-    return batched(count, advance=dynamics.step if device == "cpu" else TensorDynamics(device))
+    return batched(count, plant=None if device == "cpu" else TensorDynamics(None, device))
 
 
 def resident(count: int, device: str) -> Work:
@@ -56,7 +56,10 @@ def resident(count: int, device: str) -> Work:
     physics = Physics()
     zero = np.zeros(count)
     state = dynamics.upright(zero, zero, zero, zero + 2.7, physics.constants)
-    here = State(**{name: torch.from_numpy(getattr(state, name)).to(device) for name in names})
+    there: dict[str, Any] = {
+        name: torch.from_numpy(getattr(state, name)).to(device) for name in names
+    }
+    here = State(**there)
     nothing = torch.zeros(count, dtype=torch.float64, device=device)
 
     def work() -> None:

@@ -21,7 +21,7 @@ from bicycle_controller.evaluation.evaluate import evaluate
 from bicycle_controller.evaluation.rollouts import Disturbance
 from bicycle_controller.policy.policy import load_controller
 from bicycle_controller.training.run_folder import origin
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import named
 
 RESULTS = Path(__file__).parent / "results" / "limits.json"
@@ -60,7 +60,7 @@ KEPT = (
 def ride(controller: str, scenario: str, condition: dict[str, Any], rides: int) -> dict[str, Any]:
     """One controller under one condition."""
     options = dict(condition)
-    physics = Physics.named(options.pop("physics", "faithful"))
+    physics = ChoiPlant.named(options.pop("physics", "faithful"))
     found = evaluate(
         load_controller(controller, physics),
         named(scenario),

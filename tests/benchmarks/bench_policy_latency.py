@@ -28,7 +28,7 @@ from bicycle_controller.policy.export import to_onnx
 from bicycle_controller.policy.policy import Policy, PolicyInfo, load_policy
 from bicycle_controller.policy.torch_policy import TorchPolicy
 from bicycle_controller.training.run_folder import origin
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import SCENARIOS
 
 SIZES = (6, 400, 300, 2)
@@ -49,7 +49,7 @@ def policy(norm: bool = False) -> Policy:
             tensors[f"norm.{index}.weight"] = np.ones(outputs, dtype=np.float32)
             tensors[f"norm.{index}.bias"] = np.zeros(outputs, dtype=np.float32)
     scenario = SCENARIOS["random-start-random-goal"]
-    info = PolicyInfo("latency", scenario, Physics(), (1.0,) * 6, (2.0, 0.2, 0.0))
+    info = PolicyInfo("latency", scenario, ChoiPlant(), (1.0,) * 6, (2.0, 0.2, 0.0))
     return Policy(info, tensors)
 
 

@@ -26,7 +26,7 @@ from bicycle_controller.control.safety import ENVELOPE, ENVELOPE_SPEEDS, Safety
 from bicycle_controller.evaluation.evaluate import wilson
 from bicycle_controller.policy.policy import load_controller
 from bicycle_controller.training.run_folder import origin
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import Region, Scenario, named
 from bicycle_sim.task.task import BicycleTask
 
@@ -61,7 +61,7 @@ def summary(outcome: Outcome) -> dict[str, Any]:
 
 def faulty_rides(actor: str, scenario: Scenario, count: int, bar: tqdm) -> dict[str, Any]:
     """Every fault of one actor, with and without the layer."""
-    policy, physics = load_controller(actor), Physics()
+    policy, physics = load_controller(actor), ChoiPlant()
     fallback = fitting(scenario.action_limits, physics)
     result: dict[str, dict[str, Any]] = {}
     for name, fault in FAULTS.items():
@@ -82,7 +82,7 @@ def faulty_rides(actor: str, scenario: Scenario, count: int, bar: tqdm) -> dict[
 def ordinary(actor: str, scenario: Scenario, count: int) -> dict[str, Any]:
     """Largest values over ordinary rides; those that fell are left out and counted."""
     policy, limits = load_controller(actor), scenario.action_limits
-    task = BicycleTask(scenario, Physics(), count, np.random.default_rng(SEED))
+    task = BicycleTask(scenario, ChoiPlant(), count, np.random.default_rng(SEED))
     layer, seen, last = Safety(count=count), task.observation(), None
     names = ("lean", "lean_rate", "slowest", "fastest", "torque", "displacement", "pedal_force")
     peaks = {name: np.zeros(count) for name in names}

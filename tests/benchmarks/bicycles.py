@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
-from bicycle_sim.plants.choi import dynamics
-from bicycle_sim.plants.choi.dynamics import State
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import named
 from bicycle_sim.task.task import BicycleTask
 
 
 def batched(
-    count: int, seed: int = 0, advance: Callable[..., State] = dynamics.step
+    count: int, seed: int = 0, plant: Plant[Any] | None = None, native: bool = False
 ) -> Callable[[], None]:
     """Steps `count` bicycles of one task and starts again those that ended, as training does."""
     rng = np.random.default_rng(seed)
-    task = BicycleTask(named("random-start-random-goal"), None, count, rng, advance)
+    task = BicycleTask(named("random-start-random-goal"), plant, count, rng, native)
     action = rng.normal(size=(count, 3)) * (0.1, 0.01, 0.0)
 
     def step() -> None:

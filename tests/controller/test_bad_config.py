@@ -20,6 +20,7 @@ from bicycle_controller.control.safety import SafetyConfig
 from bicycle_controller.evaluation.rollouts import Disturbance
 from bicycle_controller.policy.policy import load_controller
 from bicycle_sim.plants.choi.parameters import Constants, Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import Scenario, named
 
 PRESETS = [loading.preset(name) for name in loading.preset_names()]
@@ -29,6 +30,7 @@ def leaves(value: Any, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, 
     """Every field of nested dataclasses, with its value."""
     for item in dataclasses.fields(value):
         inner = getattr(value, item.name)
+        inner = inner.physics if isinstance(inner, ChoiPlant) else inner
         if dataclasses.is_dataclass(inner):
             yield from leaves(inner, (*path, item.name))
         else:

@@ -13,7 +13,8 @@ from bicycle_controller.cli import main
 from bicycle_controller.control.lqr import LqrController
 from bicycle_controller.evaluation.evaluate import evaluate
 from bicycle_controller.policy.policy import load_policy, save_policy
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants import registry
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import SCENARIOS
 
 BICYCLE = [sys.executable, "-m", "bicycle_controller.cli.main"]
@@ -79,7 +80,7 @@ def test_evaluate_passes_every_choice_on(
     assert found["scenario"]["goal"] == {"low": [90.0, 90.0], "high": [99.0, 99.0]}
     noise = [0.01, 0.0, 0.0, 0.0, 0.0, 0.02]
     assert found["disturbance"] == trial | {"observation_noise": noise}
-    assert Physics.from_json(json.dumps(found["physics"])) == Physics.named("corrected")
+    assert registry.from_dict(found["physics"]) == ChoiPlant.named("corrected")
     assert (found["episodes"], found["seed"], found["timeout_rate"]) == (20, 3, 1.0)
 
 

@@ -240,7 +240,7 @@ def test_a_fallen_bicycle_gets_no_command(simulator: Simulator) -> None:
 
 def test_noise_repeats_with_its_seed_and_keeps_the_limits(simulator: Simulator) -> None:
     def noisy(seed: int) -> list[Command | None]:
-        copy = Simulator.restore(simulator.snapshot, SCENARIO, simulator.physics, 0)
+        copy = Simulator.restore(simulator.snapshot, SCENARIO, simulator.plant, 0)
         noise = Noise(NoiseConfig("gaussian", 0.5, 0.0), 1, 3, np.random.default_rng(seed))
         rider = driver(constant(0.0, 0.0, 0.0), noise=noise)
         rider.tracker.replace([GOAL])

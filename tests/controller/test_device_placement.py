@@ -7,6 +7,7 @@ just as a GPU does. What the numbers are on a GPU, test_cuda.py looks at where t
 from __future__ import annotations
 
 from dataclasses import fields
+from typing import Any
 
 import pytest
 import torch
@@ -73,7 +74,8 @@ def test_a_tensor_left_behind_is_noticed() -> None:
 @pytest.mark.parametrize("physics", [Physics(), Physics.named("corrected")])
 def test_bicycles_stay_on_the_device(physics: Physics) -> None:
     there = torch.zeros(5, dtype=torch.float64, device=DEVICE)
-    state = State(**{field.name: there for field in fields(State)})
+    tensors: dict[str, Any] = {field.name: there for field in fields(State)}
+    state = State(**tensors)
     moved = dynamics.step(state, there, there, there, physics, (1.0, 5.0), torch)
     assert {(value.device.type, value.dtype) for value in vars(moved).values()} == {
         (DEVICE, torch.float64)

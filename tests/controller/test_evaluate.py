@@ -8,7 +8,7 @@ import pytest
 from bicycle_controller.evaluation.evaluate import Evaluation, compare, wilson
 from bicycle_controller.evaluation.rollouts import Disturbance, Rollouts
 from bicycle_controller.evaluation.table import as_markdown, as_text, comparison_as_text
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import SCENARIOS, Region
 
 AHEAD = replace(
@@ -56,7 +56,7 @@ def ridden(name: str, steps: list[int], reached: list[bool], fallen: list[bool])
         pedal_force=np.zeros(count),
         score=np.array([-1.0, -2.0, -3.0, -4.0, -5.0]),
     )
-    return Evaluation(name, AHEAD, Physics(), Disturbance(), 0, rides)
+    return Evaluation(name, AHEAD, ChoiPlant(), Disturbance(), 0, rides)
 
 
 FIRST = ridden("first", [100, 200, 300, 40, 360], [True] * 4 + [False], [False] * 5)

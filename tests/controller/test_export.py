@@ -13,7 +13,7 @@ from bicycle_controller.evaluation.rollouts import Disturbance
 from bicycle_controller.policy.export import ExportError, parity, save_onnx, to_onnx
 from bicycle_controller.policy.policy_file import metadata
 from bicycle_controller.policy.torch_policy import TorchPolicy
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import SCENARIOS
 
 
@@ -68,7 +68,7 @@ def test_card_says_where_the_policy_comes_from() -> None:
     summary = evaluate(
         policy,
         SCENARIOS["fixed-start-fixed-goal"],
-        Physics.named("corrected"),
+        ChoiPlant.named("corrected"),
         episodes=4,
         seed=7,
         disturbance=Disturbance(roll_kick=0.5),

@@ -13,11 +13,11 @@ from bicycle_controller.control.lqr import SPEEDS, TUNED, LqrConfig, LqrControll
 from bicycle_controller.evaluation.evaluate import evaluate
 from bicycle_controller.policy.policy import LQR
 from bicycle_sim.plants.choi.linear import discrete
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import Region, Scenario, named
 from bicycle_sim.task.task import BicycleTask
 
-CORRECTED = Physics.named("corrected")
+CORRECTED = ChoiPlant.named("corrected")
 NEAR = Scenario(
     "near",
     start=Region.point(0.0, 0.0),
@@ -32,14 +32,14 @@ def observations(count: int, seed: int = 1) -> np.ndarray:
     return rng.uniform(-1.0, 1.0, (count, 6)) * (0.8, 3.0, 0.4, 1.0, 5.0, math.pi)
 
 
-@pytest.mark.parametrize("physics", [Physics(), CORRECTED], ids=["faithful", "corrected"])
+@pytest.mark.parametrize("plant", [ChoiPlant(), CORRECTED], ids=["faithful", "corrected"])
 @pytest.mark.parametrize("name", ["lqr", "lqr-20cm"])
-def test_lean_and_steering_are_stable_at_every_speed(name: str, physics: Physics) -> None:
+def test_lean_and_steering_are_stable_at_every_speed(name: str, plant: ChoiPlant) -> None:
     config = TUNED[name]
-    controller = LqrController(config, physics)
+    controller = LqrController(config, plant)
     inputs = 2 if config.use_displacement else 1
     for speed in np.linspace(1.0, 5.0, 41):  # Also between the speeds of the gains.
-        a, b = discrete(float(speed), physics)
+        a, b = discrete(float(speed), plant.physics)
         unit = 1e-6 * np.eye(4)
         seen = np.zeros((4, 6))
         seen[:, [2, 3, 0, 1]] = unit  # The observation's order is another.
@@ -147,7 +147,7 @@ def test_reaches_every_goal(name: str, scenario: str) -> None:
 @pytest.mark.parametrize("name", ["lqr", "lqr-20cm"])
 def test_rides_the_corrected_bicycle_too(name: str) -> None:
     controller = LqrController(TUNED[name], CORRECTED)
-    assert score(controller, NEAR, 60, physics=CORRECTED) == (1.0, 0.0)
+    assert score(controller, NEAR, 60, plant=CORRECTED) == (1.0, 0.0)
 
 
 def reached_from_abeam(config: LqrConfig) -> float:

@@ -14,7 +14,7 @@ from bicycle_controller.agents.networks import (
 )
 from bicycle_controller.config import loading
 from bicycle_controller.policy.policy import Policy, PolicyInfo
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import SCENARIOS
 
 
@@ -100,7 +100,7 @@ def test_the_policy_file_holds_the_same_actor(switch: dict[str, bool]) -> None:
     actor = Actor(6, [20, 10], 2, **switch)
     scale = (0.8, 3.0, 0.3, 1.0, 5.0, 2.0)
     limits = (2.0, 0.2, 0.0)
-    info = PolicyInfo("x", SCENARIOS["random-start-random-goal"], Physics(), scale, limits)
+    info = PolicyInfo("x", SCENARIOS["random-start-random-goal"], ChoiPlant(), scale, limits)
     policy = Policy(info, policy_tensors(actor))
     observation = np.random.default_rng(0).normal(size=(50, 6)) * scale
     with torch.no_grad():

@@ -8,7 +8,7 @@ from policies import make_policy
 
 from bicycle_controller.policy.policy import CHUNK, Policy, PolicyInfo
 from bicycle_controller.policy.torch_policy import TorchPolicy
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import SCENARIOS
 
 SCENARIO = SCENARIOS["fixed-start-fixed-goal"]
@@ -25,7 +25,7 @@ def small(norm: bool, limits: tuple[float, ...] = (2.0, 0.0, 100.0)) -> Policy:
     if norm:
         tensors["norm.0.weight"] = np.array([2.0, 1.0], np.float32)
         tensors["norm.0.bias"] = np.array([0.5, 0.25], np.float32)
-    info = PolicyInfo("small", SCENARIO, Physics(), (0.5, 1, 1, 1, 1, 1), limits)
+    info = PolicyInfo("small", SCENARIO, ChoiPlant(), (0.5, 1, 1, 1, 1, 1), limits)
     return Policy(info, tensors)
 
 

@@ -24,7 +24,7 @@ from bicycle_controller.reproduce.experiment import Length, build
 from bicycle_controller.reproduce.results import PAGES
 from bicycle_controller.reproduce.tables import read_table, write_table
 from bicycle_controller.training.episode_log import read_columns
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 
 TINY = ["--short", "--seeds", "1", "--physics", "faithful", "--quiet"]
 
@@ -58,7 +58,7 @@ def test_the_runs_are_the_paper_s(tmp_path: Path) -> None:
         assert config.steps == 5000 * 400
         assert config.scenario.displacement_limit == 0.2
         assert config.scenario.start_speed == pytest.approx(10.0 / 3.6)
-        assert config.physics == Physics.named("corrected")
+        assert config.physics == ChoiPlant.named("corrected")
     assert {run.job.config.algorithm for run in runs} == {"ddpg", "naf", "ppo"}
     turn = experiments.load("figure-15")
     pedals = {
@@ -244,7 +244,7 @@ def test_training_summary_worked_by_hand() -> None:
 
 def test_a_trace_is_the_ride_that_is_scored() -> None:
     item = experiments.load("figure-14")
-    controller, physics = load_controller("fixed-speed"), Physics()
+    controller, physics = load_controller("fixed-speed"), ChoiPlant()
     scenario = item.ridden(item.variants[0])
     made = evaluate_experiments.trace(controller, scenario, physics, 20)
     scored = evaluate(controller, scenario, physics, 20, evaluate_experiments.SEED).rides

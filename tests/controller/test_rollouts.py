@@ -10,7 +10,7 @@ from bicycle_controller.control.lqr import LqrController
 from bicycle_controller.evaluation import rollouts as rides_module
 from bicycle_controller.evaluation.evaluate import evaluate, wilson
 from bicycle_controller.evaluation.rollouts import Disturbance
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import SCENARIOS, Region
 from bicycle_sim.task.task import BicycleTask
 
@@ -105,7 +105,7 @@ def test_fall_ends_the_ride_and_its_reward_repeats() -> None:
     assert (found.rides.peak_lean > math.pi / 6).all()
     assert (found.rides.steps < 160).all()
     # The same ride with the fallen bicycle kept to the end, as the replay memory sees it.
-    task = BicycleTask(AHEAD, Physics(), 40, np.random.default_rng((0, 0, 0)))
+    task = BicycleTask(AHEAD, ChoiPlant(), 40, np.random.default_rng((0, 0, 0)))
     task.state.lean_angle = task.rng.normal(0.0, 0.05, 40)
     score = np.zeros(40)
     for _ in range(AHEAD.max_steps):
@@ -116,7 +116,7 @@ def test_fall_ends_the_ride_and_its_reward_repeats() -> None:
 def test_dropping_finished_rides_changes_nothing() -> None:
     count = 60
     found = evaluate(LqrController(), RANDOM, episodes=count, seed=5).rides
-    task = BicycleTask(RANDOM, Physics(), count, np.random.default_rng((5, 0, 0)))
+    task = BicycleTask(RANDOM, ChoiPlant(), count, np.random.default_rng((5, 0, 0)))
     controller, observation = LqrController(), task.observation()
     steps, reached = np.zeros(count), np.zeros(count, dtype=bool)
     riding = np.ones(count, dtype=bool)
@@ -164,7 +164,7 @@ def test_chunks_are_joined_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_orbit_around_the_goal_is_found() -> None:
     # The circle's centre, a little forward and to the left, is taken from a first ride.
     scenario = replace(AHEAD, max_steps=2400, goal=Region.point(-500.0, 500.0))
-    task = BicycleTask(scenario, Physics(), 1, np.random.default_rng(0))
+    task = BicycleTask(scenario, ChoiPlant(), 1, np.random.default_rng(0))
     controller, places = Circler(), []
     for _ in range(2400):
         task.step(controller.act(task.observation(), task.state.speed))

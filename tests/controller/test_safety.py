@@ -26,9 +26,9 @@ from bicycle_controller.control.safety import (
 )
 from bicycle_controller.nodes.controller_settings import ControllerSettings
 from bicycle_controller.policy.policy import load_controller
-from bicycle_sim.plants.choi.dynamics import State, step
+from bicycle_sim.plants.base import BodyState as State
 from bicycle_sim.plants.choi.linear import eigenvalues
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_sim.task.scenario import Region, named
 
@@ -71,14 +71,14 @@ class Faulty:
 @pytest.mark.parametrize("speed", [1.0, 2.0, 2.75, 5.0])
 def test_the_extrapolated_lean_grows_as_the_unstable_pole_says(speed: float) -> None:
     """Over one step without input it grows by the pole's factor, from any small state."""
-    physics, layer = Physics(), Safety()
+    plant, layer = ChoiPlant(), Safety()
     small = np.array([1e-5, -2e-5, 1.5e-5, 3e-5])
     lean, lean_rate, steer, steer_rate = (np.array([value]) for value in small)
     still, v = np.zeros(1), np.array([speed])
     before = State(
         lean, lean_rate, still, steer, steer_rate, still, still, still + 1.111, still, still, v
     )
-    after = step(before, still, still, still, physics)
+    after = plant.step(before, still, still, still)
 
     def seen(one: State) -> np.ndarray:
         return np.stack(
@@ -86,13 +86,13 @@ def test_the_extrapolated_lean_grows_as_the_unstable_pole_says(speed: float) -> 
         )
 
     growth = layer.extrapolated_lean(seen(after), v) / layer.extrapolated_lean(seen(before), v)
-    pole = eigenvalues(speed, physics)[0].real
+    pole = eigenvalues(speed, plant.physics)[0].real
     assert growth[0] == pytest.approx(math.exp(pole * 0.025), rel=0.03)
 
 
 def test_a_lean_at_rest_is_its_own_extrapolated_lean() -> None:
     assert Safety().extrapolated_lean(state(0.2), SPEED)[0] == pytest.approx(0.2)
-    assert unstable_mode(2.0, Physics.named("corrected")).shape == (4,)
+    assert unstable_mode(2.0, ChoiPlant.named("corrected")).shape == (4,)
 
 
 # Taking over and giving back.
@@ -198,7 +198,7 @@ def commands(actor: str, layer: Safety | None, seed: int, steps: int = 700) -> l
         load_controller(actor),
         GoalTracker(),
         scenario.action_limits,
-        fallback=fitting(scenario.action_limits, Physics()),
+        fallback=fitting(scenario.action_limits, ChoiPlant()),
         safety=layer,
     )
     here = (simulator.snapshot.rear_x, simulator.snapshot.rear_y)
@@ -217,7 +217,7 @@ def commands(actor: str, layer: Safety | None, seed: int, steps: int = 700) -> l
 
 @pytest.mark.parametrize("actor", SHIPPED)
 def test_the_layer_changes_no_bit_of_an_ordinary_ride(actor: str) -> None:
-    layer = ControllerSettings().make_safety(Physics())
+    layer = ControllerSettings().make_safety(ChoiPlant())
     assert layer is not None
     assert commands(actor, layer, seed=3) == commands(actor, None, seed=3)
     assert layer.limited[0] == layer.hand_overs[0] == 0
@@ -238,7 +238,7 @@ def test_with_the_layer_a_faulty_policy_stays_upright(actor: str, fault: str) ->
     near = Region((0.0, 0.0), (30.0, 30.0))
     scenario = replace(named(SHIPPED[actor]), start=near, goal=near, max_steps=320)
     policy, layer = load_controller(actor), Safety(count=16)
-    fallback = fitting(scenario.action_limits, Physics())
+    fallback = fitting(scenario.action_limits, ChoiPlant())
     guarded = ride(policy, FAULTS[fault], scenario, 16, 5, layer, fallback)
     assert guarded.fallen.sum() == 0
     assert (guarded.hand_overs > 0).all()
@@ -261,7 +261,7 @@ def driver(policy: object, **changes: object) -> tuple[ControlLoop, Simulator]:
         policy,  # type: ignore[arg-type]
         GoalTracker(),
         limits,
-        fallback=fitting(limits, Physics()),
+        fallback=fitting(limits, ChoiPlant()),
         safety=Safety(config),
     )
     made.tracker.replace([(0.0, 60.0)])
@@ -290,7 +290,7 @@ def test_each_change_of_hands_is_told_once_with_its_reason() -> None:
     (taken,), _ = drive(made, simulator, 30)
     assert taken.reason is Reason.EXTRAPOLATED_LEAN
     assert "rad is beyond" in taken.message
-    assert taken.policy == made.driving == fitting(made.limits, Physics()).policy_id
+    assert taken.policy == made.driving == fitting(made.limits, ChoiPlant()).policy_id
     assert taken.step > 40
     policy.action = None
     (given,), _ = drive(made, simulator, 200)

@@ -11,6 +11,7 @@ from bicycle_controller.training import collector
 from bicycle_controller.training.factory import make_agent, make_collector, make_memory
 from bicycle_controller.training.tensor_dynamics import TensorDynamics
 from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import named
 from bicycle_sim.task.task import BicycleTask
 
@@ -18,12 +19,12 @@ CUDA = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device 
 
 
 @pytest.mark.parametrize("device", ["cpu", pytest.param("cuda", marks=CUDA)])
-@pytest.mark.parametrize("physics", [Physics(), Physics.named("corrected")])
+@pytest.mark.parametrize("plant", [ChoiPlant(), ChoiPlant.named("corrected")])
 @pytest.mark.parametrize("scenario", ["random-start-random-goal", "learned-speed"])
-def test_a_task_of_tensors_is_that_of_arrays(scenario: str, physics: Physics, device: str) -> None:
+def test_a_task_of_tensors_is_that_of_arrays(scenario: str, plant: ChoiPlant, device: str) -> None:
     tasks = [
-        BicycleTask(named(scenario), physics, 64, np.random.default_rng(3), *advance)
-        for advance in ((), (TensorDynamics(device),))
+        BicycleTask(named(scenario), one, 64, np.random.default_rng(3))
+        for one in (plant, TensorDynamics.of(plant, device))
     ]
     source = np.random.default_rng(5)
     limits = tasks[0].scenario.action_limits
@@ -42,9 +43,9 @@ def test_training_steps_its_bicycles_on_the_device(monkeypatch: pytest.MonkeyPat
     made: list[str] = []
 
     class Spy(TensorDynamics):
-        def __init__(self, device: str) -> None:
-            made.append(device)
-            super().__init__("cpu")
+        def __init__(self, physics: Physics | None, device: torch.device | str) -> None:
+            made.append(str(device))
+            super().__init__(physics, "cpu")
 
     monkeypatch.setattr(collector, "TensorDynamics", Spy)
     config = loading.preset("fast", ["bicycles=8", "warm_up=0", "steps=400"])

@@ -11,22 +11,33 @@ from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.lqr import LqrController
 from bicycle_controller.policy.policy import Policy, load_policy
 from bicycle_controller.policy.trained_for import differences, unlike_training, warning
+from bicycle_sim.plants import registry
 from bicycle_sim.plants.choi.parameters import Constants, Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import SCENARIOS
 
-FAITHFUL = Physics()
-LONG = Physics(constants=replace(Constants(), wheelbase=1.2, bicycle_mass=14.0))
+FAITHFUL = ChoiPlant()
+LONG = ChoiPlant(Physics(constants=replace(Constants(), wheelbase=1.2, bicycle_mass=14.0)))
 
 
 def test_each_constant_and_switch_that_differs_is_named() -> None:
     assert differences(FAITHFUL, FAITHFUL) == []
     assert differences(FAITHFUL, LONG) == ["wheelbase 1.2, not 1.11", "bicycle_mass 14, not 15"]
-    assert differences(Physics.named("corrected"), FAITHFUL) == [
+    assert differences(ChoiPlant.named("corrected"), FAITHFUL) == [
         "chord_follows_steering false, not true",
         "gyroscopic_correction false, not true",
         "stop_absorbs_steering false, not true",
     ]
-    assert differences(FAITHFUL, replace(FAITHFUL, displacement_noise=0.02)) == [], "a disturbance"
+    noisy = FAITHFUL.with_displacement_noise(0.02)
+    assert differences(FAITHFUL, noisy) == [], "a disturbance"
+
+
+def test_another_plant_or_bicycle_is_named() -> None:
+    benchmark, browser = (registry.named("whipple", name) for name in ("benchmark", "browser"))
+    assert differences(FAITHFUL, benchmark) == ["plant whipple, not choi"]
+    (told,) = differences(benchmark, browser)
+    assert told.startswith("name ")
+    assert ", not " in told
 
 
 @pytest.mark.parametrize("controller", [make_policy(), LqrController()])

@@ -22,7 +22,7 @@ from bicycle_common.nodes import convert, topics
 from bicycle_common.nodes.topics import COMMAND, GOAL_PATH, GOAL_POSE, GOAL_STATUS, STATE
 from bicycle_common.types import InitialPose
 from bicycle_controller.policy.trained_for import UNLIKE
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_sim.task.scenario import named
 
@@ -92,7 +92,7 @@ class FakeSim:
         self.simulator = Simulator(SCENARIO)
         self.simulator.reset(InitialPose(0.0, 0.0, 0.0, SCENARIO.start_speed))
         info = EpisodeInfo(
-            episode=1, scenario=SCENARIO.to_json(), physics=Physics().to_json(), version="test"
+            episode=1, scenario=SCENARIO.to_json(), physics=ChoiPlant().to_json(), version="test"
         )
         probe.say(topics.EPISODE, info)
 

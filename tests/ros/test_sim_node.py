@@ -19,6 +19,7 @@ from std_srvs.srv import SetBool, Trigger
 from bicycle_common.nodes import convert, topics
 from bicycle_common.nodes.topics import COMMAND, STATE, TIMING, TRANSITION
 from bicycle_sim.nodes.episode_setting import to_setting
+from bicycle_sim.plants.choi.plant import ChoiPlant
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 
@@ -106,9 +107,9 @@ def test_it_publishes_all_that_others_expect(start_sim: Any, ros_domain: int) ->
     names = {status.name for status in probe[topics.DIAGNOSTICS][-1].status}
     assert names == {f"bicycle_sim: {what}" for what in ("loop", "commands", "bicycle")}
     (episode,) = probe[topics.EPISODE]
-    scenario, physics = to_setting(episode)
+    scenario, plant = to_setting(episode)
     assert scenario.name == "random-start-random-goal"
-    assert not physics.gyroscopic_correction
+    assert plant == ChoiPlant()
     probe.close()
 
 

@@ -27,7 +27,7 @@ from bicycle_common.types import Command, InitialPose
 from bicycle_controller.nodes.controller_node import ControllerNode
 from bicycle_controller.nodes.trainer_node import TrainerNode
 from bicycle_sim.nodes.sim_node import SimNode
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_sim.task.scenario import named
 
@@ -83,7 +83,7 @@ def episode() -> EpisodeInfo:
         episode=1,
         pace="realtime",
         scenario=SCENARIO.to_json(),
-        physics=Physics().to_json(),
+        physics=ChoiPlant().to_json(),
         version="test",
     )
 

@@ -16,7 +16,7 @@ from waiting import PATIENCE
 
 from bicycle_common.nodes.topics import GOAL_POSE, TRAINER
 from bicycle_controller.policy.policy import Policy, PolicyInfo, load_policy, save_policy
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import SCENARIOS
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -53,7 +53,7 @@ def falling_policy(path: Path) -> Path:
         "layer.0.bias": np.array([5.0, 5.0], dtype=np.float32),
     }
     scenario = SCENARIOS["random-start-random-goal"]
-    info = PolicyInfo("falls", scenario, Physics(), (1.0,) * 6, (2.0, 0.2, 0.0), {})
+    info = PolicyInfo("falls", scenario, ChoiPlant(), (1.0,) * 6, (2.0, 0.2, 0.0), {})
     save_policy(Policy(info, tensors), path)
     return path
 

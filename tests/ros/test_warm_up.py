@@ -16,7 +16,7 @@ from bicycle_common.nodes import convert
 from bicycle_common.types import InitialPose
 from bicycle_controller.control import control_loop
 from bicycle_controller.nodes.controller_node import ControllerNode
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_sim.task.scenario import named
 
@@ -54,7 +54,7 @@ def test_once_after_each_answer_in_real_time(
     monkeypatch.setattr(control_loop, "QUICK", math.inf)
     policy = controller._driver.policy = Counting()
     info = EpisodeInfo(episode=1, pace=pace, scenario=SCENARIO.to_json(), version="test")
-    info.physics = Physics().to_json()
+    info.physics = ChoiPlant().to_json()
     controller._on_episode(info)
     controller._on_goal_pose(goal(20.0, 10.0))
     simulator = Simulator(SCENARIO)

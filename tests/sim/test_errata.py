@@ -27,6 +27,7 @@ from bicycle_sim.plants.choi import dynamics
 from bicycle_sim.plants.choi.dynamics import State
 from bicycle_sim.plants.choi.linear import continuous, eigenvalues
 from bicycle_sim.plants.choi.parameters import Constants, Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import SCENARIOS, named
 from bicycle_sim.task.task import BicycleTask
 
@@ -284,7 +285,7 @@ def test_row_21_noise_on_the_displacement_is_an_option() -> None:
     def acceleration(noise: float) -> np.ndarray:
         physics = Physics(displacement_noise=noise)
         scenario = named("random-start-random-goal")
-        task = BicycleTask(scenario, physics, 500, np.random.default_rng(2))
+        task = BicycleTask(scenario, ChoiPlant(physics), 500, np.random.default_rng(2))
         return task.step(np.zeros((500, 3))).observation[:, 4]
 
     assert not acceleration(0.0).any()

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bicycle_sim.plants.choi.parameters import Constants
 from bicycle_sim.task.scenario import SCENARIOS, Region, Scenario, named
 
 gymnasium = pytest.importorskip("gymnasium")
@@ -99,7 +100,7 @@ def test_an_action_is_a_share_of_each_limit(
     before = env.task.state
     env.step(np.full(len(names), 0.5, np.float32))
     limits = env.task.scenario.action_limits
-    k = env.task.physics.constants
+    k = Constants()
     torque = env.task.state.steer_rate.item() * k.tyre_steer_inertia / k.time_step
     assert torque == pytest.approx(0.5 * limits[0])
     force = (env.task.state.speed - before.speed).item() / k.time_step * k.driven_mass / 0.2

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bicycle_common.types import Command, CommandSource, InitialPose
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.runtime.loop import Loop, LoopOptions, StepResult
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_sim.task.scenario import named
@@ -31,9 +31,9 @@ class Clock:
 class Rider:
     """A loop, its clock, and a controller that answers when it is told to."""
 
-    def __init__(self, physics: Physics | None = None, **options: object) -> None:
+    def __init__(self, plant: ChoiPlant | None = None, **options: object) -> None:
         self.clock = Clock()
-        simulator = Simulator(SCENARIO, physics)
+        simulator = Simulator(SCENARIO, plant)
         self.loop = Loop(simulator, LoopOptions(**options), self.clock)  # type: ignore[arg-type]
         self.loop.reset(START, None)
 

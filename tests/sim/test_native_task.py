@@ -11,26 +11,28 @@ import numpy as np
 import pytest
 from state_maker import rows
 
-from bicycle_sim.plants.choi import dynamics
 from bicycle_sim.plants.choi.parameters import Constants, Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task import native_task
 from bicycle_sim.task.native_task import NativeStep
 from bicycle_sim.task.scenario import SCENARIOS, Scenario, named
 from bicycle_sim.task.task import BicycleTask, Step
 
-PHYSICS = {
-    "faithful": Physics(),
-    "corrected": Physics.named("corrected"),
-    "noisy": Physics(displacement_noise=0.02),
-    "another bicycle": Physics(Constants(wheelbase=1.3, time_step=0.01, steer_stop=0.3)),
+PLANTS = {
+    "faithful": ChoiPlant(),
+    "corrected": ChoiPlant.named("corrected"),
+    "noisy": ChoiPlant(Physics(displacement_noise=0.02)),
+    "another bicycle": ChoiPlant(
+        Physics(Constants(wheelbase=1.3, time_step=0.01, steer_stop=0.3))
+    ),
 }
 
 
-def pair(scenario: Scenario, physics: Physics, count: int, seed: int = 1) -> list[BicycleTask]:
+def pair(scenario: Scenario, plant: ChoiPlant, count: int, seed: int = 1) -> list[BicycleTask]:
     """The same task twice: stepped in C++, and in numpy."""
     tasks = [
-        BicycleTask(scenario, physics, count, np.random.default_rng(seed), advance)
-        for advance in (None, dynamics.step)
+        BicycleTask(scenario, plant, count, np.random.default_rng(seed), native)
+        for native in (True, False)
     ]
     assert [type(task._native) for task in tasks] == [NativeStep, type(None)]
     return tasks
@@ -72,24 +74,24 @@ def test_set_up_has_built_it() -> None:
 
 
 @pytest.mark.parametrize("count", [1, 16, 127, 128, 129, 1000])
-@pytest.mark.parametrize("physics", PHYSICS.values(), ids=PHYSICS)
-def test_it_gives_the_bits_of_numpy(physics: Physics, count: int) -> None:
+@pytest.mark.parametrize("plant", PLANTS.values(), ids=PLANTS)
+def test_it_gives_the_bits_of_numpy(plant: ChoiPlant, count: int) -> None:
     scenario = replace(named("learned-speed"), max_steps=70)
-    ride(pair(scenario, physics, count), 150 if count < 200 else 60)
+    ride(pair(scenario, plant, count), 150 if count < 200 else 60)
 
 
 @pytest.mark.parametrize("name", SCENARIOS)
 def test_it_gives_the_bits_of_numpy_in_every_scenario(name: str) -> None:
-    ride(pair(named(name), Physics(), 64), 100)
+    ride(pair(named(name), ChoiPlant(), 64), 100)
 
 
 def test_thousands_of_bicycles_have_the_bits_of_numpy() -> None:
-    ride(pair(named("random-start-random-goal"), Physics(), 4096), 40)
+    ride(pair(named("random-start-random-goal"), ChoiPlant(), 4096), 40)
 
 
 def test_the_steering_stop_and_the_goal_were_met() -> None:
     """What the rides above are worth: each of a step's branches is taken in them."""
-    task = pair(replace(named("fixed-start-fixed-goal"), goal_radius=17.0), Physics(), 64)[0]
+    task = pair(replace(named("fixed-start-fixed-goal"), goal_radius=17.0), ChoiPlant(), 64)[0]
     met = dict.fromkeys(("stop", "goal", "fall", "limit"), False)
     for action, _ in zip(actions(64, np.random.default_rng(2)), range(450), strict=False):
         step = task.step(action)
@@ -102,7 +104,7 @@ def test_the_steering_stop_and_the_goal_were_met() -> None:
 
 @pytest.mark.parametrize("count", [1, 3])
 def test_it_sees_what_was_changed_between_steps(count: int) -> None:
-    tasks = pair(named("random-start-random-goal"), Physics(), count)
+    tasks = pair(named("random-start-random-goal"), ChoiPlant(), count)
     one = np.arange(count) == 0
 
     def whole(task: BicycleTask) -> None:
@@ -140,7 +142,7 @@ def test_it_sees_what_was_changed_between_steps(count: int) -> None:
 
 
 def test_fewer_bicycles_go_on() -> None:
-    tasks = pair(named("learned-speed"), Physics(), 150)
+    tasks = pair(named("learned-speed"), ChoiPlant(), 150)
     for left in (140, 12, 1):
         ride(tasks, 10)
         for task in tasks:
@@ -149,7 +151,7 @@ def test_fewer_bicycles_go_on() -> None:
 
 
 def test_a_result_stays_as_it_was() -> None:
-    task, _ = pair(named("learned-speed"), Physics(), 5)
+    task, _ = pair(named("learned-speed"), ChoiPlant(), 5)
     kept = []
     for action, _ in zip(actions(5, np.random.default_rng(0)), range(200), strict=False):
         step = task.step(action)
@@ -161,7 +163,7 @@ def test_a_result_stays_as_it_was() -> None:
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda it: pickle.loads(pickle.dumps(it))])
 def test_a_copy_goes_its_own_way(copied: object) -> None:
-    tasks = pair(named("learned-speed"), Physics(), 4)
+    tasks = pair(named("learned-speed"), ChoiPlant(), 4)
     ride(tasks, 5)
     assert callable(copied)
     other = copied(tasks[0])
@@ -172,7 +174,7 @@ def test_a_copy_goes_its_own_way(copied: object) -> None:
 
 
 def test_what_is_not_finite_changes_nothing() -> None:
-    task, _ = pair(named("learned-speed"), Physics(), 3)
+    task, _ = pair(named("learned-speed"), ChoiPlant(), 3)
     task.step(np.zeros((3, 3)))
     before = rows(task.state).copy()
     for value in (np.nan, np.inf, -np.inf):
@@ -191,7 +193,7 @@ def test_without_the_library_the_task_steps_in_numpy(monkeypatch: pytest.MonkeyP
     assert without._native is None
     ride([with_it, without], 50)
     with pytest.raises(RuntimeError, match=r"not built: call ros2_ws/setup\.sh"):
-        NativeStep(without.scenario, without.physics)
+        NativeStep(without.scenario, Physics())
 
 
 @pytest.mark.parametrize("name", ["_no_such_library", "native_task"])

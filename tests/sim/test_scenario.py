@@ -11,6 +11,7 @@ import pytest
 
 from bicycle_common.geometry import heading_between, wrap_angle
 from bicycle_sim.plants.choi.parameters import Constants, Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import SCENARIOS, Region, Scenario, named
 from bicycle_sim.task.task import BicycleTask
 
@@ -79,7 +80,7 @@ def test_a_typo_names_the_nearest() -> None:
     with pytest.raises(ValueError, match=r"Constants has no field 'gravty'.*'gravity'"):
         Physics.from_json('{"constants": {"gravty": 1}}')
     with pytest.raises(ValueError, match="choose faithful or corrected"):
-        Physics.named("true")
+        ChoiPlant.named("true")
 
 
 @pytest.mark.parametrize(

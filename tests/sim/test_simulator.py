@@ -11,6 +11,7 @@ import pytest
 
 from bicycle_common.types import BicycleState, Command, CommandSource, InitialPose
 from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_sim.task.scenario import named
 from bicycle_sim.task.task import BicycleTask
@@ -63,11 +64,11 @@ def test_it_steps_as_the_task_does() -> None:
 
 @pytest.mark.parametrize("begun", [0, 1, 17])
 def test_restored_from_any_state_it_repeats_every_bit(begun: int) -> None:
-    physics = Physics(displacement_noise=0.01)
-    simulator = Simulator(SCENARIO, physics, seed=7)
+    plant = ChoiPlant(Physics(displacement_noise=0.01))
+    simulator = Simulator(SCENARIO, plant, seed=7)
     commands = random_commands(2, 50)
     states = [simulator.reset(), *ride(simulator, commands)]
-    again = Simulator.restore(states[begun], SCENARIO, physics, simulator.seed)
+    again = Simulator.restore(states[begun], SCENARIO, plant, simulator.seed)
     assert [bits(one) for one in ride(again, commands[begun:])] == [
         bits(one) for one in states[begun + 1 :]
     ]
@@ -89,10 +90,10 @@ def test_one_bit_more_torque_is_another_ride() -> None:
 
 
 def test_the_seed_alone_decides_start_and_noise() -> None:
-    physics = Physics(displacement_noise=0.02)
+    plant = ChoiPlant(Physics(displacement_noise=0.02))
     rides = []
     for seed in (4, 4, 5):
-        simulator = Simulator(SCENARIO, physics)
+        simulator = Simulator(SCENARIO, plant)
         rides.append([simulator.reset(seed=seed), *ride(simulator, [None] * 20)])
     assert [bits(one) for one in rides[0]] == [bits(one) for one in rides[1]]
     assert bits(rides[0][0]) != bits(rides[2][0])

@@ -9,6 +9,7 @@ import pytest
 from state_maker import rows
 
 from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import Region, Scenario, named
 from bicycle_sim.task.task import BicycleTask
 
@@ -110,7 +111,7 @@ def test_reset_of_none_draws_nothing() -> None:
 def test_a_seed_repeats_to_the_bit_and_another_does_not(noise: float) -> None:
     def ride(seed: int) -> np.ndarray:
         task = BicycleTask(
-            RANDOM, Physics(displacement_noise=noise), 4, np.random.default_rng(seed)
+            RANDOM, ChoiPlant(Physics(displacement_noise=noise)), 4, np.random.default_rng(seed)
         )
         for _ in range(30):
             task.step(np.full((4, 3), 0.05))

@@ -10,7 +10,7 @@ import numpy as np
 
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.safety import Safety
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import Scenario
 from bicycle_sim.task.task import BicycleTask
 
@@ -81,7 +81,7 @@ def ride(
     fallback: Controller | None = None,
 ) -> Outcome:
     """Ride `count` bicycles under a faulty policy; what is no number is no input."""
-    task = BicycleTask(scenario, Physics(), count, np.random.default_rng(seed))
+    task = BicycleTask(scenario, ChoiPlant(), count, np.random.default_rng(seed))
     rng, limits, none = np.random.default_rng(seed + 1), scenario.action_limits, np.zeros(count)
     reached, fallen, over = (np.zeros(count, dtype=bool) for _ in range(3))
     steps, by_fallback, hand_overs, limited = (np.zeros(count, np.int64) for _ in range(4))

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from bicycle_controller.policy.policy import Policy, PolicyInfo
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import SCENARIOS
 
 SCALE = (0.8, 3.0, 0.3, 1.0, 5.0, 2.0)
@@ -32,4 +32,4 @@ def make_policy(
             tensors[f"norm.{index}.bias"] = rng.normal(size=outputs).astype(np.float32)
     trained = {"algorithm": "none", "seed": seed, "command": "make_policy", "steps": 0}
     scenario = SCENARIOS["random-start-random-goal"]
-    return Policy(PolicyInfo(name, scenario, Physics(), SCALE, limits, trained), tensors)
+    return Policy(PolicyInfo(name, scenario, ChoiPlant(), SCALE, limits, trained), tensors)

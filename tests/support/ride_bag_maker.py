@@ -90,7 +90,7 @@ class Rider:
             EpisodeInfo(
                 episode=int(self.loop.snapshot.episode),
                 seed=int(simulator.seed),
-                physics=simulator.physics.to_json(),
+                physics=simulator.plant.to_json(),
                 scenario=simulator.scenario.to_json(),
             ),
             self._now() + 2000,

@@ -8,7 +8,6 @@ import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from bicycle_common.validation import nearest
 from bicycle_controller.cli import options
 from bicycle_controller.config import loading
 from bicycle_controller.evaluation import evaluate as scoring
@@ -17,7 +16,8 @@ from bicycle_controller.evaluation.table import as_text, comparison_as_text
 from bicycle_controller.policy.devices import actor_on
 from bicycle_controller.policy.policy import Policy, load_controller, write_atomically
 from bicycle_controller.policy.trained_for import unlike_training, warning
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants import registry
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Scenario, named
 
 if TYPE_CHECKING:
@@ -43,7 +43,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--scenario", metavar="NAME", help="a scenario (default: the one it was trained on)")
     what = "change one field of the scenario, as"
     options.add_overrides(parser, "max_steps=400", what)
-    add("--physics", metavar="MODE", help="faithful or corrected (default: as trained on)")
+    add("--plant", metavar="NAME", help="choi (the paper's) or whipple (default: as trained on)")
+    add("--bicycle", metavar="NAME|FILE", help="of the plant whipple, see bicycle info")
+    add(
+        "--physics",
+        metavar="MODE",
+        help="of the plant choi, faithful or corrected (default: so)",
+    )
     add("--episodes", type=int, default=1000, metavar="N", help="rides (default: %(default)s)")
     options.add_seed(parser, "of the starts", default=0)
     options.add_device(parser, "cpu, or cuda for the policy's network", default="cpu")
@@ -94,14 +100,14 @@ def run_command(args: argparse.Namespace) -> int:
         # Fail before an hour of riding, not after it.
         args.out.parent.mkdir(parents=True, exist_ok=True)
     first = load_controller(args.controller)
-    scenario, physics = _world(args, first)
+    scenario, plant = _world(args, first)
     disturbance = _disturbance(args)
     names = [args.controller, *([args.against] if args.against else [])]
     found = [
         scoring.evaluate(
-            actor_on(load_controller(name, physics), args.device),
+            actor_on(load_controller(name, plant), args.device),
             scenario,
-            physics,
+            plant,
             args.episodes,
             args.seed,
             disturbance,
@@ -109,7 +115,7 @@ def run_command(args: argparse.Namespace) -> int:
         )
         for name in names
     ]
-    told = [_unlike(name, scenario, physics, disturbance) for name in names]
+    told = [_unlike(name, scenario, plant, disturbance) for name in names]
     result: dict[str, Any] = found[0].summary()
     result["unlike_training"] = told[0]
     text = as_text([item.summary() for item in found])
@@ -128,30 +134,27 @@ def run_command(args: argparse.Namespace) -> int:
 
 
 def _unlike(
-    name: str, scenario: Scenario, physics: Physics, disturbance: Disturbance
+    name: str, scenario: Scenario, plant: Plant[Any], disturbance: Disturbance
 ) -> list[str]:
     """Return the differences between the rides and the controller's training."""
     if disturbance.speed is not None:
         scenario = replace(scenario, start_speed=disturbance.speed, speed_limits=None)
-    return unlike_training(load_controller(name, physics), physics, scenario)
+    return unlike_training(load_controller(name, plant), plant, scenario)
 
 
-def _world(args: argparse.Namespace, controller: Controller) -> tuple[Scenario, Physics]:
-    """Return the requested scenario and physics, or those of the controller's training."""
+def _world(args: argparse.Namespace, controller: Controller) -> tuple[Scenario, Plant[Any]]:
+    """The scenario and plant asked for, or those the controller was trained on."""
     trained = controller.info if isinstance(controller, Policy) else None
     if args.scenario is None and trained is not None:
         scenario = trained.scenario
     else:
         scenario = named(args.scenario or DEFAULT_SCENARIO)
-    if args.physics is None:
-        physics = trained.physics if trained is not None else Physics()
-    else:
-        modes = ("faithful", "corrected")
-        if args.physics not in modes:
-            hint = nearest(args.physics, modes)
-            raise ValueError(f"unknown physics {args.physics!r}{hint}; known: {', '.join(modes)}")
-        physics = Physics.named(args.physics)
-    return loading.changed(scenario, args.overrides), physics
+    asked = {"plant": args.plant, "bicycle": args.bicycle, "physics": args.physics}
+    given = {name: value for name, value in asked.items() if value is not None}
+    if "bicycle" in given:
+        given.setdefault("plant", "whipple")
+    plant = registry.named(**given) if given or trained is None else trained.plant
+    return loading.changed(scenario, args.overrides), plant
 
 
 def _disturbance(args: argparse.Namespace) -> Disturbance:

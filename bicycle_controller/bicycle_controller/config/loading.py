@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import json
 import math
 import sys
 import types
@@ -21,7 +22,10 @@ import yaml
 from bicycle_common import yaml_text
 from bicycle_common.validation import nearest, reject_unknown
 from bicycle_controller.config.run import RunConfig
+from bicycle_sim.plants import registry
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import SCENARIOS, Scenario, named
 
 Tree = dict[str, Any]
@@ -84,7 +88,7 @@ def changed(config: Config, overrides: Iterable[Override]) -> Config:
     Raises:
         ValueError: on an unknown key or a value of a wrong type.
     """
-    tree = dataclasses.asdict(config)
+    tree = _tree(config)
     for override in overrides:
         tree = _merge(tree, _override(override))
     return typing.cast(Config, _make(type(config), tree, ""))
@@ -92,7 +96,15 @@ def changed(config: Config, overrides: Iterable[Override]) -> Config:
 
 def dump(config: RunConfig) -> str:
     """Return YAML from which `load` reads an equal configuration."""
-    return yaml.safe_dump(_plain(dataclasses.asdict(config)), sort_keys=False, width=99)
+    return yaml.safe_dump(_plain(_tree(config)), sort_keys=False, width=99)
+
+
+def _tree(config: Config) -> Tree:
+    """The configuration as plain data."""
+    tree = dataclasses.asdict(config)
+    if isinstance(config, RunConfig):
+        tree["physics"] = json.loads(config.physics.to_json())
+    return tree
 
 
 @functools.cache
@@ -182,8 +194,26 @@ def _based(kind: type, value: Any, where: str) -> Any:
     return _merge(dataclasses.asdict(Physics.named(name or "faithful")), rest)
 
 
+def _bicycle(value: Any, where: str) -> Plant[Any]:
+    """A plant: a mode of the paper's, its changed fields, or another plant with its bicycle."""
+    if isinstance(value, Plant):
+        return value
+    data = dict(value) if isinstance(value, dict) else {"name": value}
+    plant = data.pop("plant", ChoiPlant.name)
+    try:
+        if plant == ChoiPlant.name:
+            return ChoiPlant(_make(Physics, data if isinstance(value, dict) else value, where))
+        if set(data) <= {"bicycle"} and not isinstance(data.get("bicycle"), dict):
+            return registry.named(str(plant), data.get("bicycle"))
+        return registry.from_dict({"plant": plant, **data})
+    except TypeError as error:
+        raise ValueError(f"{where[:-1]} cannot be read: {_one_line(error)}") from error
+
+
 def _coerce(hint: Any, value: Any, name: str) -> Any:
     """Convert `value` to the annotated type, if nothing is lost."""
+    if typing.get_origin(hint) is Plant:
+        return _bicycle(value, f"{name}.")
     if dataclasses.is_dataclass(hint):
         return _make(hint, value, f"{name}.")
     if typing.get_origin(hint) is types.UnionType:

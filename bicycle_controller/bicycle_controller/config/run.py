@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 from bicycle_common.validation import require, require_between, require_choice, require_positive
 from bicycle_controller.config.algorithms import DdpgConfig, LearnerConfig, NafConfig, PpoConfig
 from bicycle_controller.control.exploration_noise import NoiseConfig
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants import registry
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import SCENARIOS, Scenario
 
 __all__ = [
@@ -204,7 +206,8 @@ class RunConfig:
     """Updates that `bicycle learn` makes from recorded rides, which have no steps."""
     seed: int = 1
     scenario: Scenario = SCENARIOS["random-start-random-goal"]
-    physics: Physics = field(default_factory=Physics)
+    physics: Plant[Any] = field(default_factory=registry.default)
+    """The bicycle: a mode of the paper's, or a mapping that may name plant and bicycle."""
     starts: StartsConfig = field(default_factory=StartsConfig)
     shaping: ShapingConfig = field(default_factory=ShapingConfig)
     teacher: TeacherConfig = field(default_factory=TeacherConfig)

@@ -21,15 +21,21 @@ import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from functools import cache
+from typing import Any
 
 import numpy as np
 
 from bicycle_common.validation import require
-from bicycle_sim.plants.choi.linear import discrete, steady_lean
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants import registry
+from bicycle_sim.plants.base import Plant
 
 SPEEDS = np.linspace(1.0, 5.0, 33)
 """m/s, for which gains are computed; between them they are interpolated, beyond them held."""
+
+STATES = ("lean_angle", "lean_rate", "steer_angle", "steer_rate", "heading_error")
+"""States of a linear plant that the controller sees, in the order of `state_weights`."""
+INPUTS = ("torque", "displacement")
+"""Inputs of a linear plant that it may use."""
 
 SPEED_STEP = 0.001
 """m/s, how finely they are interpolated."""
@@ -117,19 +123,22 @@ TUNED = {
 """Tunings by name; `lqr-20cm` needs a scenario that allows its displacement of 20 cm."""
 
 
-def tuning_id(config: LqrConfig, physics: Physics) -> str:
-    """`lqr-` and a digest of tuning and physics: the controller's `policy_id`."""
-    tuning = json.dumps([asdict(config), json.loads(physics.to_json())])
+def tuning_id(config: LqrConfig, plant: Plant[Any]) -> str:
+    """`lqr-` and a digest of tuning and plant: the controller's `policy_id`."""
+    bicycle = json.loads(plant.to_json())
+    if bicycle["plant"] == registry.default().name:
+        del bicycle["plant"]  # ids from before there were others stay as they were
+    tuning = json.dumps([asdict(config), bicycle])
     return "lqr-" + hashlib.sha256(tuning.encode()).hexdigest()[:8]
 
 
 @cache
-def _tuned(name: str, physics: Physics) -> LqrController:
+def _tuned(name: str, plant: Plant[Any]) -> LqrController:
     """The controller of a tuning's name; its gains take a moment, so it is kept."""
-    return LqrController(TUNED[name], physics)
+    return LqrController(TUNED[name], plant)
 
 
-def fitting(limits: Sequence[float] | np.ndarray, physics: Physics) -> LqrController:
+def fitting(limits: Sequence[float] | np.ndarray, plant: Plant[Any]) -> LqrController:
     """The controller that uses what the limits (3,) on |T|, |d| and |F| allow.
 
     What is not known to be allowed, for its limit is infinite, is not used.
@@ -140,29 +149,37 @@ def fitting(limits: Sequence[float] | np.ndarray, physics: Physics) -> LqrContro
         name += "-displacement"
     if math.inf > pedal >= TUNED["lqr-pedal"].pedal_limit:
         name += "-pedal"
-    return _tuned(name, physics)
+    return _tuned(name, plant)
 
 
 class LqrController:
     """The classical controller, gain-scheduled on speed; it holds no state between calls."""
 
-    def __init__(self, config: LqrConfig | None = None, physics: Physics | None = None) -> None:
+    def __init__(self, config: LqrConfig | None = None, plant: Plant[Any] | None = None) -> None:
         """Compute the gains for every speed of SPEEDS.
 
         Args:
             config: the tuning; steering only by default.
-            physics: the bicycle that is ridden; faithful by default.
+            plant: the bicycle that is ridden; the paper's by default.
+
+        Raises:
+            ValueError: when the tuning moves what the plant has not.
         """
         self.config = config or LqrConfig()
-        self.physics = physics or Physics()
-        self._policy_id = tuning_id(self.config, self.physics)
+        self.plant = plant if plant is not None else registry.default()
+        self._policy_id = tuning_id(self.config, self.plant)
+        require(
+            not self.config.use_displacement or "displacement" in self.plant.input_names,
+            f"no displacement moves the bicycle {self.plant.label}: choose an LQR without, or a "
+            "bicycle with a rider who leans",
+        )
         designs = np.array([self._design(float(speed)) for speed in SPEEDS])
         fine = np.arange(SPEEDS[0], SPEEDS[-1] + 0.5 * SPEED_STEP, SPEED_STEP)
         self._schedule = np.array([np.interp(fine, SPEEDS, column) for column in designs.T])
 
     @property
     def policy_id(self) -> str:
-        """`lqr-` and a digest of tuning and physics."""
+        """`lqr-` and a digest of tuning and plant."""
         return self._policy_id
 
     @np.errstate(over="ignore", invalid="ignore")  # whoever drives looks at what comes out
@@ -190,7 +207,7 @@ class LqrController:
 
         share = np.interp(np.abs(error), TURN_ERRORS, config.turn_shape)
         wanted_steer = -_limited(gains[8] * error, gains[9] * share)
-        wanted_tilt = steady_lean(wanted_steer, speed, self.physics.constants)
+        wanted_tilt = self.plant.steady_lean(wanted_steer, speed)
         wanted_displacement, wanted_lean = self._divide(wanted_tilt, gains[10])
         # A turn too far ahead would saturate the torque, so ride a wider one first.
         ahead = _limited(wanted_lean - lean, gains[11])
@@ -212,7 +229,7 @@ class LqrController:
         """Displacement, m, and lean, rad, that tilt the centre of mass together (eq. 6)."""
         if not self.config.use_displacement:
             return 0.0, tilt
-        height = self.physics.constants.mass_height
+        height = self.plant.geometry.mass_height
         displacement = _limited(height * np.tan(share * tilt), self.config.displacement_limit)
         return displacement, tilt - np.arctan(displacement / height)
 
@@ -241,16 +258,23 @@ class LqrController:
             the displacement's share of a steady tilt; rad that the wanted lean may be ahead;
             steering per tilt of a steady turn.
         """
-        config, constants = self.config, self.physics.constants
-        a, b = discrete(speed, self.physics)
+        config, model = self.config, self.plant.linearize(speed, discrete=True)
         costs = [config.torque_weight, config.displacement_weight / config.displacement_limit**2]
+        weights = dict(zip(STATES, config.state_weights, strict=True))
         inputs = 2 if config.use_displacement else 1
-        gain = np.zeros((2, 5))
-        gain[:inputs] = _regulator(a, b[:, :inputs], config.state_weights, costs[:inputs])
+        gain = np.zeros((2, len(STATES)))
+        found = _regulator(
+            model.a,
+            model.b[:, [model.inputs.index(name) for name in INPUTS[:inputs]]],
+            [weights.get(name, 0.0) for name in model.states],
+            costs[:inputs],
+        )
+        # What no observation shows (a motor's torque, commands under way) is left out.
+        gain[:inputs] = found[:, [model.states.index(name) for name in STATES]]
 
         steer = np.linspace(0.0, config.steer_limit, 1001)
-        tilt = steady_lean(steer, np.full_like(steer, speed), constants)
-        tilt_per_steer, tilt_per_metre = tilt[1] / steer[1], 1.0 / constants.mass_height
+        tilt = self.plant.steady_lean(steer, np.full_like(steer, speed))
+        tilt_per_steer, tilt_per_metre = tilt[1] / steer[1], 1.0 / self.plant.geometry.mass_height
         # Unknown lean, steering and displacement per heading error: no torque, the regulator's
         # displacement, and the tilt that the turn needs.
         balance = [

@@ -15,12 +15,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 
 from bicycle_common.validation import require
-from bicycle_sim.plants.choi.linear import continuous
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants import registry
+from bicycle_sim.plants.base import Plant
 
 ENVELOPE_SPEEDS = (1.0, 1.5, 2.0, 2.5, 2.75, 3.5, 5.0)
 """m/s, at which ENVELOPE is given; in between it is interpolated, beyond held."""
@@ -30,6 +31,7 @@ ENVELOPE = (0.12, 0.17, 0.25, 0.38, 0.46, 0.50, 0.50)
 SPEEDS = np.linspace(1.0, 5.0, 81)
 """m/s, for which the unstable mode is computed."""
 SLOWEST, SPACING = float(SPEEDS[0]), float(SPEEDS[1] - SPEEDS[0])
+MODE_STATES = ("lean_angle", "lean_rate", "steer_angle", "steer_rate")
 MODE_ORDER = np.array([2, 3, 0, 1])
 """Where lean, lean rate, steering and steering rate stand in an observation."""
 
@@ -118,13 +120,16 @@ class Safety:
     """
 
     def __init__(
-        self, config: SafetyConfig | None = None, physics: Physics | None = None, count: int = 1
+        self,
+        config: SafetyConfig | None = None,
+        plant: Plant[Any] | None = None,
+        count: int = 1,
     ) -> None:
-        """Begin with the policy in charge of `count` bicycles of some physics."""
+        """Begin with the policy in charge of `count` bicycles; the paper's by default."""
         self.config = config or SafetyConfig()
-        self.physics = physics or Physics()
-        self._mode = np.array([unstable_mode(float(speed), self.physics) for speed in SPEEDS])
-        self._time_step = self.physics.constants.time_step
+        self.plant = plant if plant is not None else registry.default()
+        self._mode = np.array([unstable_mode(float(speed), self.plant) for speed in SPEEDS])
+        self._time_step = self.plant.time_step
         self._rates = np.array(self.config.rates) * self._time_step
         self.reason = np.zeros(count, dtype=np.int64)
         self.hand_overs = np.zeros(count, dtype=np.int64)
@@ -239,14 +244,15 @@ class Safety:
         return np.asarray(shares)
 
 
-def unstable_mode(speed: float, physics: Physics) -> np.ndarray:
+def unstable_mode(speed: float, plant: Plant[Any]) -> np.ndarray:
     """What lean, lean rate, steering and steering rate add to the extrapolated lean.
 
     Returns:
         (4,) complex: the left eigenvector of the most unstable pole, with 1 for the lean.
     """
-    a, _ = continuous(speed, physics)
-    poles, vectors = np.linalg.eig(a[:4, :4].T)
+    model = plant.linearize(speed)
+    rows = [model.states.index(name) for name in MODE_STATES]
+    poles, vectors = np.linalg.eig(model.a[np.ix_(rows, rows)].T)
     vector = vectors[:, poles.real.argmax()]
     return np.asarray(vector / vector[0], dtype=np.complex128)
 

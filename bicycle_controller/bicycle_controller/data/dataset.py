@@ -6,13 +6,14 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bicycle_common.observation import ACTION_FIELDS
 from bicycle_controller.data.bag_transitions import EPISODE, Transitions, bicycles, extract
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants import registry
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -39,11 +40,11 @@ class Source:
 
 @dataclass(frozen=True)
 class Dataset:
-    """All transitions of some bags, with their scenario and physics."""
+    """All transitions of some bags, and the scenario and plant that they were ridden in."""
 
     transitions: Transitions
     scenario: Scenario
-    physics: Physics
+    plant: Plant[Any]
     sources: tuple[Source, ...]
     lost: dict[str, int]
     """Number of messages missing in the bags, by kind."""
@@ -59,9 +60,9 @@ def load(paths: Sequence[Path | str], scenario: Scenario | None = None) -> Datas
         scenario: of bags that do not name theirs; of all bags by default.
 
     Raises:
-        ValueError: one line with the remedy, if a bag cannot be read, contains no ride, or was
-            ridden in another scenario or physics than the others.
-        ModuleNotFoundError: if the package `bicycle_bag` is not installed.
+        ValueError: one line with the remedy, when a bag cannot be read, holds no ride, or was
+            ridden in another scenario or on another bicycle than the others.
+        ModuleNotFoundError: without the package `bicycle_bag`.
     """
     from bicycle_bag.errors import BagError
 
@@ -112,15 +113,17 @@ def _read(path: Path, scenario: Scenario | None) -> list[Dataset]:
         raise ValueError(f"{path} holds no bicycle: record bicycle/transition, or its states")
     parts = []
     for prefix in there:
-        ridden, physics = _setting(reader, prefix, scenario)
+        ridden, plant = _setting(reader, prefix, scenario)
         found = extract(reader, prefix, ridden)
         source = Source(str(path), len(found.transitions), found.recorded)
-        parts.append(Dataset(found.transitions, ridden, physics, (source,), found.lost, 0.0))
+        parts.append(Dataset(found.transitions, ridden, plant, (source,), found.lost, 0.0))
     return parts
 
 
-def _setting(reader: BagReader, prefix: str, known: Scenario | None) -> tuple[Scenario, Physics]:
-    """Return the scenario and physics of a bicycle's episodes, which must all have the same."""
+def _setting(
+    reader: BagReader, prefix: str, known: Scenario | None
+) -> tuple[Scenario, Plant[Any]]:
+    """Scenario and plant of a bicycle's episodes, which must all have the same."""
     from bicycle_bag.columns import load_topics
 
     topic = prefix + EPISODE
@@ -129,14 +132,14 @@ def _setting(reader: BagReader, prefix: str, known: Scenario | None) -> tuple[Sc
             raise ValueError(
                 f"{reader.path} does not say what was ridden (no {topic}): name it with --scenario"
             )
-        return known, Physics()
+        return known, registry.default()
     columns = load_topics(reader, [topic])[topic]
     pairs = set(zip(columns["scenario"], columns["physics"], strict=True))
     if len(pairs) > 1:
         raise ValueError(f"{reader.path} holds rides in {len(pairs)} settings: record each alone")
     scenario, physics = pairs.pop()
     try:
-        return Scenario.from_json(scenario), Physics.from_json(physics)
+        return Scenario.from_json(scenario), registry.from_json(physics)
     except (ValueError, TypeError) as error:
         raise ValueError(f"{reader.path} is of another version: {error}") from None
 
@@ -144,11 +147,11 @@ def _setting(reader: BagReader, prefix: str, known: Scenario | None) -> tuple[Sc
 def _check_alike(parts: list[Dataset]) -> None:
     first = parts[0]
     for part in parts:
-        if (part.scenario, part.physics) != (first.scenario, first.physics):
+        if (part.scenario, part.plant) != (first.scenario, first.plant):
             one, other = first.sources[0].path, part.sources[0].path
             raise ValueError(
-                f"{other} ({part.scenario.name}) was ridden in another scenario or physics than"
-                f" {one} ({first.scenario.name}): learn from each alone"
+                f"{other} ({part.scenario.name}) was ridden in another scenario or on "
+                f"another bicycle than {one} ({first.scenario.name}): learn from each alone"
             )
 
 
@@ -191,7 +194,7 @@ def check(data: Dataset, least: int = LEAST) -> list[str]:
 
 
 def _minutes(data: Dataset, steps: int) -> str:
-    return f"{steps * data.physics.constants.time_step / 60.0:.1g}"
+    return f"{steps * data.plant.time_step / 60.0:.1g}"
 
 
 def memory_rows(data: Dataset, ddpg: DdpgConfig) -> np.ndarray:

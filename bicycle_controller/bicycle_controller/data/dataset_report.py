@@ -29,7 +29,7 @@ def report(data: Dataset) -> dict[str, Any]:
     on the right to that on the left).
     """
     found = data.transitions
-    steps = data.physics.constants.time_step
+    steps = data.plant.time_step
     pursuits = int(found.ended.sum())
     names, counts = np.unique(found.policy.astype(str), return_counts=True)
     waits = np.diff(found.time)[~found.ended[:-1]]
@@ -74,7 +74,7 @@ def _actions(data: Dataset) -> dict[str, Any]:
 
 def _coverage(data: Dataset) -> list[list[int]]:
     columns = dict(zip(OBSERVATION_FIELDS, data.transitions.observation.T, strict=True))
-    fall, stop = data.scenario.fall_angle, data.physics.constants.steer_stop
+    fall, stop = data.scenario.fall_angle, data.plant.geometry.steer_stop
     lean = np.clip(columns["lean_angle"], -fall, fall)
     steer = np.clip(columns["steer_angle"], -stop, stop)
     counts, _, _ = np.histogram2d(lean, steer, CELLS, ((-fall, fall), (-stop, stop)))

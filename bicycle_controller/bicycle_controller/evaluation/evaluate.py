@@ -31,7 +31,8 @@ import numpy as np
 
 from bicycle_common.validation import require
 from bicycle_controller.evaluation.rollouts import Disturbance, Rollouts, ride
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants import registry
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -70,7 +71,7 @@ class Evaluation:
     controller: str
     """The policy id."""
     scenario: Scenario
-    physics: Physics
+    plant: Plant[Any]
     disturbance: Disturbance
     seed: int
     rides: Rollouts
@@ -78,7 +79,7 @@ class Evaluation:
     @property
     def times(self) -> np.ndarray:
         """Duration of each ride, s, (N,)."""
-        return self.rides.steps * self.physics.constants.time_step
+        return self.rides.steps * self.plant.time_step
 
     @property
     def path_ratios(self) -> np.ndarray:
@@ -101,7 +102,7 @@ class Evaluation:
         result: dict[str, Any] = {
             "controller": self.controller,
             "scenario": asdict(self.scenario),
-            "physics": json.loads(self.physics.to_json()),
+            "physics": json.loads(self.plant.to_json()),
             "disturbance": asdict(self.disturbance),
             "seed": self.seed,
             "episodes": len(rides.steps),
@@ -141,18 +142,18 @@ def _statistic(function: Any, values: np.ndarray) -> float | None:
 def evaluate(
     controller: Controller,
     scenario: Scenario,
-    physics: Physics | None = None,
+    plant: Plant[Any] | None = None,
     episodes: int = 1000,
     seed: int = 0,
     disturbance: Disturbance | None = None,
     progress: bool = False,
 ) -> Evaluation:
     """Ride `episodes` rides; see `rollouts.ride` for arguments and errors."""
-    physics = physics or Physics()
+    plant = plant if plant is not None else registry.default()
     disturbance = disturbance or Disturbance()
-    rides = ride(controller, scenario, physics, episodes, seed, disturbance, progress)
+    rides = ride(controller, scenario, plant, episodes, seed, disturbance, progress)
     name = controller.policy_id
-    return Evaluation(name, scenario, physics, disturbance, seed, rides)
+    return Evaluation(name, scenario, plant, disturbance, seed, rides)
 
 
 def compare(first: Evaluation, second: Evaluation) -> dict[str, Any]:
@@ -174,7 +175,7 @@ def compare(first: Evaluation, second: Evaluation) -> dict[str, Any]:
     Raises:
         ValueError: when they did not ride from the same starts.
     """
-    for name in ("scenario", "physics", "disturbance", "seed"):
+    for name in ("scenario", "plant", "disturbance", "seed"):
         same = getattr(first, name) == getattr(second, name)
         require(same, f"the two evaluations differ in their {name}; evaluate again")
     straight = np.array_equal(first.rides.straight, second.rides.straight)

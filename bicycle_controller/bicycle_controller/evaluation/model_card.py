@@ -9,7 +9,7 @@ from typing import Any
 from bicycle_common.observation import ACTION_FIELDS, OBSERVATION_FIELDS
 from bicycle_controller.evaluation.table import as_markdown
 from bicycle_controller.policy.policy import Policy
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants import registry
 
 UNITS = ("rad", "rad/s", "rad", "rad/s", "rad/s^2", "rad", "N m", "m", "N")
 
@@ -35,7 +35,7 @@ def card(policy: Policy, evaluations: list[dict[str, Any]] | None = None) -> str
         _scaling(policy),
         "## Trained on",
         _facts(asdict(info.scenario)),
-        f"Physics: {physics_name(info.physics)}, {info.physics.constants.time_step} s a step.",
+        f"Physics: {info.plant.label}, {info.plant.time_step} s a step.",
         "## Training",
         _facts(info.trained) if info.trained else "Not recorded.",
     ]
@@ -48,15 +48,6 @@ def widths(policy: Policy) -> list[int]:
     """Return the widths of the network's inputs, hidden layers and outputs."""
     count = sum(name.startswith("layer.") for name in policy.tensors) // 2
     return [6, *(len(policy.tensors[f"layer.{index}.bias"]) for index in range(count))]
-
-
-def physics_name(physics: Physics) -> str:
-    """Return `faithful`, `corrected`, or the differences from faithful."""
-    for name in ("faithful", "corrected"):
-        if physics == Physics.named(name):
-            return name
-    plain, own = (json.loads(item.to_json()) for item in (Physics(), physics))
-    return ", ".join(f"{name} {value}" for name, value in own.items() if value != plain[name])
 
 
 def _scaling(policy: Policy) -> str:
@@ -83,7 +74,7 @@ def _plain(value: Any) -> str:
 def _heading(summary: dict[str, Any]) -> str:
     """Return the conditions of an evaluation, as far as they differ from the plain scenario."""
     disturbed = {k: v for k, v in summary["disturbance"].items() if k != "kick_time" and _on(v)}
-    physics = physics_name(Physics.from_json(json.dumps(summary["physics"])))
+    physics = registry.from_dict(summary["physics"]).label
     extra = "".join(f", {name} {_plain(value)}" for name, value in disturbed.items())
     seed = summary["seed"]
     return f"## Evaluation: {summary['scenario']['name']}, {physics} physics, seed {seed}{extra}"

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 from bicycle_common.geometry import wrap_angle
 from bicycle_common.observation import OBSERVATION_FIELDS
 from bicycle_common.validation import require
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Scenario
 from bicycle_sim.task.task import BicycleTask, Step
 
@@ -110,7 +110,7 @@ class Rollouts:
 def ride(
     controller: Controller,
     scenario: Scenario,
-    physics: Physics,
+    plant: Plant[Any],
     count: int,
     seed: int,
     disturbance: Disturbance | None = None,
@@ -123,9 +123,9 @@ def ride(
 
     Args:
         controller: chooses the actions.
-        scenario: starts, goals and limits.
-        physics: of the bicycle.
-        count: N, the number of bicycles.
+        scenario: where from and where to, and within which limits.
+        plant: which bicycle.
+        count: N.
         seed: at least 0.
         disturbance: added to the scenario.
         progress: True to draw a bar on standard error.
@@ -141,11 +141,11 @@ def ride(
     if trial.speed is not None:
         scenario = replace(scenario, start_speed=trial.speed)
     if trial.displacement_noise > 0:
-        physics = replace(physics, displacement_noise=trial.displacement_noise)
+        plant = plant.with_displacement_noise(trial.displacement_noise)
     parts = []
     with tqdm(total=count, unit="ride", desc=scenario.name, disable=not progress) as bar:
         for index, first in enumerate(range(0, count, CHUNK)):
-            batch = _Batch(scenario, physics, min(CHUNK, count - first), (seed, index), trial)
+            batch = _Batch(scenario, plant, min(CHUNK, count - first), (seed, index), trial)
             parts.append(batch.ride(controller, bar))
     return Rollouts.join(parts)
 
@@ -156,19 +156,20 @@ class _Batch:
     def __init__(
         self,
         scenario: Scenario,
-        physics: Physics,
+        plant: Plant[Any],
         count: int,
         seeds: tuple[int, int],
         trial: Disturbance,
     ) -> None:
         starts, self.noise = (np.random.default_rng((*seeds, use)) for use in (STARTS, NOISE))
-        self.task = BicycleTask(scenario, physics, count, starts)
+        self.task = BicycleTask(scenario, plant, count, starts)
         self.task.rng = self.noise
         self.trial = trial
         if trial.initial_tilt > 0:
             self.task.state.lean_angle = starts.normal(0.0, trial.initial_tilt, count)
+            self.task.state = plant.settled(self.task.state)
         self.kick = starts.choice((-1.0, 1.0), count) * trial.roll_kick
-        self.kick_step = round(trial.kick_time / physics.constants.time_step)
+        self.kick_step = round(trial.kick_time / plant.time_step)
         delayed = (np.zeros((count, 3)) for _ in range(trial.action_delay))
         self.waiting: deque[np.ndarray] = deque(delayed)
         self.results: dict[str, np.ndarray] = {
@@ -191,7 +192,7 @@ class _Batch:
         task = self.task
         action = self._delay(controller.act(self._noisy(observation), task.state.speed))
         if self.kick_step == task.steps[0] and self.trial.roll_kick > 0:
-            task.state.lean_rate = task.state.lean_rate + self.kick
+            task.state = task.plant.pushed(task.state, self.kick)
         before = task.state
         outcome = task.step(action)
         self.sums.add(task, before.rear_x, before.rear_y, action, outcome)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from bicycle_controller.config.run import EvaluationConfig
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.exploration_noise import Noise, NoiseConfig
 from bicycle_controller.evaluation.evaluate import evaluate
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Region, Scenario
 from bicycle_sim.task.task import BicycleTask
 
@@ -56,21 +57,21 @@ class Score:
 
 
 def score(
-    policy: Controller, scenario: Scenario, physics: Physics, fixed: EvaluationConfig
+    policy: Controller, scenario: Scenario, plant: Plant[Any], fixed: EvaluationConfig
 ) -> Score:
     """Ride the fixed starts to their end and return the score."""
     scenario = dataclasses.replace(scenario, max_steps=fixed.max_steps or scenario.max_steps)
-    far = evaluate(policy, scenario, physics, fixed.episodes, fixed.seed).summary()
+    far = evaluate(policy, scenario, plant, fixed.episodes, fixed.seed).summary()
     names = ("reach_rate", "fall_rate", "orbit_rate", "median_time_s")
     values = {name: far[name] for name in (*names, "mean_return")}
     if fixed.near_episodes > 0:
         near_goals = near(scenario, fixed.near_distance)
-        found = evaluate(policy, near_goals, physics, fixed.near_episodes, fixed.seed).summary()
+        found = evaluate(policy, near_goals, plant, fixed.near_episodes, fixed.seed).summary()
         values |= {f"near_{name}": found[name] for name in names if name != "orbit_rate"}
     if fixed.shake > 0:
         steps = min(NEAR_STEPS, fixed.max_steps or NEAR_STEPS)
         values["shaken_fall_rate"] = shaken(
-            policy, scenario, physics, fixed.shake, fixed.seed, steps
+            policy, scenario, plant, fixed.shake, fixed.seed, steps
         )
     return Score(**values)
 
@@ -78,7 +79,7 @@ def score(
 def shaken(
     policy: Controller,
     scenario: Scenario,
-    physics: Physics,
+    plant: Plant[Any],
     sigma: float,
     seed: int,
     steps: int = NEAR_STEPS,
@@ -88,7 +89,7 @@ def shaken(
     The noise is the controller's exploration noise: `sigma` is a share of each action's limit.
     """
     start, source = (np.random.default_rng((seed, use)) for use in (0, 1))
-    task = BicycleTask(scenario, physics, SHAKEN, start)
+    task = BicycleTask(scenario, plant, SHAKEN, start)
     noise = Noise(NoiseConfig("ou", sigma, SHAKE_THETA), SHAKEN, 3, source)
     limits = scenario.action_limits
     observation = task.observation()

@@ -40,7 +40,8 @@ from bicycle_controller.nodes.policy_loader import Making, PolicyLoader
 from bicycle_controller.policy.policy import PolicyError, load_controller
 from bicycle_controller.policy.trained_for import UNLIKE, unlike_training, warning
 from bicycle_sim.nodes.episode_setting import to_setting
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants import registry
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Scenario
 
 NAME = "bicycle_controller"
@@ -63,11 +64,12 @@ class ControllerNode(Node):
         """
         super().__init__(NAME)
         self._settings = declare(self, ControllerSettings)
-        self._physics, self._making, self._priority = Physics(), Making(), Priority()
+        self._making, self._priority = Making(), Priority()
+        self._plant = registry.default()
         self._driver = self._make_driver()
         self._in_use = threading.Lock()
         self._simulator_limits = NO_LIMITS
-        self._ridden: tuple[Physics, Scenario] | None = None
+        self._ridden: tuple[Plant[Any], Scenario] | None = None
         self._unlike = ""
         self._bad_states = 0
         self._heard = time.monotonic()
@@ -106,9 +108,9 @@ class ControllerNode(Node):
             GoalTracker(settings.goal_radius or 1.0, settings.goal_timeout, settings.orbit_turns),
             own,
             settings.make_noise(),
-            settings.make_fallback(own, self._physics),
+            settings.make_fallback(own, self._plant),
             settings.take_over,
-            settings.make_safety(self._physics),
+            settings.make_safety(self._plant),
         )
 
     def close(self) -> None:
@@ -165,7 +167,7 @@ class ControllerNode(Node):
     def _on_episode(self, info: EpisodeInfo) -> None:
         """Adopt the simulator's limits and goal radius."""
         try:
-            scenario, physics = to_setting(info)
+            scenario, plant = to_setting(info)
         except (ValueError, TypeError) as error:
             self._warn(f"episode info ignored: {error}; are both of one version?")
             return
@@ -173,11 +175,11 @@ class ControllerNode(Node):
             self._driver.tracker.radius = scenario.goal_radius
         with self._in_use:
             self._simulator_limits = scenario.action_limits
-            self._ridden = physics, scenario
+            self._ridden = plant, scenario
             self._limit()
-            self._suit(physics)
+            self._suit(plant)
             self._compare()
-        wait = physics.constants.time_step - WARM_UP
+        wait = plant.time_step - WARM_UP
         self._warms_up = info.pace == "realtime" and 0.0 < wait < SILENCE
         if self._warms_up:
             self._warm_up.timer_period_ns = round(1e9 * wait)
@@ -208,16 +210,16 @@ class ControllerNode(Node):
                 "that suits it"
             )
 
-    def _suit(self, physics: Physics) -> None:
+    def _suit(self, plant: Plant[Any]) -> None:
         """Adapt the fallback and the safety layer to the simulated bicycle."""
         settings, limits = self._settings, self._driver.limits
-        # Computing LQR gains takes longer than one step; do it in a thread.
-        self._making.begin(lambda: settings.make_fallback(limits, physics))
-        if physics == self._physics:
+        # Its gains take long enough to be missed by a bicycle that is riding already.
+        self._making.begin(lambda: settings.make_fallback(limits, plant))
+        if plant == self._plant:
             return
         try:
-            self._driver.safety = settings.make_safety(physics)
-            self._physics = physics
+            self._driver.safety = settings.make_safety(plant)
+            self._plant = plant
         except (ValueError, ArithmeticError, TypeError) as error:
             self._warn(f"the safety layer stays as it was, for this bicycle has none: {error}")
 
@@ -283,7 +285,7 @@ class ControllerNode(Node):
         with self._in_use:
             self._driver.policy = policy
             self._limit()
-            self._suit(self._physics)
+            self._suit(self._plant)
             self._compare()
             return self._unlike
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.exploration_noise import Noise, NoiseConfig
 from bicycle_controller.control.safety import Safety, SafetyConfig
 from bicycle_controller.policy.policy import DEFAULT_POLICY, LQR
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.base import Plant
 
 SAFE = SafetyConfig()
 """Defaults of the safety layer."""
@@ -95,18 +96,18 @@ class ControllerSettings:
         config = NoiseConfig(self.exploration, self.exploration_sigma, self.exploration_theta)
         return Noise(config, 1, 3, np.random.default_rng(self.seed))
 
-    @np.errstate(all="ignore")  # impossible physics are reported from the result
-    def make_fallback(self, limits: np.ndarray, physics: Physics) -> Controller | None:
+    @np.errstate(all="ignore")  # a bicycle that cannot be are told by what comes out
+    def make_fallback(self, limits: np.ndarray, plant: Plant[Any]) -> Controller | None:
         """Return the controller to use instead of the policy, limited to (3,) |T|, |d| and |F|."""
         if self.fallback != "lqr":
             return None
         # Imported here: it needs scipy, which a policy does not.
         from bicycle_controller.control.lqr import fitting
 
-        return fitting(limits, physics)
+        return fitting(limits, plant)
 
     @np.errstate(all="ignore")
-    def make_safety(self, physics: Physics) -> Safety | None:
+    def make_safety(self, plant: Plant[Any]) -> Safety | None:
         """Return the safety layer between policy and bicycle."""
         if self.safety == "none":
             return None
@@ -125,4 +126,4 @@ class ControllerSettings:
             ),
             stop=self.safety == "stop",
         )
-        return Safety(config, physics)
+        return Safety(config, plant)

@@ -7,10 +7,11 @@ import shlex
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from bicycle_common.parameters import parameter
 from bicycle_controller.trainer_service.order import TrainingOrder
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Scenario
 
 
@@ -45,7 +46,7 @@ class TrainerSettings:
         return workspace / "runs" / time.strftime("trainer-%Y-%m-%d-%H%M%S")
 
     def order(
-        self, scenario: Scenario | None = None, physics: Physics | None = None
+        self, scenario: Scenario | None = None, plant: Plant[Any] | None = None
     ) -> TrainingOrder:
         """Return the order for the learning process.
 
@@ -67,5 +68,5 @@ class TrainerSettings:
             warm_up=self.warm_up,
             updates_per_step=self.updates_per_step,
             scenario=scenario,
-            physics=physics,
+            plant=plant,
         )

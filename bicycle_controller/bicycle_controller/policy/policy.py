@@ -13,7 +13,7 @@ import tempfile
 from functools import cached_property
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,7 +28,7 @@ from bicycle_controller.policy.policy_file import (
     decode,
     encode,
 )
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.base import Plant
 
 if TYPE_CHECKING:
     from bicycle_controller.control.controller import Controller
@@ -67,7 +67,7 @@ class Policy:
     """A deterministic actor; its buffers are reused, so one thread at a time may call `act`.
 
     Attributes:
-        info: scenario, physics, scaling and origin.
+        info: scenario, plant, scaling and origin.
         tensors: the weights by their names in the file, float32.
     """
 
@@ -197,12 +197,12 @@ def shipped_policies() -> list[str]:
     return sorted(name.removesuffix(SUFFIX) for name in found if name.endswith(SUFFIX))
 
 
-def load_controller(name_or_path: str | Path, physics: Physics | None = None) -> Controller:
-    """Load a classical controller by one of the names in LQR, or a policy as `load_policy`.
+def load_controller(name_or_path: str | Path, plant: Plant[Any] | None = None) -> Controller:
+    """A classical controller by one of the names LQR, or what `load_policy` takes.
 
     Args:
         name_or_path: see there.
-        physics: for which a classical controller is designed; faithful by default.
+        plant: what a classical controller is designed for; the paper's bicycle by default.
 
     Raises:
         PolicyError: as `load_policy`.
@@ -212,7 +212,7 @@ def load_controller(name_or_path: str | Path, physics: Physics | None = None) ->
     # Imported here: it needs scipy, which a policy does not.
     from bicycle_controller.control.lqr import TUNED, LqrController
 
-    return LqrController(TUNED[str(name_or_path)], physics)
+    return LqrController(TUNED[str(name_or_path)], plant)
 
 
 def load_policy(name_or_path: str | Path = DEFAULT_POLICY) -> Policy:

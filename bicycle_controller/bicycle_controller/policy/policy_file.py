@@ -11,7 +11,7 @@ all but the first three hold JSON:
     observation_scale   the observation is divided by it, one positive number per field
     action_fields       must equal `bicycle_sim.task.task.ACTION_FIELDS`
     action_limits       the network's outputs, in -1..1, are multiplied by those above zero
-    scenario, physics   what the policy was trained on
+    scenario, physics   what the policy was trained on; the latter is JSON of the plant
     time_step           s between two actions
     trained             algorithm, seed, command, commit, steps, ...
 """
@@ -21,6 +21,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -29,7 +30,8 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from bicycle_common.observation import ACTION_FIELDS, OBSERVATION_FIELDS
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants import registry
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Scenario
 
 FORMAT = "bicycle-policy"
@@ -57,7 +59,7 @@ class PolicyInfo:
 
     name: str
     scenario: Scenario
-    physics: Physics
+    plant: Plant[Any]
     observation_scale: tuple[float, ...]
     """Six numbers above zero in the units of OBSERVATION_FIELDS."""
     action_limits: tuple[float, ...]
@@ -111,8 +113,8 @@ def metadata(info: PolicyInfo) -> dict[str, str]:
         "action_fields": json.dumps(ACTION_FIELDS),
         "action_limits": json.dumps(info.action_limits),
         "scenario": info.scenario.to_json(),
-        "physics": info.physics.to_json(),
-        "time_step": json.dumps(info.physics.constants.time_step),
+        "physics": info.plant.to_json(),
+        "time_step": json.dumps(info.plant.time_step),
         "trained": json.dumps(info.trained, sort_keys=True),
     }
 
@@ -193,14 +195,14 @@ def _info(metadata: Any) -> PolicyInfo:
     _check(isinstance(trained, dict), "its 'trained' is not a mapping")
     info = PolicyInfo(
         name=metadata.get("name", ""),
-        scenario=_config(metadata, "scenario", Scenario),
-        physics=_config(metadata, "physics", Physics),
+        scenario=_config(metadata, "scenario", Scenario.from_json),
+        plant=_config(metadata, "physics", registry.from_json),
         observation_scale=_json(metadata, "observation_scale"),
         action_limits=_json(metadata, "action_limits"),
         trained=trained,
     )
-    step = info.physics.constants.time_step
-    _check(_json(metadata, "time_step") == step, f"its time_step is not its physics' {step} s")
+    step = info.plant.time_step
+    _check(_json(metadata, "time_step") == step, f"its time_step is not its plant's {step} s")
     return info
 
 
@@ -213,10 +215,10 @@ def _json(metadata: dict[str, Any], name: str) -> Any:
         ) from None
 
 
-def _config(metadata: dict[str, Any], name: str, kind: Any) -> Any:
-    """Return the Scenario or Physics in the metadata, or raise PolicyError."""
+def _config(metadata: dict[str, Any], name: str, made_of: Callable[[str], Any]) -> Any:
+    """What the metadata of that name make, or PolicyError."""
     try:
-        return kind.from_json(metadata[name])
+        return made_of(metadata[name])
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
         raise PolicyError(
             f"its {name} cannot be read ({_line(error)}); write the file again with "

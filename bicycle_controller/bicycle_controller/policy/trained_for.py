@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
-from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -15,52 +15,55 @@ if TYPE_CHECKING:
 UNLIKE = "rides unlike it was trained"
 """Key of the warning in the controller's diagnostics; its value is "no" without a difference."""
 NOISE = ("displacement_noise",)
-"""Fields of the physics that disturb a bicycle without making it a different one."""
+"""Fields of a plant that disturb a bicycle, but make no other one of it."""
 SPEED_TOLERANCE = 0.05
 """Relative difference of speeds that count as equal."""
 
 
-def differences(trained: Physics, ridden: Physics) -> list[str]:
-    """Return the differences of two bicycles, one line each, such as `wheelbase 1.2, not 1.11`.
+def differences(trained: Plant[Any], ridden: Plant[Any]) -> list[str]:
+    """What makes two bicycles different ones, one line each, such as `wheelbase 1.2, not 1.11`.
 
     Args:
         trained: bicycle that the controller knows.
         ridden: bicycle that it rides; named first.
     """
-    return list(_differences(trained, ridden))
+    old, new = (json.loads(plant.to_json()) for plant in (trained, ridden))
+    for name in ("plant", "name"):
+        if old.get(name) != new.get(name):
+            return [f"{name} {new.get(name)}, not {old.get(name)}"]
+    return list(_differences(old, new))
 
 
-def _differences(trained: Any, ridden: Any) -> Iterator[str]:
-    if type(trained) is not type(ridden):
-        yield f"{type(ridden).__name__}, not {type(trained).__name__}"
-        return
-    for item in fields(trained):
-        old, new = getattr(trained, item.name), getattr(ridden, item.name)
-        if item.name in NOISE or old == new:
+def _differences(trained: dict[str, Any], ridden: dict[str, Any]) -> Iterator[str]:
+    for name in trained:
+        old, new = trained[name], ridden[name]
+        if name in NOISE or old == new:
             continue
-        if is_dataclass(old):
+        if isinstance(old, dict) and isinstance(new, dict):
             yield from _differences(old, new)
         else:
-            yield f"{item.name} {_shown(new)}, not {_shown(old)}"
+            yield f"{name} {_shown(new)}, not {_shown(old)}"
 
 
 def _shown(value: Any) -> str:
+    if isinstance(value, dict):
+        return "another one"
     return f"{value:g}" if isinstance(value, float) else str(value).lower()
 
 
 def unlike_training(
-    controller: Controller, physics: Physics, scenario: Scenario | None = None
+    controller: Controller, plant: Plant[Any], scenario: Scenario | None = None
 ) -> list[str]:
     """Return the differences of a ride from those that a controller was trained or designed for.
 
     Args:
-        controller: any; one without such information has no differences.
-        physics: of the bicycle that is ridden.
-        scenario: of the ride; its start speed is compared.
+        controller: any; one that does not say what it was made for differs in nothing.
+        plant: the bicycle that is ridden.
+        scenario: of the ride; its start speed is looked at.
     """
     info = getattr(controller, "info", None)
-    known = info.physics if info is not None else getattr(controller, "physics", None)
-    found = [] if known is None else differences(known, physics)
+    known = getattr(controller if info is None else info, "plant", None)
+    found = [] if known is None else differences(known, plant)
     if info is not None and scenario is not None:
         low, high = _speeds(info.scenario)
         slack = SPEED_TOLERANCE * info.scenario.start_speed

@@ -15,7 +15,8 @@ from bicycle_controller.reproduce.experiment import Experiment, Variant
 from bicycle_controller.reproduce.tables import Row
 from bicycle_controller.reproduce.training import Run
 from bicycle_controller.training.run_folder import RunFolder
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants import registry
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Scenario
 from bicycle_sim.task.task import BicycleTask
 
@@ -52,26 +53,26 @@ class Ridden:
 
 def riders(experiment: Experiment, mode: str, runs: list[Run]) -> Iterator[Ridden]:
     """Yield every controller on every variant: the best policy of each run, then given ones."""
-    physics = Physics.named(mode)
+    plant = registry.named(physics=mode)
     for variant in experiment.variants:
         for run in runs:
             files = RunFolder(run.job.folder)
             path = files.best if files.best.exists() else files.last
             mine = not experiment.train_variants or run.variant == variant
             if mine and path.exists():
-                controller = load_controller(str(path), physics)
+                controller = load_controller(str(path), plant)
                 yield Ridden(run.arm.name, run.arm.role, variant, run.job.seed, controller)
         for rider in experiment.riders:
             if not rider.variants or variant.name in rider.variants:
-                controller = load_controller(rider.controller, physics)
+                controller = load_controller(rider.controller, plant)
                 yield Ridden(rider.name, rider.role, variant, 0, controller)
 
 
 def scored(experiment: Experiment, mode: str, ridden: Ridden, rides: int) -> Row:
     """Return the results of `rides` rides without noise; all controllers get the same starts."""
-    scenario, physics = experiment.ridden(ridden.variant), Physics.named(mode)
+    scenario, plant = experiment.ridden(ridden.variant), registry.named(physics=mode)
     found = evaluate(
-        ridden.controller, scenario, physics, rides, SEED, disturbance=ridden.variant.trial
+        ridden.controller, scenario, plant, rides, SEED, disturbance=ridden.variant.trial
     )
     summary, made = found.summary(), found.rides
     steps = np.where(made.reached, made.steps, scenario.max_steps)
@@ -110,10 +111,10 @@ class Trace:
 
 
 def trace(
-    controller: Controller, scenario: Scenario, physics: Physics, count: int, seed: int = SEED
+    controller: Controller, scenario: Scenario, plant: Plant[Any], count: int, seed: int = SEED
 ) -> Trace:
     """Ride `count` bicycles to their ends and record every step."""
-    task = BicycleTask(scenario, physics, count, np.random.default_rng((seed, 0, 0)))
+    task = BicycleTask(scenario, plant, count, np.random.default_rng((seed, 0, 0)))
     limits = scenario.action_limits
     going = np.ones(count, dtype=bool)
     length = np.zeros(count, dtype=np.int64)
@@ -150,13 +151,13 @@ def ways(ridden: Ridden, made: Trace) -> list[Row]:
     return rows
 
 
-def states(ridden: Ridden, made: Trace, physics: Physics) -> list[Row]:
+def states(ridden: Ridden, made: Trace, plant: Plant[Any]) -> list[Row]:
     """Return every step of the first ride that reached its goal, or else of the first ride."""
     ride = int(np.argmax(made.reached))
     rows: list[Row] = []
     for step in range(int(made.length[ride]) + 1):
         row: Row = ridden.about | {"reached": int(made.reached[ride]), "step": step}
-        row["time"] = step * physics.constants.time_step
+        row["time"] = step * plant.time_step
         row |= dict(zip(OBSERVATION_FIELDS, made.observation[step, ride].tolist(), strict=True))
         row |= dict(zip(ACTION_FIELDS, made.action[step, ride].tolist(), strict=True))
         rows.append(row)

@@ -18,7 +18,7 @@ from bicycle_controller.reproduce.experiment import Experiment, Length, build, l
 from bicycle_controller.reproduce.kept import Kept
 from bicycle_controller.reproduce.tables import Row, write_table
 from bicycle_controller.training.run_folder import origin
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants import registry
 
 RUNS = "runs"
 """Folder of the training runs, beside the figures' folders."""
@@ -143,17 +143,17 @@ def _write_traces(
     kept: Kept,
 ) -> None:
     """Write the states of a ride, the tracks of many, or their speed profile."""
-    physics = Physics.named(mode)
+    plant = registry.named(physics=mode)
     rows: dict[str, list[Row]] = {}
     best = next((item for item in ridden if item.role == "best" and item.seed == 0), None)
     best = best or next((item for item in ridden if item.role == "best"), None)
     for item in ridden:
         made = evaluate_experiments.trace(
-            item.controller, experiment.ridden(item.variant), physics, count
+            item.controller, experiment.ridden(item.variant), plant, count
         )
         if experiment.picture == "states":
             rows.setdefault(summary.STATES, []).extend(
-                evaluate_experiments.states(item, made, physics)
+                evaluate_experiments.states(item, made, plant)
             )
         if experiment.picture in ("turn", "speed"):
             rows.setdefault(summary.PROFILES, []).extend(evaluate_experiments.profile(item, made))

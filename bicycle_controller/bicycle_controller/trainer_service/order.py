@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Scenario
 
 
@@ -29,4 +30,4 @@ class TrainingOrder:
     """Largest number of updates per received transition, in live mode."""
     scenario: Scenario | None = None
     """Scenario of the running simulator; None uses the bags'."""
-    physics: Physics | None = None
+    plant: Plant[Any] | None = None

@@ -107,8 +107,8 @@ class Worker:
     def _config(self) -> RunConfig:
         order = self._order
         config = loading.preset(order.preset, order.overrides)
-        if order.scenario is not None and order.physics is not None:
-            config = replace(config, scenario=order.scenario, physics=order.physics)
+        if order.scenario is not None and order.plant is not None:
+            config = replace(config, scenario=order.scenario, physics=order.plant)
         return config
 
     def _data(self) -> dataset.Dataset:

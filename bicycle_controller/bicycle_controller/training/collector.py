@@ -17,7 +17,6 @@ from bicycle_controller.policy.policy import load_controller
 from bicycle_controller.training.episode_log import EpisodeLog
 from bicycle_controller.training.starts import restart, ride_on, training_scenario
 from bicycle_controller.training.tensor_dynamics import TensorDynamics
-from bicycle_sim.plants.choi.dynamics import State
 from bicycle_sim.task.task import BicycleTask, Step
 
 FAR = 20.0
@@ -63,9 +62,9 @@ class Collector:
         seeds = np.random.SeedSequence(config.seed).spawn(3)
         task_rng, noise_rng, self.warm_rng = map(np.random.default_rng, seeds)
         scenario = training_scenario(config.scenario, config.starts)
-        advance = None if device == "cpu" else TensorDynamics(device)
-        self.task = BicycleTask(scenario, config.physics, config.bicycles, task_rng, advance)
-        self.limits = scenario.action_limits
+        plant = config.physics if device == "cpu" else TensorDynamics.of(config.physics, device)
+        self.task = BicycleTask(scenario, plant, config.bicycles, task_rng)
+        self.limits = self.task.scenario.action_limits
         self.driven = driven(self.limits)
         self._spread = self.limits[self.driven]
         learner, actions = config.learner, len(self.driven)
@@ -235,7 +234,7 @@ class Collector:
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore `state`, to the bit."""
-        self.task.state = State(**state["state"])
+        self.task.state = self.task.plant.state_type(**state["state"])
         for name, value in state["task"].items():
             setattr(self.task, name, value)
         self.task.rng.bit_generator.state = state["task_rng"]

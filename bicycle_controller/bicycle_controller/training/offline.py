@@ -63,7 +63,7 @@ def run(
     """Learn in a new folder from checked data.
 
     Args:
-        config: of the run; its scenario and physics become those of the data.
+        config: the run; its scenario and bicycle become those of the data.
         data: see `dataset.check`.
         folder: created if missing; see `run_folder`.
         progress: True to draw a bar on standard error.
@@ -78,7 +78,7 @@ def run(
 
 def begin(config: RunConfig, data: Dataset, folder: Path) -> Learner:
     """Create a run's folder and its learner, before the first update; arguments as in `run`."""
-    config = replace(config, scenario=data.scenario, physics=data.physics)
+    config = replace(config, scenario=data.scenario, physics=data.plant)
     rows = dataset.memory_rows(data, ddpg_of(config))
     files = RunFolder(folder)
     files.create(config)

@@ -215,7 +215,7 @@ class Trainer:
         info = PolicyInfo(
             name=re.sub(r"[^A-Za-z0-9._-]", "-", name)[:64],
             scenario=config.scenario,
-            physics=config.physics,
+            plant=config.physics,
             observation_scale=config.learner.observation_scale,
             action_limits=tuple(config.scenario.action_limits.tolist()),
             trained=about | {key: self._origin[key] for key in ("command", "commit", "version")},

@@ -53,6 +53,7 @@ def _disturb(task: BicycleTask, mask: np.ndarray, starts: StartsConfig) -> None:
             values = getattr(task.state, name).copy()
             values[mask] = task.rng.uniform(-spread, spread, int(mask.sum()))
             setattr(task.state, name, values)
+    task.state = task.plant.settled(task.state)
 
 
 def _draw_near_goals(task: BicycleTask, mask: np.ndarray, starts: StartsConfig) -> None:

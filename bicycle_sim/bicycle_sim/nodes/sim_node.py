@@ -56,8 +56,9 @@ class SimNode(Node):
         super().__init__(NAME)
         self._settings = declare(self, SimSettings)
         self._loop = self._make_loop()
-        self._constants = self._loop.simulator.physics.constants
-        self._joints = visualization.Joints(self._constants)
+        plant = self._loop.simulator.plant
+        self._geometry = plant.geometry
+        self._joints = visualization.Joints(self._geometry, plant.time_step)
         self._report = SimReport(self.get_fully_qualified_name().lstrip("/"), self._loop)
         self._last_state = self._last_markers = self._fallen_at = -math.inf
         self._was_starved = self._was_silent = False
@@ -86,7 +87,7 @@ class SimNode(Node):
         """Create the bicycle and its schedule from the parameters."""
         settings = self._settings
         try:
-            simulator = Simulator(settings.make_scenario(), settings.make_physics(), settings.seed)
+            simulator = Simulator(settings.make_scenario(), settings.make_plant(), settings.seed)
             settings.make_start()
             return Loop(simulator, settings.make_options())
         except ValueError as error:
@@ -120,7 +121,7 @@ class SimNode(Node):
     @property
     def _now(self) -> int:
         """Return the simulated time in ns since the node started; it continues over resets."""
-        return self._loop.total_steps * round(self._constants.time_step * 1e9)
+        return self._loop.total_steps * round(self._loop.simulator.time_step * 1e9)
 
     def _publish(self, topic: Topic, message: Any) -> None:
         self._publishers_by_name[topic.name].publish(message)
@@ -257,7 +258,7 @@ class SimNode(Node):
             episode=int(self._loop.snapshot.episode),
             seed=int(simulator.seed),
             pace=settings.pace,
-            physics=simulator.physics.to_json(),
+            physics=simulator.plant.to_json(),
             scenario=simulator.scenario.to_json(),
             version=__version__,
         )
@@ -302,7 +303,10 @@ class SimNode(Node):
         if self._settings.publish_clock and self._is_heard(topics.CLOCK):
             self._publish(topics.CLOCK, ClockMessage(clock=convert.to_stamp(now)))
         if self._is_heard(topics.ODOMETRY):
-            self._publish(topics.ODOMETRY, visualization.odometry(snapshot, now, self._constants))
+            self._publish(
+                topics.ODOMETRY,
+                visualization.odometry(snapshot, now, self._loop.simulator.yaw_rate),
+            )
         if self._is_heard(topics.JOINT_STATES):
             self._publish(topics.JOINT_STATES, self._joints.message(snapshot, now))
         rate = self._settings.marker_rate
@@ -310,7 +314,7 @@ class SimNode(Node):
         if due and self._is_heard(topics.MARKERS):
             self._last_markers = clock
             radius = self._loop.simulator.scenario.goal_radius
-            drawn = visualization.markers(snapshot, now, self._constants, radius)
+            drawn = visualization.markers(snapshot, now, self._geometry, radius)
             self._publish(topics.MARKERS, drawn)
 
     def _publish_transitions(self, transitions: list[Transition]) -> None:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 from bicycle_common.geometry import yaw_to_heading
 from bicycle_common.nodes.realtime import priority_parameter
 from bicycle_common.parameters import parameter
 from bicycle_common.types import FARTHEST_START, FASTEST_START, InitialPose
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants import registry
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.runtime.loop import LoopOptions
 from bicycle_sim.task.scenario import SCENARIOS, Scenario, named
 
@@ -31,9 +33,17 @@ class SimSettings:
         "limits, start speed and goal radius of the paper's experiment",
         choices=tuple(SCENARIOS),
     )
+    plant: str = parameter(
+        "choi",
+        "the paper's bicycle, or the Whipple-Carvallo model of a real one",
+        choices=tuple(registry.PLANTS),
+    )
+    bicycle: str = parameter(
+        "", "of plant whipple: a name that bicycle info lists, or a YAML file; empty is benchmark"
+    )
     physics: str = parameter(
         "faithful",
-        "as the paper's authors ran it, or with all corrections",
+        "of plant choi: as the paper's authors ran it, or with all corrections",
         choices=("faithful", "corrected"),
     )
     chord_follows_steering: bool = parameter(
@@ -76,16 +86,20 @@ class SimSettings:
     )
     diagnostics_period: float = parameter(1.0, "s", 0.1, 3600.0)
 
-    def make_physics(self) -> Physics:
-        """Return the constants and corrections."""
-        physics = Physics.named(self.physics)
-        return replace(
-            physics,
-            displacement_noise=self.displacement_noise,
-            chord_follows_steering=physics.chord_follows_steering or self.chord_follows_steering,
-            gyroscopic_correction=physics.gyroscopic_correction or self.gyroscopic_correction,
-            stop_absorbs_steering=physics.stop_absorbs_steering or self.stop_absorbs_steering,
+    def make_plant(self) -> Plant[Any]:
+        """The bicycle.
+
+        Raises:
+            ValueError: when there is none of that name, or on an option that it has not.
+        """
+        names = (
+            "chord_follows_steering",
+            "gyroscopic_correction",
+            "stop_absorbs_steering",
+            "displacement_noise",
         )
+        options = {name: getattr(self, name) for name in names}
+        return registry.named(self.plant, self.bicycle or None, self.physics, **options)
 
     def make_scenario(self) -> Scenario:
         """Return the paper's experiment of the configured name."""

@@ -14,7 +14,7 @@ from bicycle_common.conventions import mirror
 from bicycle_common.nodes.convert import to_header, to_point, to_quaternion, yaw_of
 from bicycle_common.nodes.topics import BASE_FRAME
 from bicycle_common.types import BicycleState
-from bicycle_sim.plants.choi.parameters import Constants
+from bicycle_sim.plants.base import Geometry
 
 JOINTS = ("steer", "front_wheel", "rear_wheel", "crank")
 WHEEL_SEGMENTS = 24
@@ -25,9 +25,8 @@ _RIDER = ColorRGBA(r=0.1, g=0.3, b=0.8, a=1.0)
 _GOAL = ColorRGBA(r=0.1, g=0.7, b=0.2, a=0.5)
 
 
-def odometry(snapshot: BicycleState, nanoseconds: int, constants: Constants) -> Odometry:
+def odometry(snapshot: BicycleState, nanoseconds: int, yaw_rate: float) -> Odometry:
     """Return the rear contact's pose, with the lean as roll, and the twist in its frame."""
-    yaw_rate = snapshot.speed * math.sin(snapshot.steer_angle) / constants.wheelbase
     roll = mirror("lean_angle", snapshot.lean_angle)
     pose = Pose(
         position=to_point((snapshot.rear_x, snapshot.rear_y)),
@@ -48,24 +47,25 @@ def odometry(snapshot: BicycleState, nanoseconds: int, constants: Constants) -> 
 class Joints:
     """Joint angles; those of the wheels and the crank are integrated from the start."""
 
-    def __init__(self, constants: Constants) -> None:
-        self._constants = constants
-        self._wheel = 0.0
+    def __init__(self, geometry: Geometry, time_step: float) -> None:
+        self._geometry = geometry
+        self._time_step = time_step
+        self._travel = 0.0
 
     def advance(self, snapshot: BicycleState) -> None:
         """Turn the wheels by one step."""
-        self._wheel += snapshot.speed * self._constants.time_step / self._constants.tyre_radius
+        self._travel += snapshot.speed * self._time_step
 
     def message(self, snapshot: BicycleState, nanoseconds: int) -> JointState:
         """Return the angles in rad and rates in rad/s of JOINTS."""
-        k = self._constants
-        ratio = k.sprocket / k.chain_wheel
-        rate = snapshot.speed / k.tyre_radius
+        g = self._geometry
+        # Of the front wheel, the rear one and the crank, rad per m.
+        turns = 1.0 / g.front_radius, 1.0 / g.rear_radius, g.crank_ratio / g.rear_radius
         return JointState(
             header=to_header(nanoseconds),
             name=list(JOINTS),
-            position=[float(snapshot.steer_angle), self._wheel, self._wheel, self._wheel * ratio],
-            velocity=[float(snapshot.steer_rate), rate, rate, rate * ratio],
+            position=[float(snapshot.steer_angle), *(self._travel * turn for turn in turns)],
+            velocity=[float(snapshot.steer_rate), *(snapshot.speed * turn for turn in turns)],
         )
 
 
@@ -97,25 +97,26 @@ class _Plane:
 
 
 def markers(
-    snapshot: BicycleState, nanoseconds: int, constants: Constants, goal_radius: float
+    snapshot: BicycleState, nanoseconds: int, geometry: Geometry, goal_radius: float
 ) -> MarkerArray:
     """Return markers: two wheels, a frame, the rider's mass, and the goal with its radius."""
-    plane, r = _Plane(snapshot), constants.tyre_radius
+    plane = _Plane(snapshot)
+    rear, front = geometry.rear_radius, geometry.front_radius
     frame = [
-        plane.at(False, 0.0, r),
+        plane.at(False, 0.0, rear),
         plane.at(False, 0.35, 0.75),
         plane.at(False, 0.9, 0.8),
-        plane.at(True, 0.0, r),
+        plane.at(True, 0.0, front),
         plane.at(True, -0.1, 0.95),
         plane.at(True, 0.1, 0.95),
     ]
     lines = (
-        ("front wheel", plane.wheel(True, r), _TYRE),
-        ("rear wheel", plane.wheel(False, r), _TYRE),
+        ("front wheel", plane.wheel(True, front), _TYRE),
+        ("rear wheel", plane.wheel(False, rear), _TYRE),
         ("frame", frame, _FRAME),
     )
     made = [_line(name, points, colour, nanoseconds) for name, points, colour in lines]
-    made.append(_rider(plane, constants, nanoseconds))
+    made.append(_rider(plane, geometry, nanoseconds))
     made.append(_goal(snapshot, goal_radius, nanoseconds))
     return MarkerArray(markers=made)
 
@@ -133,10 +134,9 @@ def _line(name: str, points: list[Point], colour: ColorRGBA, nanoseconds: int) -
     return marker
 
 
-def _rider(plane: _Plane, constants: Constants, nanoseconds: int) -> Marker:
+def _rider(plane: _Plane, geometry: Geometry, nanoseconds: int) -> Marker:
     marker = _marker("rider", Marker.SPHERE, nanoseconds)
-    height = constants.mass_height + constants.rider_above_mass
-    marker.pose.position = plane.at(False, constants.wheelbase - constants.front_to_mass, height)
+    marker.pose.position = plane.at(False, geometry.mass_forward, geometry.rider_height)
     marker.scale = Vector3(x=0.3, y=0.3, z=0.6)
     marker.color = _RIDER
     return marker

@@ -6,7 +6,9 @@ paper's: lean and steering are positive to the left, the heading is counter-cloc
 
 from __future__ import annotations
 
+import json
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -87,7 +89,7 @@ class Linear:
 
 @dataclass(frozen=True)
 class Geometry:
-    """Dimensions needed to draw a bicycle; m, kg, rad."""
+    """What is needed to draw a bicycle and to scale a page; m, kg, rad."""
 
     wheelbase: float
     trail: float
@@ -100,6 +102,12 @@ class Geometry:
     """m from the rear contact to the centre of mass."""
     mass_height: float
     """m above the ground."""
+    rider_height: float
+    """m above the ground of what is drawn as the rider."""
+    steer_stop: float
+    """rad, where the handlebar stops."""
+    crank_ratio: float = 0.5
+    """Turns of the crank per turn of the rear wheel."""
 
 
 class Plant(ABC, Generic[State]):
@@ -109,6 +117,9 @@ class Plant(ABC, Generic[State]):
     """Kind of plant, `plant` in its JSON."""
     state_type: ClassVar[type[BodyState]]
     """Type of the states that `initial` and `step` return."""
+    body_is_all: ClassVar[bool] = False
+    """Whether the numbers of BodyState alone restore a state to the bit, the heading from the
+    two contacts."""
 
     @property
     @abstractmethod
@@ -127,8 +138,28 @@ class Plant(ABC, Generic[State]):
 
     @property
     @abstractmethod
+    def label(self) -> str:
+        """Which of its kind it is, in a word or two."""
+
+    @property
+    @abstractmethod
     def geometry(self) -> Geometry:
         """Geometry of the bicycle, or of the first of many."""
+
+    @property
+    def displacement_noise(self) -> float:
+        """m, half width of uniform noise on the displacement, which those who step it add."""
+        return 0.0
+
+    def with_displacement_noise(self, spread: float) -> Plant[State]:
+        """The plant whose `displacement_noise` is `spread`, m.
+
+        Raises:
+            ValueError: when it takes none.
+        """
+        if spread == self.displacement_noise:
+            return self
+        raise ValueError(f"the plant {self.name} takes no displacement noise: leave it at 0")
 
     @abstractmethod
     def initial(
@@ -183,6 +214,17 @@ class Plant(ABC, Generic[State]):
     def pushed(self, state: State, lean_rate: Array) -> State:
         """Return the state after a push that adds `lean_rate`, rad/s, float or (N,)."""
 
+    def settled(self, state: State) -> State:
+        """The state with all that follows from lean, steering and speed made to fit them.
+
+        For whoever has written these numbers: a pitch or yaw rate follows from them.
+        """
+        return state
+
+    @abstractmethod
+    def yaw_rate(self, state: State) -> np.ndarray:
+        """(N,) rad/s, counter-clockwise."""
+
     @abstractmethod
     def fallen(self, state: State, limit: float) -> np.ndarray:
         """Return (N,) bool: True if it leans by more than `limit`, rad, or cannot be ridden."""
@@ -202,6 +244,31 @@ class Plant(ABC, Generic[State]):
     @abstractmethod
     def to_json(self) -> str:
         """Return all parameters as JSON, exact to the bit, with the key `plant`."""
+
+    @classmethod
+    @abstractmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Plant[State]:
+        """What `to_json` wrote, as plain data, with or without `plant`.
+
+        Raises:
+            ValueError: on an unknown or missing key, or on a value that makes no sense.
+        """
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and other.to_json() == self.to_json()
+
+    def __hash__(self) -> int:
+        return hash(self.to_json())
+
+    def __repr__(self) -> str:
+        return f"<{self.name}: {self.label}>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A plant is copied and sent to other processes as its parameters."""
+        return type(self).from_dict, (json.loads(self.to_json()),)
+
+    def __deepcopy__(self, memo: dict[int, object]) -> Plant[State]:
+        return self  # nothing changes it
 
 
 def where(mask: np.ndarray, first: State, second: State) -> State:
@@ -225,6 +292,11 @@ def put(state: State, index: np.ndarray, other: State) -> State:
     for name, old in values.items():
         old[index] = getattr(other, name)
     return type(state)(**values)
+
+
+def copy(state: State) -> State:
+    """A state that shares no memory with `state`."""
+    return take(state, np.arange(len(state.lean_angle)))
 
 
 def to_array(state: BodyState) -> np.ndarray:

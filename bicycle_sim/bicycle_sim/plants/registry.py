@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from bicycle_common.validation import nearest
+from bicycle_common.validation import nearest, require
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.plants.choi.parameters import Physics
 from bicycle_sim.plants.choi.plant import ChoiPlant
@@ -23,31 +24,52 @@ def from_json(text: str) -> Plant[Any]:
     Raises:
         ValueError: on other text, or on an unknown plant, key or value.
     """
-    data = json.loads(text)
+    return from_dict(json.loads(text))
+
+
+def from_dict(data: Any) -> Plant[Any]:
+    """The same of plain data.
+
+    Raises:
+        ValueError: on data that is not such, an unknown plant, key or value.
+    """
     if not isinstance(data, dict):
         raise ValueError(f"a plant must be a mapping, not {type(data).__name__}")
     made: Plant[Any] = _kind(str(data.get("plant", ChoiPlant.name))).from_dict(data)
     return made
 
 
-def named(plant: str, bicycle: str | Path | None = None, physics: str = "faithful") -> Plant[Any]:
-    """Return the plant of a name, with the bicycle of a name or a YAML file.
+def named(
+    plant: str = ChoiPlant.name,
+    bicycle: str | Path | None = None,
+    physics: str = "faithful",
+    **options: Any,
+) -> Plant[Any]:
+    """The plant of a name, with the bicycle of a name or a YAML file.
 
     Args:
         plant: choi or whipple.
         bicycle: see `catalogue.load`; the benchmark by default. The paper's plant has its own.
         physics: faithful or corrected, of the paper's plant.
+        options: corrections of the paper's plant that are on besides, and its displacement noise.
 
     Raises:
-        ValueError: on an unknown name, with the nearest one.
+        ValueError: on an unknown name, with the nearest one, or on what this plant has not.
     """
-    kind = _kind(plant)
+    kind, on = _kind(plant), {n: v for n, v in options.items() if v}
     if kind is WhipplePlant:
+        other = [*on, *(["physics"] if physics != "faithful" else [])]
+        require(not other, f"the plant {plant} has no {', '.join(other)}: leave it out")
         found = catalogue.load("benchmark" if bicycle is None else bicycle)
         return WhipplePlant(found.parameters)
     if bicycle is not None:
         raise ValueError(f"the plant {plant} has no bicycles to choose from: leave it out")
-    return ChoiPlant(Physics.named(physics))
+    return ChoiPlant(replace(Physics.named(physics), **on))
+
+
+def default() -> Plant[Any]:
+    """The paper's bicycle, faithful: what is ridden where nobody says what."""
+    return ChoiPlant()
 
 
 def _kind(name: str) -> Any:

@@ -1,23 +1,26 @@
 """One bicycle, step by step, that can be rebuilt to the bit from what a bag holds.
 
-The paper's signs and symbols throughout. A bicycle is a batch of one, stepped by the same
-`dynamics.step` as the thousands in training, so that what is learned there holds here.
+The paper's signs and symbols throughout. A bicycle is a batch of one, stepped by the same plant
+as the thousands in training, so that what is learned there holds here.
 """
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
+from typing import Any
 
 import numpy as np
 
 from bicycle_common.observation import goal_bearing
 from bicycle_common.types import BicycleState, Command, CommandSource, InitialPose
 from bicycle_common.validation import require
-from bicycle_sim.plants.choi import dynamics
-from bicycle_sim.plants.choi.dynamics import State
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants import base, registry
+from bicycle_sim.plants.base import BodyState, Plant
 from bicycle_sim.task.scenario import Scenario
 from bicycle_sim.task.task import BicycleTask
+
+_BODY = tuple(item.name for item in fields(BodyState))
+"""What a snapshot says of any bicycle."""
 
 
 class Simulator:
@@ -27,25 +30,31 @@ class Simulator:
     count on, its state does not change (errata row 25).
     """
 
-    def __init__(self, scenario: Scenario, physics: Physics | None = None, seed: int = 0) -> None:
+    def __init__(self, scenario: Scenario, plant: Plant[Any] | None = None, seed: int = 0) -> None:
         """Make a simulator whose first episode is still to be started by `reset`.
 
         Args:
             scenario: limits, start speed, goal radius and fall angle.
-            physics: constants and corrections; faithful by default.
+            plant: the bicycle; the paper's by default. Actions that it has no use for get a
+                limit of zero.
             seed: of the first episode, unless `reset` names another; not negative.
         """
-        self.scenario = scenario
-        self.physics = physics or Physics()
+        self.plant = plant if plant is not None else registry.default()
+        self.scenario = scenario.suited(self.plant.input_names)
         self.seed = _checked_seed(seed) - 1
-        self._state: State
+        self._state: Any
         self._noise: np.random.Generator
         self.snapshot = self._place(InitialPose(0.0, 0.0, 0.0, scenario.start_speed), episode=0)
 
     @property
     def time_step(self) -> float:
         """s (dt)."""
-        return self.physics.constants.time_step
+        return self.plant.time_step
+
+    @property
+    def yaw_rate(self) -> float:
+        """rad/s, counter-clockwise."""
+        return float(self.plant.yaw_rate(self._state)[0])
 
     def reset(self, start: InitialPose | None = None, seed: int | None = None) -> BicycleState:
         """Begin the next episode.
@@ -74,22 +83,28 @@ class Simulator:
 
     @classmethod
     def restore(
-        cls, snapshot: BicycleState, scenario: Scenario, physics: Physics, seed: int
+        cls, snapshot: BicycleState, scenario: Scenario, plant: Plant[Any], seed: int
     ) -> Simulator:
         """A simulator that goes on from `snapshot` as the one did that made it, to the bit.
 
         Args:
             snapshot: any state of an episode, as a message gives it.
             scenario: of that episode.
-            physics: of that episode.
+            plant: of that episode.
             seed: of that episode, so that displacement noise goes on where it was.
+
+        Raises:
+            ValueError: when the snapshot holds no state of that plant.
         """
-        made = cls(scenario, physics, seed)
+        made = cls(scenario, plant, seed)
         made.seed = seed
         made.snapshot = snapshot
-        made._state = State(
-            **{item.name: np.array([getattr(snapshot, item.name)]) for item in fields(State)}
-        )
+        if plant.body_is_all:
+            made._state = plant.state_type(
+                **{name: np.array([getattr(snapshot, name)]) for name in _BODY}
+            )
+        else:
+            made._state = base.from_array(plant.state_type, np.array([snapshot.plant_state]))
         made._noise = _noise(seed, snapshot.step)
         return made
 
@@ -106,18 +121,17 @@ class Simulator:
         before = self.snapshot
         if not before.fallen:
             torque, displacement, pedal = command.action if command else (0.0, 0.0, 0.0)
-            spread = self.physics.displacement_noise
+            spread = self.plant.displacement_noise
             if spread > 0:
                 displacement += spread * (2.0 * float(self._noise.random()) - 1.0)
             begun = self._state
             if push:
-                begun = replace(begun, lean_rate=begun.lean_rate + push)
-            self._state = dynamics.step(
+                begun = self.plant.pushed(begun, push)
+            self._state = self.plant.step(
                 begun,
                 np.array([torque]),
                 np.array([displacement]),
                 np.array([pedal]),
-                self.physics,
                 self.scenario.speed_limits,
             )
         self.snapshot = self._observe(before.episode, before.step + 1, command)
@@ -126,7 +140,7 @@ class Simulator:
     def _observe(self, episode: int, step: int, command: Command | None) -> BicycleState:
         """The present state as plain numbers, with the goal of the command that led to it."""
         state = self._state
-        numbers = {item.name: float(getattr(state, item.name)[0]) for item in fields(State)}
+        numbers = {name: float(getattr(state, name)[0]) for name in _BODY}
         goal = command.goal if command else None
         error, distance = goal_bearing(numbers, goal)
         if step == 0:
@@ -135,7 +149,8 @@ class Simulator:
             source = CommandSource.ZERO
         else:
             source = CommandSource.FRESH if command.step == step - 1 else CommandSource.HELD
-        lies = dynamics.fallen(numbers["lean_angle"], self.scenario.fall_angle)
+        lies = self.plant.fallen(state, self.scenario.fall_angle)[0]
+        inner = () if self.plant.body_is_all else tuple(base.to_array(state)[0].tolist())
         return BicycleState(
             episode=episode,
             step=step,
@@ -147,20 +162,20 @@ class Simulator:
             command_source=source,
             command_step=command.step if command else -1,
             controller=command.controller if command else "",
+            plant_state=inner,
             action=command.action if command else (0.0, 0.0, 0.0),
         )
 
     def _place(self, start: InitialPose, episode: int) -> BicycleState:
         """Put the bicycle at `start`."""
         where = (np.array([start.x]), np.array([start.y]), np.array([start.heading]))
-        speed = np.array([start.speed])
-        self._state = dynamics.upright(*where, speed, self.physics.constants)
+        self._state = self.plant.initial(*where, np.array([start.speed]))
         self._noise = _noise(self.seed)
         return self._observe(episode, 0, None)
 
     def _draw(self, seed: int) -> InitialPose:
         """A start of the scenario's distribution, as the task draws it."""
-        drawn = BicycleTask(self.scenario, self.physics, rng=np.random.default_rng([seed, 1]))
+        drawn = BicycleTask(self.scenario, self.plant, rng=np.random.default_rng([seed, 1]))
         state = drawn.state
         return InitialPose(
             x=float(state.rear_x[0]),

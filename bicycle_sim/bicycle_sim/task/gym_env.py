@@ -20,7 +20,8 @@ from gymnasium.vector.utils import batch_space
 
 from bicycle_common.observation import ACTION_FIELDS
 from bicycle_common.validation import require
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants import registry
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.task import registration
 from bicycle_sim.task.registration import ENV_ID
 from bicycle_sim.task.scenario import Scenario, named
@@ -49,7 +50,7 @@ class _Face:
     def __init__(
         self,
         scenario: str | Scenario,
-        physics: str | Physics,
+        plant: Plant[Any],
         fall: str,
         observation_scale: Sequence[float] | None,
         count: int,
@@ -61,15 +62,14 @@ class _Face:
             f"observation_scale must be six numbers above zero, not {observation_scale!r}",
         )
         chosen = named(scenario) if isinstance(scenario, str) else scenario
-        model = Physics.named(physics) if isinstance(physics, str) else physics
         self.ends_at_fall = fall == "terminate"
-        self.task = BicycleTask(chosen, model, count, np.random.default_rng(0))
+        self.task = BicycleTask(chosen, plant, count, np.random.default_rng(0))
         self._scale = scale
-        self._driven = np.flatnonzero(chosen.action_limits)
+        self._driven = np.flatnonzero(self.task.scenario.action_limits)
         require(len(self._driven) > 0, f"scenario {chosen.name} allows no action at all")
         self.action_names = tuple(ACTION_FIELDS[index] for index in self._driven)
         self.action_space = Box(-1.0, 1.0, (len(self._driven),), np.float32)
-        stop = model.constants.steer_stop
+        stop = plant.geometry.steer_stop
         self._bounds = np.array([stop, 1e4, math.pi, 1e3, 1e4, math.pi])
         high = (self._bounds / scale).astype(np.float32)
         self.observation_space = Box(-high, high, dtype=np.float32)
@@ -123,6 +123,10 @@ class _Face:
             value = np.zeros(self.task.count) if step is None else step.terms[name] + 0.0
             found[f"reward_{name}"] = value
         return found
+
+
+def _plant(plant: str | Plant[Any], bicycle: str | None, physics: str) -> Plant[Any]:
+    return registry.named(plant, bicycle, physics) if isinstance(plant, str) else plant
 
 
 class BicycleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -187,25 +191,29 @@ class BicycleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def __init__(
         self,
         scenario: str | Scenario = "random-start-random-goal",
-        physics: str | Physics = "faithful",
+        physics: str = "faithful",
         fall: str = "freeze",
         observation_scale: Sequence[float] | None = None,
         render_mode: str | None = None,
+        plant: str | Plant[Any] = "choi",
+        bicycle: str | None = None,
     ) -> None:
         """Create one bicycle.
 
         Args:
             scenario: a name of `bicycle_sim.task.scenario.SCENARIOS`, or a scenario.
-            physics: `faithful`, `corrected`, or any physics.
+            physics: `faithful` or `corrected`, of the plant choi.
             fall: `freeze` or `terminate`.
             observation_scale: six divisors, such as AUTHORS_SCALE; SI units by default.
             render_mode: None, or `rgb_array` for pictures of (480, 640, 3) uint8.
+            plant: `choi`, `whipple`, or any plant, which needs no names.
+            bicycle: of the plant whipple, a name or a YAML file.
 
         Raises:
             ValueError: on an unknown name or value.
         """
         self.render_mode = _checked(render_mode)
-        self._face = _Face(scenario, physics, fall, observation_scale, 1)
+        self._face = _Face(scenario, _plant(plant, bicycle, physics), fall, observation_scale, 1)
         self.action_space = self._face.action_space
         self.observation_space = self._face.observation_space
         self._renderers: list[Renderer] = []
@@ -262,10 +270,12 @@ class BicycleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self,
         num_envs: int = 1,
         scenario: str | Scenario = "random-start-random-goal",
-        physics: str | Physics = "faithful",
+        physics: str = "faithful",
         fall: str = "freeze",
         observation_scale: Sequence[float] | None = None,
         render_mode: str | None = None,
+        plant: str | Plant[Any] = "choi",
+        bicycle: str | None = None,
     ) -> None:
         """Create `num_envs` bicycles; see `BicycleEnv` for the other arguments.
 
@@ -274,7 +284,9 @@ class BicycleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """
         self.render_mode = _checked(render_mode)
         self.num_envs = num_envs
-        self._face = _Face(scenario, physics, fall, observation_scale, num_envs)
+        self._face = _Face(
+            scenario, _plant(plant, bicycle, physics), fall, observation_scale, num_envs
+        )
         self.single_action_space = self._face.action_space
         self.single_observation_space = self._face.observation_space
         self.action_space = batch_space(self.single_action_space, num_envs)

@@ -18,8 +18,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from bicycle_sim.plants.choi.dynamics import State
+from bicycle_sim.plants.base import BodyState, Plant
 from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import Scenario
 
 LIBRARY = "_native_task"
@@ -27,10 +28,10 @@ LIBRARY = "_native_task"
 LOOPS = ("sin", "cos", "arctan", "arcsin", "arctan2", "maximum", "minimum")
 """Ufuncs whose loops the library calls, in the order of `Model`."""
 STATES = 11
-"""Number of fields of a State, the first rows of a result."""
+"""Fields of a BodyState, the first rows of a result."""
 ROWS = 24
-"""Rows of a result (ROWS, N): State's fields, six observations, the reward, its four terms, the
-distance to the goal, and the steps as integers."""
+"""Of a result (ROWS, N): BodyState's fields, six observations, the reward, its four terms, the
+distance to the goal, and the steps as whole numbers."""
 OBSERVED, REWARD, TERMS, DISTANCE, STEPS = 11, 17, 18, 22, 23
 """First row of each."""
 POOL = 64
@@ -148,13 +149,17 @@ class NativeStep:
         """Return the constructor arguments, so that a stepper can be copied and pickled."""
         return NativeStep, self._made_of
 
-    def state(self) -> State:
+    def state(self) -> BodyState:
         """Bicycles after the last step, as views of its result."""
         self._views = tuple(self.result[:STATES])
-        return State(*self._views)
+        return BodyState(*self._views)
 
     def step(
-        self, task: TaskArrays, state: State | None, action: np.ndarray, noise: np.ndarray | None
+        self,
+        task: TaskArrays,
+        state: BodyState | None,
+        action: np.ndarray,
+        noise: np.ndarray | None,
     ) -> bool:
         """Step the bicycles of `task`.
 
@@ -204,7 +209,7 @@ class NativeStep:
             and task.goal_y is goal_y
         )
 
-    def _take(self, state: State) -> None:
+    def _take(self, state: BodyState) -> None:
         """Copy the bicycles, unless they are the last result."""
         values = vars(state).values()
         if len(self._views) == STATES and all(map(operator.is_, values, self._views)):
@@ -239,6 +244,13 @@ class NativeStep:
         self._ends: np.ndarray = np.empty((pooled, 3, self._count), dtype=bool)
         self._results_at, self._ends_at = _address(self._results), _address(self._ends)
         self._next = 0
+
+
+def stepper(scenario: Scenario, plant: Plant[Any]) -> NativeStep | None:
+    """What steps such bicycles in one call; None where nothing does."""
+    if type(plant) is not ChoiPlant or load() is None:
+        return None
+    return NativeStep(scenario, plant.physics)
 
 
 def _address(array: np.ndarray) -> int:

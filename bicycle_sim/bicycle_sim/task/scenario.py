@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any
 
 import numpy as np
 
+from bicycle_common.observation import ACTION_FIELDS
 from bicycle_common.validation import as_pair, nearest, reject_unknown, require
 from bicycle_sim.task.reward import RewardWeights
 
@@ -109,6 +112,17 @@ class Scenario:
     def action_limits(self) -> np.ndarray:
         """Largest |T| (N m), |d| (m) and |F| (N), shape (3,)."""
         return np.array([self.torque_limit, self.displacement_limit, self.pedal_limit])
+
+    def suited(self, input_names: Sequence[str]) -> Scenario:
+        """The scenario without the actions that a plant has no use for.
+
+        Args:
+            input_names: those it has, see `Plant.input_names`.
+        """
+        limits = {name: f"{name.removesuffix('_force')}_limit" for name in ACTION_FIELDS}
+        missing = [limits[name] for name in ACTION_FIELDS if name not in input_names]
+        zero: dict[str, Any] = {name: 0.0 for name in missing if getattr(self, name) != 0.0}
+        return replace(self, **zero) if zero else self
 
     def to_json(self) -> str:
         """Return everything as JSON; floats keep every bit."""

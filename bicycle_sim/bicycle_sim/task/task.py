@@ -6,15 +6,14 @@ last observation of every episode.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from bicycle_common.geometry import heading_between, heading_error, wrap_angle
-from bicycle_sim.plants.choi import dynamics
-from bicycle_sim.plants.choi.dynamics import State
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants import base, registry
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.task import native_task
 from bicycle_sim.task.native_task import DISTANCE, OBSERVED, REWARD, STEPS, TERMS, NativeStep
 from bicycle_sim.task.reward import reward_terms
@@ -56,55 +55,52 @@ class BicycleTask:
     def __init__(
         self,
         scenario: Scenario,
-        physics: Physics | None = None,
+        plant: Plant[Any] | None = None,
         count: int = 1,
         rng: np.random.Generator | None = None,
-        advance: Callable[..., State] | None = None,
+        native: bool = True,
     ) -> None:
         """Place `count` bicycles at their first start.
 
         Args:
             scenario: starts, goals, limits and ends.
-            physics: faithful by default.
+            plant: the bicycles; the paper's by default. Actions that it has no use for get a
+                limit of zero.
             count: N.
             rng: source of starts, goals and displacement noise; unseeded by default.
-            advance: what moves the bicycles, with the arguments and the bits of
-                `dynamics.step`; by default `native_task` where it was built, which makes the
-                whole step of the task, else `dynamics.step`.
+            native: whether the whole step may be made by `native_task`, with the same bits,
+                where it was built and knows the plant.
 
         Raises:
             ValueError: when `count` is below 1.
         """
         if count < 1:
             raise ValueError(f"a task needs at least one bicycle, not {count}")
-        self.scenario = scenario
-        self.physics = physics or Physics()
+        self.plant = plant if plant is not None else registry.default()
+        self.scenario = scenario.suited(self.plant.input_names)
         self.count = count
         self.rng = rng if rng is not None else np.random.default_rng()
-        self.advance = advance or dynamics.step
-        self._native: NativeStep | None = None
-        self._state: State | None = None
-        if advance is None and native_task.load() is not None:
-            self._native = NativeStep(scenario, self.physics)
+        self._native = native_task.stepper(self.scenario, self.plant) if native else None
+        self._state: Any = None
         self.steps = np.zeros(count, dtype=np.int64)
         self.fallen = np.zeros(count, dtype=bool)
         self.goal_x = np.zeros(count)
         self.goal_y = np.zeros(count)
         self._frozen_reward = np.zeros(count)
         zero = np.zeros(count)
-        self.state = dynamics.upright(zero, zero, zero, zero + 1.0, self.physics.constants)
+        self.state = self.plant.initial(zero, zero, zero, zero + 1.0)
         self.reset()
 
     @property
-    def state(self) -> State:
-        """The bicycles as they are."""
+    def state(self) -> Any:
+        """The bicycles as they are, of the plant's `state_type`."""
         if self._state is None:
             assert self._native is not None
             self._state = self._native.state()
         return self._state
 
     @state.setter
-    def state(self, state: State) -> None:
+    def state(self, state: Any) -> None:
         self._state = state
 
     def reset(self, mask: np.ndarray | None = None) -> None:
@@ -132,12 +128,9 @@ class BicycleTask:
     ) -> None:
         """Put the M bicycles of `mask` (N,) upright at (M,) places with (M,) goals; m, rad."""
         speed = np.full(len(rear_x), self.scenario.start_speed)
-        fresh = dynamics.upright(rear_x, rear_y, heading, speed, self.physics.constants)
         placed = np.flatnonzero(mask)
-        for name, values in vars(fresh).items():
-            old = getattr(self.state, name).copy()
-            old[placed] = values
-            setattr(self.state, name, old)
+        fresh = self.plant.take(mask).initial(rear_x, rear_y, heading, speed)
+        self.state = base.put(self.state, placed, fresh)
         self.goal_x[placed] = goal_x
         self.goal_y[placed] = goal_y
         self.steps[placed] = 0
@@ -147,7 +140,8 @@ class BicycleTask:
 
     def keep(self, mask: np.ndarray) -> None:
         """Go on with the bicycles of `mask` (N,) only; N becomes their number."""
-        self.state = State(**{name: values[mask] for name, values in vars(self.state).items()})
+        self.state = base.take(self.state, mask)
+        self.plant = self.plant.take(mask)
         for name in ("goal_x", "goal_y", "steps", "fallen", "_frozen_reward"):
             setattr(self, name, getattr(self, name)[mask])
         self.count = int(mask.sum())
@@ -164,12 +158,12 @@ class BicycleTask:
         action = np.asarray(action, dtype=np.float64)
         if action.shape != (self.count, 3):
             raise ValueError(f"action must have shape ({self.count}, 3), not {action.shape}")
-        noisy = self.physics.displacement_noise > 0
+        spread = self.plant.displacement_noise
+        noisy = spread > 0
         if (noisy or self._native is None) and not np.isfinite(action).all():
             raise ValueError(NOT_FINITE)
         noise = None
         if noisy:
-            spread = self.physics.displacement_noise
             noise = self.rng.uniform(-spread, spread, self.count)
         if self._native is None:
             return self._step(action, noise)
@@ -208,13 +202,13 @@ class BicycleTask:
         )
         if noise is not None:
             displacement = displacement + noise
-        moved = self.advance(
-            self.state, torque, displacement, pedal, self.physics, self.scenario.speed_limits
+        moved = self.plant.step(
+            self.state, torque, displacement, pedal, self.scenario.speed_limits
         )
         was_fallen = self.fallen
-        self.state = self.state.where(was_fallen, moved) if was_fallen.any() else moved
+        self.state = base.where(was_fallen, self.state, moved) if was_fallen.any() else moved
         self.steps = self.steps + 1
-        self.fallen = was_fallen | dynamics.fallen(self.state.lean_angle, self.scenario.fall_angle)
+        self.fallen = was_fallen | self.plant.fallen(self.state, self.scenario.fall_angle)
         return self._outcome(was_fallen)
 
     def _outcome(self, was_fallen: np.ndarray) -> Step:
@@ -252,6 +246,6 @@ class BicycleTask:
         x, y = self.goal_x - self.state.rear_x, self.goal_y - self.state.rear_y
         return np.sqrt(x * x + y * y)
 
-    def snapshot(self) -> State:
+    def snapshot(self) -> Any:
         """A copy of every bicycle's state."""
-        return self.state.copy()
+        return base.copy(self.state)

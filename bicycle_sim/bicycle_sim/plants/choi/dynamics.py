@@ -7,56 +7,20 @@ heading psi counter-clockwise from +y. `xp` is numpy, or torch for tensors on an
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
 
 from bicycle_common.geometry import Array, heading_between
+from bicycle_sim.plants.base import BodyState
 from bicycle_sim.plants.choi.parameters import Constants, Physics
+
+State = BodyState
+"""N bicycles; tensors may stand for the arrays."""
 
 Curvature = tuple[Array, Array, Array]
 """1/r_f, 1/r_b and 1/r_CM, each (N,), 1/m."""
-
-
-@dataclass
-class State:
-    """N bicycles; every field is an array of shape (N,), double precision."""
-
-    lean_angle: Array
-    """rad (omega)."""
-    lean_rate: Array
-    """rad/s (omega dot)."""
-    lean_acceleration: Array
-    """rad/s^2 of the step before (omega double dot)."""
-    steer_angle: Array
-    """rad (theta)."""
-    steer_rate: Array
-    """rad/s (theta dot)."""
-    heading: Array
-    """rad (psi)."""
-    front_x: Array
-    """m (x_f)."""
-    front_y: Array
-    """m (y_f)."""
-    rear_x: Array
-    """m (x_b)."""
-    rear_y: Array
-    """m (y_b)."""
-    speed: Array
-    """m/s (v)."""
-
-    def where(self, mask: Array, other: State, xp: ModuleType = np) -> State:
-        """Return for each bicycle this state where `mask` (N,) holds and `other` elsewhere."""
-        pairs = {
-            f.name: xp.where(mask, getattr(self, f.name), getattr(other, f.name))
-            for f in fields(self)
-        }
-        return State(**pairs)
-
-    def copy(self) -> State:
-        """Return a copy that shares no memory with this state."""
-        return State(**{f.name: getattr(self, f.name) + 0.0 for f in fields(self)})
 
 
 def upright(

@@ -9,7 +9,10 @@ import json
 import math
 from dataclasses import asdict, dataclass, field, fields
 
-from bicycle_common.validation import reject_unknown
+from bicycle_common.validation import nearest, reject_unknown
+
+MODES = ("faithful", "corrected")
+"""Of the physics: what the paper's authors ran, and with all corrections."""
 
 
 @dataclass(frozen=True)
@@ -144,7 +147,8 @@ class Physics:
                 gyroscopic_correction=True,
                 stop_absorbs_steering=True,
             )
-        raise ValueError(f"unknown physics {mode!r}: choose faithful or corrected")
+        hint = nearest(mode, MODES)
+        raise ValueError(f"unknown physics {mode!r}{hint}: choose {' or '.join(MODES)}")
 
     def to_json(self) -> str:
         """Return everything as JSON; floats keep every bit."""

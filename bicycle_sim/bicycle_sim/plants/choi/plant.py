@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
-from typing import Any, cast
+from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from bicycle_sim.plants.choi.linear import (
     discrete,
     steady_lean,
 )
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.parameters import MODES, Physics
 
 
 class ChoiPlant(Plant[BodyState]):
@@ -26,10 +26,16 @@ class ChoiPlant(Plant[BodyState]):
 
     name = "choi"
     state_type = BodyState
+    body_is_all = True
 
     def __init__(self, physics: Physics | None = None) -> None:
         """Use these constants and corrections; faithful by default."""
         self.physics = physics or Physics()
+
+    @classmethod
+    def named(cls, mode: str) -> ChoiPlant:
+        """The plant of faithful or corrected physics, see `Physics.named`."""
+        return cls(Physics.named(mode))
 
     @property
     def time_step(self) -> float:
@@ -47,6 +53,15 @@ class ChoiPlant(Plant[BodyState]):
         return "torque", "displacement", "pedal_force"
 
     @property
+    def label(self) -> str:
+        """`faithful`, `corrected`, or what differs from faithful."""
+        for name in MODES:
+            if self.physics == Physics.named(name):
+                return name
+        plain, own = asdict(Physics()), asdict(self.physics)
+        return ", ".join(f"{name} {value}" for name, value in own.items() if value != plain[name])
+
+    @property
     def geometry(self) -> Geometry:
         """Geometry as far as the paper gives it: no trail, a vertical steering axis."""
         k = self.physics.constants
@@ -59,14 +74,25 @@ class ChoiPlant(Plant[BodyState]):
             mass=k.mass,
             mass_forward=k.wheelbase - k.front_to_mass,
             mass_height=k.mass_height,
+            rider_height=k.mass_height + k.rider_above_mass,
+            steer_stop=k.steer_stop,
+            crank_ratio=k.sprocket / k.chain_wheel,
         )
+
+    @property
+    def displacement_noise(self) -> float:
+        """m (errata row 21)."""
+        return self.physics.displacement_noise
+
+    def with_displacement_noise(self, spread: float) -> ChoiPlant:
+        """The plant whose noise is `spread`, m."""
+        return type(self)(replace(self.physics, displacement_noise=spread))
 
     def initial(
         self, rear_x: np.ndarray, rear_y: np.ndarray, heading: np.ndarray, speed: np.ndarray
     ) -> BodyState:
         """Return N upright bicycles with straight handlebars; arguments (N,), m, rad, m/s."""
-        state = dynamics.upright(rear_x, rear_y, heading, speed, self.physics.constants)
-        return BodyState(**vars(state))
+        return dynamics.upright(rear_x, rear_y, heading, speed, self.physics.constants)
 
     def step(
         self,
@@ -84,19 +110,16 @@ class ChoiPlant(Plant[BodyState]):
         """
         if loads is not None:
             raise ValueError("the paper's bicycle takes no loads: choose the plant whipple")
-        moved = dynamics.step(
-            cast(dynamics.State, state),
-            torque,
-            displacement,
-            pedal_force,
-            self.physics,
-            speed_limits,
-        )
-        return cast(BodyState, moved)
+        return dynamics.step(state, torque, displacement, pedal_force, self.physics, speed_limits)
 
     def pushed(self, state: BodyState, lean_rate: Array) -> BodyState:
         """Return the state after a push that adds `lean_rate`, rad/s, float or (N,)."""
-        return BodyState(**{**vars(state), "lean_rate": state.lean_rate + lean_rate})
+        return replace(state, lean_rate=state.lean_rate + lean_rate)
+
+    def yaw_rate(self, state: BodyState) -> np.ndarray:
+        """(N,) rad/s, of the front contact's circle (eq. 3)."""
+        turning: np.ndarray = np.sin(state.steer_angle) / self.physics.constants.wheelbase
+        return state.speed * turning
 
     def fallen(self, state: BodyState, limit: float) -> np.ndarray:
         """Return (N,) bool: True if it leans by more than `limit`, rad."""

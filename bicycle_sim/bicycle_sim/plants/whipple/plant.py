@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -92,6 +92,11 @@ class WhipplePlant(Plant[WhippleState]):
         return "torque", "displacement", "pedal_force"
 
     @property
+    def label(self) -> str:
+        """The plant and the bicycle's name."""
+        return f"{self.name} {self.parameters.name}".strip()
+
+    @property
     def geometry(self) -> Geometry:
         """Of the bicycle, or of the first of many; masses with a leaning rider's."""
         b, rider = self.parameters.bicycle, self.parameters.rider
@@ -101,7 +106,8 @@ class WhipplePlant(Plant[WhippleState]):
             forward = (mass * forward + rider.mG * rider.xG) / total
             height = (mass * height - rider.mG * rider.zG) / total
             mass = total
-        values = (b.w, b.c, b.lam, b.rR, b.rF, mass, forward, height)
+        stop = self.parameters.steering.stop
+        values = (b.w, b.c, b.lam, b.rR, b.rF, mass, forward, height, height, stop)
         return Geometry(*(float(np.ravel(value)[0]) for value in values))
 
     def initial(
@@ -166,10 +172,18 @@ class WhipplePlant(Plant[WhippleState]):
 
     def pushed(self, state: WhippleState, lean_rate: Array) -> WhippleState:
         """The state after a push that adds `lean_rate`, rad/s, float or (N,)."""
+        up = np.where(state.stopped == 0.0, lean_rate, 0.0)
+        return self.settled(replace(state, lean_rate=state.lean_rate + up))
+
+    def settled(self, state: WhippleState) -> WhippleState:
+        """The state with the pitch and the yaw rate of its lean, steering and rates."""
         rows = self._rows(state)
-        rows[_LEAN_RATE] += np.where(rows[_STOPPED] == 0.0, lean_rate, 0.0)
         self._advance(rows, self._idle, 0, 0, False)
         return self._state(rows, state.lean_acceleration, state.commands)
+
+    def yaw_rate(self, state: WhippleState) -> np.ndarray:
+        """(N,) rad/s."""
+        return state.yaw_rate
 
     def fallen(self, state: WhippleState, limit: float) -> np.ndarray:
         """(N,) bool: leans by more than `limit`, rad, or has stopped for good."""

@@ -12,7 +12,9 @@ from bicycle_bag.container import DamageError, Registry
 from bicycle_bag.contents import Contents
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import NO_START, BagMetadata, FileInformation, Topic
+from bicycle_bag.schemas import Schemas
 from bicycle_bag.summary import Summary
+from bicycle_bag.versions import missing_end
 
 PACKED = ".mcap.zstd"
 """How rosbag2 names files that it has compressed as a whole."""
@@ -21,6 +23,7 @@ PACKED = ".mcap.zstd"
 class BagMessage(NamedTuple):
     """One recorded message in its encoding, nearly always CDR; times are in nanoseconds.
 
+    ``data`` of an earlier version of the type ends with zeros for the fields that are new.
     ``number`` is its place in the bag's recorded order, which no clock can change.
     """
 
@@ -50,6 +53,7 @@ class BagReader:
         self.files = find_files(self.path)
         self._topics: dict[str, Topic] = {}
         self._definitions: dict[str, str] = {}
+        self._ends: dict[str, bytes] = {}
         self._counts: dict[str, int] = {}
         self._informations: list[FileInformation] = []
         self._stored = self._stored_metadata()
@@ -136,6 +140,14 @@ class BagReader:
             there = ", ".join(sorted(self._topics)) or "none"
             raise BagError(f"{self.path} has no topic {', '.join(missing)}: it has {there}")
 
+    def missing_end(self, topic: str) -> bytes:
+        """What ``messages`` adds to those of a topic, see ``versions.missing_end``."""
+        if topic not in self._ends:
+            text = self._definitions.get(topic, "")
+            known = text and missing_end(self._topics[topic].type, text, Schemas())
+            self._ends[topic] = known or b""
+        return self._ends[topic]
+
     def check_kind(self, topic: str, type_name: str, encoding: str) -> None:
         """Check that a message can be decoded by its topic's definition.
 
@@ -167,7 +179,9 @@ class BagReader:
             self.require(topics)
         before = 0
         for file, about in zip(self.files, self._informations, strict=True):
-            yield from _file_messages(file, topics, before)
+            for item in _file_messages(file, topics, before):
+                end = self.missing_end(item.topic)
+                yield item._replace(data=item.data + end) if end else item
             before += about.message_count
 
     def _open(self, file: Path) -> None:

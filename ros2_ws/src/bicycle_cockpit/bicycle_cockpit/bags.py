@@ -15,7 +15,7 @@ from bicycle_cockpit.loop_stats import loop_figures
 from bicycle_cockpit.marks import Ridden, marks
 from bicycle_cockpit.riders import Rider, lqr_names, rider, shipped_names
 from bicycle_cockpit.samples import COLUMNS, plain_column, reward_columns
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants import registry
 from bicycle_sim.task.reward import RewardWeights
 from bicycle_sim.task.scenario import Scenario
 from bicycle_tools.ride_log import RideLog, read_ride
@@ -44,8 +44,8 @@ def session(path: Path) -> dict[str, Any]:
         raise BagError(f"{path} holds no state of a bicycle: record a ride with record.sh")
     time = _simulated_time(ride)
     scenario = _first(ride, "scenario", Scenario.from_json)
-    physics = _first(ride, "physics", Physics.from_json)
-    names = {**shipped_names(), **lqr_names(physics or Physics())}
+    plant = _first(ride, "physics", registry.from_json)
+    names = {**shipped_names(), **lqr_names(plant or registry.default())}
     newest = _newest_before(ride.commands, ride.states["recorded_order"])
     riders, numbers = _riders(ride, newest, names)
     table = _table(ride, time, newest, numbers, scenario)

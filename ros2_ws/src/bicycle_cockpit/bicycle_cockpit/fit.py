@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_cockpit.ride_state import RideState
 from bicycle_controller.control.lqr import TUNED
 from bicycle_controller.policy.policy import PolicyError, load_policy
 from bicycle_controller.policy.trained_for import unlike_training
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Scenario
 
 ACTIONS = (("torque", 1.0, "N m"), ("displacement", 100.0, "cm"), ("pedal force", 1.0, "N"))
 """Name, factor for a person, and unit of each action."""
 
 
-def misfit(path: str, physics: Physics, scenario: Scenario) -> str:
+def misfit(path: str, plant: Plant[Any], scenario: Scenario) -> str:
     """Why a controller is not at home in a ride; empty where it is.
 
     Args:
         path: a controller's name or its file, as `bicycle/load_policy` takes it.
-        physics: of the bicycle.
+        plant: the bicycle.
         scenario: of the ride.
     """
     unlike: list[str] = []
@@ -36,7 +37,7 @@ def misfit(path: str, physics: Physics, scenario: Scenario) -> str:
         except PolicyError:
             return ""  # the controller says what is wrong with it
         wanted = policy.info.action_limits
-        unlike = unlike_training(policy, physics, scenario)
+        unlike = unlike_training(policy, plant, scenario)
     reasons = [
         f"it uses {factor * most:g} {unit} of {name} and {factor * limit:g} {unit} are allowed"
         for (name, factor, unit), most, limit in zip(

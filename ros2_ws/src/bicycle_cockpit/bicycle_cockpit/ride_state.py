@@ -18,7 +18,7 @@ from bicycle_cockpit.riders import rider
 from bicycle_cockpit.rows import Rows, row_text
 from bicycle_cockpit.samples import COLUMNS, Sample, plain
 from bicycle_cockpit.who_rides import WhoRides
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.reward import RewardWeights
 from bicycle_sim.task.scenario import Scenario
 
@@ -65,7 +65,7 @@ class RideState:
         self.paused = False
         self.weights = RewardWeights()
         self.facts: dict[str, Any] = {}
-        self.setting: tuple[Physics, Scenario] | None = None
+        self.setting: tuple[Plant[Any], Scenario] | None = None
         self.unlike = ""
         self.names: dict[str, str] = {}
         self.commands_text = ""

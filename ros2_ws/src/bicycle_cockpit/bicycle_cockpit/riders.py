@@ -9,7 +9,7 @@ from typing import Any
 
 from bicycle_controller.control.lqr import TUNED, tuning_id
 from bicycle_controller.policy.policy import load_policy, shipped_policies
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.base import Plant
 
 
 def shipped_names() -> dict[str, str]:
@@ -17,9 +17,9 @@ def shipped_names() -> dict[str, str]:
     return {load_policy(name).policy_id: name for name in shipped_policies()}
 
 
-def lqr_names(physics: Physics) -> dict[str, str]:
+def lqr_names(plant: Plant[Any]) -> dict[str, str]:
     """Return the names of the LQR's tunings by their ids, which differ with the bicycle."""
-    return {tuning_id(config, physics): name for name, config in TUNED.items()}
+    return {tuning_id(config, plant): name for name, config in TUNED.items()}
 
 
 @dataclass(frozen=True)

@@ -129,6 +129,9 @@ class BicycleState:
     """Step answered by the applied command, -1 for none."""
     controller: str = ""
     """Sender of the applied command; empty for none."""
+    plant_state: tuple[float, ...] = ()
+    """The whole state of the plant in its own order, where the numbers above do not make it up;
+    empty for the paper's bicycle."""
     action: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), compare=False)
     """(T, d, F) as commanded, N m, m, N. A state message does not carry it."""
 

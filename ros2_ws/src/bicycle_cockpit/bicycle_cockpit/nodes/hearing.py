@@ -30,7 +30,7 @@ from bicycle_common.nodes import topics
 from bicycle_common.nodes.topics import listen
 from bicycle_controller.control.goals import Status
 from bicycle_sim.nodes.episode_setting import to_setting
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants import registry
 
 DEEP = 500
 """Messages that are kept while the node is busy: 12 s of states, and a path makes many goals."""
@@ -71,7 +71,7 @@ class Hearing:
         self._told = goal_words.Told()
         self._began = time.monotonic()
         self._began_ns = time.time_ns()
-        live.names |= {**shipped_names(), **lqr_names(Physics())}
+        live.names |= {**shipped_names(), **lqr_names(registry.default())}
         listen(node, topics.STATE, self._on_state, depth=DEEP)
         listen(node, topics.COMMAND, self._on_command)
         listen(node, topics.TIMING, live.loop.add)
@@ -143,16 +143,15 @@ class Hearing:
     def _on_episode(self, info: EpisodeInfo) -> None:
         live = self._live
         try:
-            scenario, physics = to_setting(info)
+            scenario, plant = to_setting(info)
         except (ValueError, TypeError) as error:
             self._node.get_logger().warning(
                 f"episode info ignored: {error}; are both of one version?"
             )
             return
         live.weights = scenario.reward
-        live.setting = (physics, scenario)
-        live.names |= lqr_names(physics)
-        constants = physics.constants
+        live.setting = (plant, scenario)
+        live.names |= lqr_names(plant)
         live.facts = {
             "episode": int(info.episode),
             "seed": int(info.seed),
@@ -161,9 +160,9 @@ class Hearing:
             "goal_radius": scenario.goal_radius,
             "fall_angle": scenario.fall_angle,
             "limits": [float(limit) for limit in scenario.action_limits],
-            "wheelbase": constants.wheelbase,
-            "time_step": constants.time_step,
-            "steer_stop": constants.steer_stop,
+            "wheelbase": plant.geometry.wheelbase,
+            "time_step": plant.time_step,
+            "steer_stop": plant.geometry.steer_stop,
         }
         self._newest({"type": "facts", **live.facts})
         self._tell("info", f"episode {info.episode} begins, seed {info.seed}", kind="reset")

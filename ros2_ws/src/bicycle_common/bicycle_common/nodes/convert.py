@@ -3,8 +3,8 @@
 The code uses the paper's convention: lean omega > 0 to the left, heading psi counter-clockwise
 from +y, psi_g > 0 for a goal to the right. Messages use REP-103: roll > 0 to the right, yaw
 counter-clockwise from +x, heading error > 0 for a goal to the left. Negation is exact, and the
-heading is computed from the contacts as in the dynamics, so a state survives a round trip to
-the bit.
+heading is taken from the contacts as the paper's dynamics do, so such a state survives the trip to
+the bit. That of another plant is whole in `plant_state`, in the plant's own order and signs.
 """
 
 from __future__ import annotations
@@ -108,6 +108,7 @@ def from_snapshot(snapshot: BicycleState, nanoseconds: int) -> BicycleStateMessa
         command_source=int(snapshot.command_source),
         command_step=int(snapshot.command_step),
         controller=str(snapshot.controller),
+        plant_state=[float(value) for value in snapshot.plant_state],
     )
 
 
@@ -119,11 +120,15 @@ def to_snapshot(message: BicycleStateMessage) -> BicycleState:
     """
     front, rear = message.front_contact, message.rear_contact
     x_b, y_b, x_f, y_f = (np.array([value]) for value in (rear.x, rear.y, front.x, front.y))
+    if message.plant_state:
+        heading = float(yaw_to_heading(message.heading))
+    else:
+        heading = float(heading_between(x_b, y_b, x_f, y_f)[0])
     return BicycleState(
         episode=int(message.episode),
         step=int(message.step),
         **{name: mirror(name, getattr(message, name)) for name in BODY},
-        heading=float(heading_between(x_b, y_b, x_f, y_f)[0]),
+        heading=heading,
         front_x=front.x,
         front_y=front.y,
         rear_x=rear.x,
@@ -135,13 +140,14 @@ def to_snapshot(message: BicycleStateMessage) -> BicycleState:
         command_source=CommandSource(int(message.command_source)),
         command_step=int(message.command_step),
         controller=message.controller,
+        plant_state=tuple(message.plant_state),
     )
 
 
 def is_finite(snapshot: BicycleState) -> bool:
     """Return True if every number that a controller uses is finite."""
     skipped = ("heading_error", "goal_distance")
-    return all(
+    return all(map(math.isfinite, snapshot.plant_state)) and all(
         math.isfinite(value)
         for name, value in vars(snapshot).items()
         if isinstance(value, float) and name not in skipped

@@ -172,7 +172,7 @@ def _check_kind(path: Path, topic: str, type_name: str, encoding: str, kind: typ
 
 
 def _check_versions(reader: BagReader, topics: list[str]) -> None:
-    """Refuse a bag whose messages have other fields than today's.
+    """Refuse a bag whose messages have other fields than today's, but for new ones at the end.
 
     Raises:
         BagError: it is one.
@@ -180,7 +180,8 @@ def _check_versions(reader: BagReader, topics: list[str]) -> None:
     schemas = Schemas()
     for name in topics:
         topic = reader.topics[name]
-        if topic.type_hash and topic.type_hash != schemas.type_hash(topic.type):
+        known = reader.missing_end(name) or topic.type_hash == schemas.type_hash(topic.type)
+        if topic.type_hash and not known:
             raise BagError(
                 f"{reader.path} has another version of {topic.type}: verify it with the release "
                 "that recorded it"
@@ -253,7 +254,7 @@ def _compute(
     computed: BicycleState | None = None
     pushes = recording.pushes.get((here.episode, here.step), [0.0])
     for command, push in product(_candidates(recording, state), pushes):
-        trial = Simulator.restore(here, simulator.scenario, simulator.physics, simulator.seed)
+        trial = Simulator.restore(here, simulator.scenario, simulator.plant, simulator.seed)
         computed = convert.from_snapshot(trial.step(command, push), stamp)
         same = _bits(computed) == wanted
         gap = 0.0 if same else _gap(state, computed)
@@ -294,14 +295,14 @@ def _restored(recording: Recording, state: BicycleState, place: int) -> Simulato
         )
     info = min(infos, key=lambda pair: pair[0])[1]
     try:
-        scenario, physics = to_setting(info)
+        scenario, plant = to_setting(info)
         snapshot = convert.to_snapshot(state)
+        return Simulator.restore(snapshot, scenario, plant, int(info.seed))
     except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
         raise BagError(
             f"episode {state.episode} is not one of this simulator's ({error}): verify it with "
             f"version {info.version}"
         ) from None
-    return Simulator.restore(snapshot, scenario, physics, int(info.seed))
 
 
 def _skip(verdict: Verdict, state: BicycleState) -> None:
