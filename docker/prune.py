@@ -1,9 +1,9 @@
-"""Takes out of a virtual environment what only building needs.
+"""Remove from a virtual environment everything that only building needs.
 
 Usage: prune.py REQUIREMENTS...    with the interpreter of the environment, see seal.sh
 
-Packages stay that something in these files needs above their line ``# Building ...``. Then
-headers, CMake files and other packages' tests go, and copies of a library become links.
+Packages that are needed by the part of these files above their line ``# Building ...`` stay. Then
+headers, CMake files and other packages' tests are removed, and copies of a library become links.
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from packaging.utils import canonicalize_name
 
 BUILDING = "\n# Building "
 TESTED = ("numpy", "scipy", "matplotlib", "networkx", "sympy")
-"""Packages that bring their tests along."""
+"""Packages that ship their tests."""
 
 
 def named(files: Iterable[str]) -> list[Requirement]:
-    """What the files ask for themselves, but for building; what they include is left out."""
+    """Return the direct runtime requirements of the files; skip the files that they include."""
     lines = [
         line.partition("#")[0].strip()
         for path in files
@@ -34,7 +34,7 @@ def named(files: Iterable[str]) -> list[Requirement]:
 
 
 def needed(roots: Iterable[Requirement]) -> set[str]:
-    """Return canonical names of the installed packages that these need, themselves among them."""
+    """Return canonical names of these packages and of all packages that they need."""
     found: set[str] = set()
     seen: set[tuple[str, frozenset[str]]] = set()
     waiting = list(roots)
@@ -58,7 +58,7 @@ def needed(roots: Iterable[Requirement]) -> set[str]:
 
 
 def strip(prefix: Path) -> None:
-    """Remove files that nothing opens when it runs."""
+    """Remove files that are not used at run time."""
     shutil.rmtree(prefix / "include", ignore_errors=True)
     for folder in (prefix / "share").glob("*/cmake"):
         shutil.rmtree(folder)
@@ -81,7 +81,7 @@ def strip(prefix: Path) -> None:
 def main() -> None:
     """Prune the environment that this interpreter belongs to."""
     kept = needed([*named(sys.argv[1:]), Requirement("torch")])
-    # Some wheels hold the metadata of what they were made from: pip must not follow that.
+    # Some wheels contain the metadata of their sources, which pip must not follow.
     installed = {
         canonicalize_name(found.metadata["Name"])
         for found in metadata.distributions()

@@ -37,7 +37,7 @@ WORKSPACE = "/opt/bicycle/ros2_ws"
 USER = 10001
 DOMAIN = "43"
 SETTINGS = ("PIP_INDEX_URL", "PIP_EXTRA_INDEX_URL")
-"""Of pip, that the build gets as far as they are set; so it does PIP_CERT and PIP_FIND_LINKS."""
+"""Settings of pip passed to the build if set, in addition to PIP_CERT and PIP_FIND_LINKS."""
 RIDE = ("simulator", "controller", "recorder", "cockpit")
 HEALTHY_WITHIN = 90.0
 GOAL = ("12", "9")
@@ -48,14 +48,14 @@ SHOW_COMPOSE = (
 
 
 class TrialError(Exception):
-    """What did not work, in one line."""
+    """Description of a failure, in one line."""
 
 
 def call(*words: object, **options: Any) -> str:
-    """Run a program; its output.
+    """Run a program and return its output.
 
     Raises:
-        TrialError: it failed.
+        TrialError: if it failed.
     """
     done = subprocess.run([str(word) for word in words], capture_output=True, text=True, **options)
     if done.returncode:
@@ -71,7 +71,7 @@ def works(*words: str) -> bool:
 
 @contextlib.contextmanager
 def container(image: str, name: str) -> Iterator[str]:
-    """A working container, removed at the end."""
+    """Yield a working container, removed at the end."""
     made = call("buildah", "from", "--name", name, image).strip()
     try:
         yield made
@@ -95,7 +95,7 @@ def make_base() -> None:
 
 
 def build(target: str) -> dict[str, object]:
-    """Build one target; how long it took and how large it is."""
+    """Build one target; return the build time and the size."""
     words = ["buildah", "build", "--isolation", "chroot", "--layers", "--target", target]
     words += ["--tag", IMAGE.format(target=target), "--file", "docker/Dockerfile"]
     words += ["--ignorefile", "docker/Dockerfile.dockerignore", "--build-arg", f"BASE={BASE}"]
@@ -113,7 +113,7 @@ def build(target: str) -> dict[str, object]:
 
 
 def size(target: str) -> str:
-    """How large an image is, its base with it."""
+    """Return the size of an image, including its base."""
     found = json.loads(call("buildah", "images", "--json"))
     name = IMAGE.format(target=target)
     return next(str(image["size"]) for image in found if name in (image.get("names") or []))
@@ -127,7 +127,7 @@ def inside(made: str, words: Sequence[str], **variables: str) -> list[str]:
 
 
 def ride() -> dict[str, Any]:
-    """Ride to three goals inside; what ride.sh sums up, with the user and the Python there."""
+    """Ride to three goals in a container; return ride.sh's summary, with its user and Python."""
     print("riding inside ...", flush=True)
     with container(IMAGE.format(target="ride"), "bicycle-riding") as made:
         output = f"{WORKSPACE}/runs/trial"
@@ -139,10 +139,10 @@ def ride() -> dict[str, Any]:
 
 
 def node_below(pid: int) -> int:
-    """Return the node among what a process has started: buildah would not pass a signal on.
+    """Return the node among a process's descendants, because buildah does not forward signals.
 
     Raises:
-        TrialError: there is none.
+        TrialError: if there is none.
     """
     family = [pid]
     for member in family:
@@ -182,10 +182,10 @@ class Service:
         return inside(self._made, words, **self._environment)
 
     def until_healthy(self) -> float:
-        """Return s from the start until its health check passed.
+        """Return the time from the start until its health check passed, s.
 
         Raises:
-            TrialError: it ended, or was not healthy within `HEALTHY_WITHIN`.
+            TrialError: if it ended, or was not healthy within `HEALTHY_WITHIN`.
         """
         while not works(*self._inside(self._health)):
             age = time.monotonic() - self._began
@@ -195,14 +195,14 @@ class Service:
         return round(time.monotonic() - self._began, 1)
 
     def stop(self) -> int:
-        """End its node with the compose file's signal; its exit status."""
+        """Stop its node with the compose file's signal; return its exit status."""
         if self._process.poll() is None:
             os.kill(node_below(self._process.pid), signal.SIGINT)
         return self._process.wait(20.0)
 
 
 def serve(names: Sequence[str]) -> dict[str, Any]:
-    """Start services and ride to one goal; what came of it."""
+    """Start services and ride to one goal; return the results."""
     print("services of compose.yaml ...", flush=True)
     found: dict[str, Any] = {"healthy after (s)": {}, "exit status": {}}
     with contextlib.ExitStack() as stack:
@@ -234,17 +234,17 @@ def serve(names: Sequence[str]) -> dict[str, Any]:
 
 
 def clean(targets: Sequence[str]) -> None:
-    """Remove the images and what their build left."""
+    """Remove the images and the remains of their build."""
     names = [IMAGE.format(target=target) for target in targets]
     subprocess.run(["buildah", "rmi", "--force", *names, BASE], capture_output=True)
     subprocess.run(["buildah", "rmi", "--prune", "--force"], capture_output=True)
 
 
 def trial(targets: Sequence[str]) -> dict[str, Any]:
-    """Do all of it.
+    """Run all stages.
 
     Raises:
-        TrialError: something did not work.
+        TrialError: if one failed.
     """
     make_base()
     images = {target: build(target) for target in targets}
@@ -253,7 +253,7 @@ def trial(targets: Sequence[str]) -> dict[str, Any]:
 
 
 def main() -> int:
-    """Build, ride, serve; returns the exit status."""
+    """Build, ride, serve; return the exit status."""
     parser = argparse.ArgumentParser(description="See the top of this file.")
     parser.add_argument("--train", action="store_true", help="also the image with torch")
     parser.add_argument("--json", type=Path, help="file for the results")

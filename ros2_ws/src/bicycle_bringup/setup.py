@@ -8,7 +8,7 @@ NAME = "bicycle_bringup"
 
 
 def files(folder: str) -> list[str]:
-    """Return the files of a folder beside this one, as data_files wants them."""
+    """Return the files of a folder beside this one, for data_files."""
     here = Path(__file__).parent
     return sorted(str(path.relative_to(here)) for path in (here / folder).glob("*.*"))
 

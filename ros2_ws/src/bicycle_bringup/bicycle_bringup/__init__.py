@@ -1,1 +1,1 @@
-"""Starts rides, sends goals, and sums up, draws and verifies what a bag holds."""
+"""Starts rides and sums up their bags."""

@@ -1,4 +1,4 @@
-"""What a ride shows meanwhile: a line of progress, and a line for each thing that happens."""
+"""Display of a ride in progress: a progress line, and a line per event."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import time
 from tqdm import tqdm
 
 REDRAW = 0.1
-"""s between two looks of the progress bar."""
+"""Period of the progress bar (s)."""
 
 
 class Display:
-    """A progress bar on a terminal; elsewhere only the lines.
+    """Progress bar on a terminal; elsewhere only lines.
 
     Args:
-        goals: how many there are; zero where the time counts instead.
-        seconds: how long the ride lasts, where the time counts.
+        goals: number of goals; zero if the time counts instead.
+        seconds: duration of the ride, if the time counts.
     """
 
     def __init__(self, goals: int, seconds: float = 0.0) -> None:
@@ -30,14 +30,14 @@ class Display:
         )
 
     def waiting(self, for_what: str) -> None:
-        """Show what keeps the ride from beginning."""
+        """Show what delays the start of the ride."""
         self._bar.set_description_str(f"waiting for {for_what} ")
 
     def show(self, number: int, done: float, text: str) -> None:
-        """Bring the bar up to date.
+        """Update the bar.
 
         Args:
-            number: of the present goal, from 1.
+            number: of the current goal, from 1.
             done: goals decided, or s ridden.
             text: distance left, speed and lean.
         """

@@ -1,4 +1,4 @@
-"""The program of this package, for its console script; see `bicycle_common.signals`."""
+"""Program of this package, for its console script; see `bicycle_common.signals`."""
 
 from functools import partial
 

@@ -1,4 +1,4 @@
-"""What a ride is asked to do: its command line, its folder and the commands of its nodes."""
+"""Options of a ride: its command line, its folder and the commands of its nodes."""
 
 from __future__ import annotations
 
@@ -29,17 +29,17 @@ MOST_MINUTES = 10_000.0
 
 @dataclass(frozen=True)
 class RideOptions:
-    """A ride as it was asked for."""
+    """Options of one ride."""
 
     goals: int
     minutes: float
-    """Of simulated time; zero rides to `goals` goals instead."""
+    """Duration in simulated time; zero rides to `goals` goals instead."""
     seed: int
     field: float
-    """m, side of the square that goals lie in."""
+    """Side of the square that contains the goals, m."""
     respawn: bool
     folder: Path
-    """Of the run."""
+    """Folder of the run."""
     config: Path
     """Folder with one parameter file per node."""
     parameters: tuple[str, ...]
@@ -47,7 +47,7 @@ class RideOptions:
     parameter_files: tuple[Path, ...]
 
     def draw_goals(self) -> list[Point2D]:
-        """As many as are asked for, or more than can be ridden to in the time."""
+        """Return as many goals as requested, or more than the duration allows."""
         count = 10 + round(60.0 * self.minutes) if self.minutes else self.goals
         rng = np.random.default_rng(self.seed)
         return random_goals(count, self.field, (0.0, 0.0), rng)
@@ -64,7 +64,7 @@ class RideOptions:
 
 
 def parse(arguments: Sequence[str], workspace: Path) -> RideOptions:
-    """Read the command line; ends the program with status 2 and one line when it is wrong."""
+    """Read the command line; on an error end the program with status 2 and one line."""
     parser = OneLineParser(prog="ride.sh", add_help=False, allow_abbrev=False)
     add = parser.add_argument
     add("--goals", type=int, default=10)
@@ -120,7 +120,7 @@ def _file(word: str) -> Path:
 
 
 def _new_folder(asked: Path | None, workspace: Path) -> Path:
-    """Make the run's folder: the one asked for, or runs/<date>-<n>."""
+    """Create the run's folder: the requested one, or runs/<date>-<n>."""
     try:
         if asked is not None:
             asked.mkdir(parents=True)

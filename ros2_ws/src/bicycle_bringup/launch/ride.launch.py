@@ -2,8 +2,8 @@
 
     ros2 launch bicycle_bringup ride.launch.py
 
-The PyPI wheels have no launch, so there `ros2_ws/ride.sh` takes this file's place, and this file
-could not be run where the project is developed; it keeps to what Jazzy's documentation shows.
+The PyPI wheels have no launch, so `ros2_ws/ride.sh` replaces this file there, and it could not
+be run where the project is developed; it follows Jazzy's documentation.
 """
 
 from launch.actions import DeclareLaunchArgument, ExecuteProcess

@@ -1,1 +1,1 @@
-"""Tools around a ride: goals, reports, pictures, proofs, and a bridge to Foxglove."""
+"""Tools around a ride: goals, reports, pictures, verification, and a bridge to Foxglove."""

@@ -1,4 +1,4 @@
-"""Where to ride: random goals, and files of waypoints."""
+"""Goals of a ride: random goals, and files of waypoints."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from bicycle_common import yaml_text
 from bicycle_common.types import Point2D
 
 NEAREST = 10.0
-"""m between one goal and the next: a tight circle at 10 km/h has a radius of 1.4 m."""
+"""Least distance between consecutive goals (m); a tight circle at 10 km/h has 1.4 m radius."""
 
 
 def random_goals(
     count: int, field: float, start: Point2D, rng: np.random.Generator, nearest: float = NEAREST
 ) -> list[Point2D]:
-    """Return goals drawn evenly from a square around the start, each some way from the one before.
+    """Draw goals uniformly from a square around the start, each at a distance from the last.
 
     Args:
-        count: how many.
-        field: m, side of the square.
+        count: number of goals.
+        field: side of the square, m.
         start: m, its centre, which the first goal keeps away from too.
-        rng: source of the draws; the same one gives the same goals.
+        rng: generator; the same state gives the same goals.
         nearest: m, least distance between a goal and the one before.
 
     Raises:
-        ValueError: when the square is too small for that distance, or a number is out of range.
+        ValueError: if the square is too small for that distance, or a number is out of range.
     """
     if count < 1:
         raise ValueError(f"a ride needs at least one goal, not {count}")
@@ -97,7 +97,7 @@ def _yaml_items(path: Path, text: str) -> list[tuple[str, Any]]:
 
 
 def _point(path: Path, where: str, item: Any) -> Point2D:
-    """One waypoint as numbers."""
+    """Return one waypoint as numbers."""
     pair: Any = [item.get("x"), item.get("y")] if isinstance(item, dict) else item
     try:
         x, y = (float(value) for value in pair)

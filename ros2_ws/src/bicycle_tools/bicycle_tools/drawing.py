@@ -1,4 +1,4 @@
-"""What every picture of a ride has in common: its colours, its style, and the ride's time."""
+"""Common elements of pictures of a ride: colours, style, and the time axis."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 
 def ride_time(log: RideLog) -> Floats:
-    """Return s of simulated time since the start, (n,) for the states, going on through resets."""
+    """Return the states' simulated time since the start, s, (n,); it continues over resets."""
     if not len(log.segment):
         return np.empty(0)
     elapsed = np.diff(log.states["header.stamp"])

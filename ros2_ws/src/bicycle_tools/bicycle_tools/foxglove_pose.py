@@ -1,4 +1,4 @@
-"""Poses as Foxglove's panels publish them in JSON, checked before they become a message."""
+"""Poses in JSON, as Foxglove's panels publish them, checked before they become messages."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import math
 from typing import Any, NamedTuple
 
 MOST_BYTES = 4096
-"""Of a pose: one with a covariance has some 1500."""
+"""Largest size of a pose (bytes): one with a covariance has about 1500."""
 
 
 class ClientPose(NamedTuple):
-    """Where a client points to: frame, position in m, orientation as a quaternion."""
+    """Pose from a client: frame, position in m, orientation as a quaternion."""
 
     frame: str
     position: tuple[float, float, float]
@@ -21,11 +21,11 @@ class ClientPose(NamedTuple):
 def parse_pose(data: bytes) -> ClientPose:
     """Read a geometry_msgs PoseStamped, or PoseWithCovarianceStamped, in JSON.
 
-    The stamp is left out, as its fields are called otherwise by ROS 1, ROS 2 and Foxglove, and
-    nothing goes by it; the covariance too, as the simulated truth has none.
+    The stamp is ignored, because ROS 1, ROS 2 and Foxglove name its fields differently and nothing
+    needs it; so is the covariance, because the simulated ground truth has none.
 
     Raises:
-        ValueError: when it is none, or a number is not finite; the text is one line.
+        ValueError: if it is not one, or a number is not finite; the text is one line.
     """
     if len(data) > MOST_BYTES:
         raise ValueError(f"it has {len(data)} bytes, more than a pose needs ({MOST_BYTES})")

@@ -1,4 +1,4 @@
-"""What can be set on the server for Foxglove; no ROS here."""
+"""Parameters of the server for Foxglove; no ROS here."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ LOOPBACK = ("127.0.0.1", "localhost", "::1")
 
 @dataclass(frozen=True)
 class FoxgloveSettings:
-    """The server's ROS parameters."""
+    """ROS parameters of the server."""
 
     host: str = parameter(
         "127.0.0.1", "address to listen on; anything but loopback lets other machines in"

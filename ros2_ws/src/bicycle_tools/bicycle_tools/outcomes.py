@@ -1,4 +1,4 @@
-"""What became of each goal, from the status messages of one ride."""
+"""Outcome of each goal, from the status messages of one ride."""
 
 from __future__ import annotations
 
@@ -10,42 +10,42 @@ from bicycle_tools.recorded_here import OPEN
 from bicycle_tools.ride_log import Columns
 
 DECIDED = (Status.REACHED, Status.MISSED, Status.GIVEN_UP, Status.FALLEN)
-"""What a controller makes of a goal by itself; anything else leaves it to be ridden to again."""
+"""Final statuses set by the controller; a goal with any other may be pursued again."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One goal as it ended."""
+    """Outcome of one goal."""
 
     position: Point2D
     status: Status
     straight: float
-    """m along the straight line that were to be ridden; NaN if it never became active."""
+    """Length of the straight line to the goal, m; NaN if it never became active."""
     path_length: float
-    """m ridden to it."""
+    """Distance ridden to it, m."""
     elapsed: float
-    """s of simulated time on the way to it."""
+    """Simulated time of the pursuit, s."""
     known_at: float = float("nan")
-    """s, log time of the last word on it; NaN where the columns have none."""
+    """Log time of its last status, s; NaN if the columns have none."""
     place: int = -1
-    """Place of that word in the bag's recorded order; -1 where the columns have none."""
+    """Place of that status in the bag's recorded order; -1 if the columns have none."""
     message: str = ""
-    """That word, for a person."""
+    """Message of that status."""
     begun_before: bool = False
-    """True if it was under way when the recording began: the numbers count from before."""
+    """True if it was active when the recording began: its numbers count from before."""
 
 
 def outcomes(statuses: Columns) -> list[Outcome]:
-    """Return the goals of a ride in the order they were taken, each once.
+    """Return the goals of a ride in the order of acceptance, each once.
 
-    A goal that was still open when the controller died or the bicycle fell, and that was sent
-    again, counts once, as it ended at last.
+    A goal that was open when the controller died or the bicycle fell, and was sent again, counts
+    once, with its final outcome.
 
     Args:
         statuses: columns of GoalStatus.
     """
     goals: dict[tuple[int, int], Outcome] = {}
-    life = 0  # a controller that is started anew counts goals from 1 again
+    life = 0  # a restarted controller counts goals from 1 again
     for row in range(len(statuses.get("status", ()))):
         status = Status(int(statuses["status"][row]))
         if status is Status.REJECTED:
@@ -56,14 +56,14 @@ def outcomes(statuses: Columns) -> list[Outcome]:
         if known and status in OPEN and (known.status not in OPEN or known.position != position):
             life, known = life + 1, None
         goals[life, number] = _update(known, position, status, statuses, row)
-    # Waiting goals are announced before the first one becomes active: put them in their order.
+    # Waiting goals are announced before the first one becomes active: sort them.
     return _without_resent([goals[key] for key in sorted(goals)])
 
 
 def _update(
     known: Outcome | None, position: Point2D, status: Status, statuses: Columns, row: int
 ) -> Outcome:
-    """Return the goal after one more status message."""
+    """Return the goal updated with one more status message."""
     distance = float(statuses["distance"][row])
     straight = distance if status is Status.ACTIVE else known.straight if known else float("nan")
     if status is Status.REACHED and not (known and known.status is Status.REACHED):
@@ -85,7 +85,7 @@ def _update(
 
 
 def _without_resent(goals: list[Outcome]) -> list[Outcome]:
-    """Leave out those that were left open and sent again later."""
+    """Drop goals that were left open and sent again later."""
     kept: list[Outcome] = []
     later: set[Point2D] = set()
     for goal in reversed(goals):

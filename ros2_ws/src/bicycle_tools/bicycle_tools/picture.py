@@ -1,4 +1,4 @@
-"""A ride as a picture: the track with its goals, and what lean, steering and commands did."""
+"""Picture of a ride: the track with its goals, and lean, steering and commands over time."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def draw_ride(log: RideLog, path: Path) -> None:
 
 
 def _strips(strips: list[Axes], log: RideLog, time: Floats) -> None:
-    """Lean, steering, commands and distance over time."""
+    """Draw lean, steering, commands and distance over time."""
     lean, steer, command, distance = strips
     states = log.states
     _line(lean, time, np.degrees(states["lean_angle"]), LEAN, "lean (°)")
@@ -64,7 +64,7 @@ def _line(axes: Axes, time: Floats, values: Floats, colour: str, label: str) -> 
 
 
 def _mark_goals(axes: Axes, log: RideLog, time: Floats) -> None:
-    """A thin upright line wherever the goal changes."""
+    """Draw a thin vertical line at every change of the goal."""
     place = np.stack([log.states["goal.x"], log.states["goal.y"]], axis=1)
     changed = (np.diff(place, axis=0) != 0).any(axis=1) & np.isfinite(place[1:]).all(axis=1)
     for row in np.flatnonzero(changed):
@@ -94,7 +94,7 @@ def _applied(log: RideLog) -> tuple[Floats, Floats] | None:
 
 
 def _title(figure: Figure, summary: RideSummary) -> None:
-    """One line with what matters."""
+    """Write the main numbers in one line."""
     falls = {0: "no fall", 1: "1 fall"}.get(summary.falls, f"{summary.falls} falls")
     parts = [
         f"{summary.reached} of {summary.goals} goals",

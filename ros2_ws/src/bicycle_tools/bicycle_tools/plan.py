@@ -1,4 +1,4 @@
-"""The goals of a ride and how far it has come; what to send again after a mishap."""
+"""Goals of a ride and their progress; which ones to send again after a failure."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from bicycle_tools.outcomes import DECIDED
 
 @dataclass
 class Plan:
-    """Goals that are ridden to one after the other, each decided once.
+    """Goals pursued one after another, each decided once.
 
     Attributes:
         goals: m, all of them in order.
-        results: what became of the first ones.
+        results: statuses of the decided ones.
     """
 
     goals: list[Point2D]
@@ -23,12 +23,12 @@ class Plan:
 
     @property
     def remaining(self) -> list[Point2D]:
-        """Goals that are still to be ridden to, the present one first."""
+        """Goals that are not decided yet, the current one first."""
         return self.goals[len(self.results) :]
 
     @property
     def number(self) -> int:
-        """The present goal's number, from 1; that of the last one when all are decided."""
+        """Number of the current goal, from 1; that of the last one if all are decided."""
         return min(len(self.results) + 1, len(self.goals))
 
     @property
@@ -41,7 +41,7 @@ class Plan:
 
         Args:
             position: m, of the goal.
-            status: what became of it.
+            status: new status of the goal.
 
         Returns:
             The number of the goal that this decides; None if it decides none.

@@ -1,4 +1,4 @@
-"""How often messages come, and how evenly."""
+"""Rate of messages and its regularity."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections import deque
 import numpy as np
 
 WINDOW = 1000
-"""Newest arrivals that count."""
+"""Number of latest arrivals that count."""
 
 
 class Rate:
@@ -36,7 +36,7 @@ class Rate:
         return float(1.0 / periods.mean()) if len(periods) and periods.sum() > 0 else float("nan")
 
     def __str__(self) -> str:
-        """One line for a person."""
+        """Return the rate as one line."""
         if len(self._times) < 2:
             return f"{self.count} messages so far"
         periods = 1e3 * np.diff(self._times)

@@ -32,7 +32,7 @@ EVALUATED = (
 def is_better(comparison: dict[str, Any]) -> bool:
     """Return True if the first policy of `bicycle evaluate --against` is the better one.
 
-    It reaches more goals less falls, or as many and does better in more rides than the other.
+    It reaches more goals minus falls, or equally many and does better in more rides.
     """
     new, old = comparison, comparison["against"]
     gain = (new["reach_rate"] - new["fall_rate"]) - (old["reach_rate"] - old["fall_rate"])
@@ -72,7 +72,7 @@ def _short(text: str) -> str:
 
 
 def main() -> None:
-    """Print the table of a circle's folder; exit with 0 if the new policy is better."""
+    """Print the table of a folder; exit with 0 if the new policy is better."""
     folder = Path(sys.argv[1])
     names = ("before/summary.json", "after/summary.json", "comparison.json")
     before, after, comparison = (json.loads((folder / name).read_text()) for name in names)

@@ -1,7 +1,7 @@
-"""Which messages a recording holds of what was sent before it, or by who did not drive.
+"""Filter messages of a bag that were sent before the recording, or by an idle controller.
 
-A topic that is latched (transient local) gives a recorder that comes in mid-session what was
-sent before it came. Two controllers that run at once both answer each state, and only one drives.
+A latched (transient local) topic delivers older messages to a recorder that joins in mid-session.
+Two controllers that run at once both answer each state, and only one drives.
 """
 
 from __future__ import annotations
@@ -17,24 +17,24 @@ from bicycle_controller.control.goals import Status
 Columns = Mapping[str, NDArray[Any]]
 
 SLACK = 0.1
-"""s before the first message of a bag in which a message still counts as sent during it."""
+"""Time before a bag's first message at which a message still counts as sent during it (s)."""
 OTHER_CLOCK = 1.0
-"""s that a message may have been sent after it was received; more means a clock was set back."""
+"""Longest time between sending and receiving (s); more means that a clock was set back."""
 OPEN = (Status.QUEUED, Status.ACTIVE)
-"""States of a goal that is not over."""
+"""Statuses of a goal that is not over."""
 
 
 def sent_before(columns: Columns, begun: float, commands: Columns) -> NDArray[np.bool_]:
-    """Which messages were sent before a recording began.
+    """Return which messages were sent before a recording began.
 
     Args:
         columns: (n,) messages of a latched topic, with `log_time` and `publish_time`, s.
         begun: s, log time of the bag's first message in recorded order.
-        commands: messages of the same controller that are not latched: they tell how far its
-            clock is from the recorder's.
+        commands: messages of the same controller that are not latched: they show the difference of
+            its clock to the recorder's.
 
     Returns:
-        (n,) truth; all false where the bag does not tell when messages were sent.
+        (n,) bool; all False if the bag does not contain sending times.
     """
     logged = columns["log_time"]
     name = _sending_time(columns, commands)
@@ -45,15 +45,15 @@ def sent_before(columns: Columns, begun: float, commands: Columns) -> NDArray[np
     if high - low > OTHER_CLOCK:
         return np.zeros(len(logged), dtype=bool)
     sent = columns[name] + usual
-    # A clock that is set back in mid-ride makes later messages seem older than the bag: those
-    # were received before its beginning, too.
+    # A clock that is set back in mid-ride makes later messages seem older than the bag: those have
+    # an earlier time of receipt, too.
     return ((sent < begun - SLACK) & (begun <= logged + SLACK)) | (sent > logged + OTHER_CLOCK)
 
 
 def _sending_time(columns: Columns, commands: Columns) -> str:
-    """Return the column that tells when a message was sent; "" where none does.
+    """Return the column with the sending time; "" without one.
 
-    Recorders before Jazzy write the time of receiving for both times.
+    Recorders before Jazzy write the time of receipt for both times.
     """
     if (columns["publish_time"] != columns["log_time"]).any():
         return "publish_time"
@@ -70,8 +70,8 @@ def goals_of_recording(statuses: Columns, begun: float, commands: Columns) -> Co
 
     Returns:
         The statuses without repetitions and without goals that were over before the recording.
-        Of a goal that was waiting or under way then, its last status stays. A column `before`
-        tells which rows were sent before the recording.
+        A goal that was waiting or active then keeps its last status. A column `before` tells
+        which rows were sent before the recording.
     """
     if not len(statuses.get("status", ())):
         return statuses
@@ -94,7 +94,7 @@ def goals_of_recording(statuses: Columns, begun: float, commands: Columns) -> Co
 
 
 def _first_sent(statuses: Columns) -> list[int]:
-    """Return rows without those that a recorder heard again because it subscribed anew."""
+    """Return the rows without repetitions due to a recorder's new subscription."""
     seen: set[tuple[Any, ...]] = set()
     rows = []
     names = ("publish_time", "goal_id", "status", "position.x", "position.y")
@@ -106,16 +106,16 @@ def _first_sent(statuses: Columns) -> list[int]:
 
 
 def driving(commands: Columns, states: Columns) -> NDArray[np.bool_]:
-    """Which commands are those of the controller that drove.
+    """Return which commands are those of the controller that drove.
 
     Args:
         commands: columns of BicycleCommand, (n,).
         states: columns of BicycleState.
 
     Returns:
-        (n,) truth; false for the answer to a state that another controller answered, too, and
-        whose successor names that other one. Where a state has no successor, who drove last
-        is taken to drive.
+        (n,) bool; False for the answer to a state that another controller answered, too, and
+        whose successor names that other one. If a state has no successor, the last driver is
+        assumed.
     """
     if not len(commands.get("step", ())) or not len(states["step"]):
         return np.ones(len(commands.get("step", ())), dtype=bool)
@@ -136,7 +136,7 @@ def driving(commands: Columns, states: Columns) -> NDArray[np.bool_]:
 
 
 def _drivers(states: Columns) -> dict[tuple[int, int], str]:
-    """For each step answered, the controller that the next state names, if it names one."""
+    """Return for each answered step the controller that the next state names, if any."""
     return {
         (episode, step - 1): name
         for episode, step, name in zip(

@@ -1,4 +1,4 @@
-"""What a summary, a picture and a verification need of a bag, as numpy columns."""
+"""Data of a bag for a summary, a picture and a verification, as numpy columns."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ GOAL_STATUS = topic_names.in_bag(topic_names.GOAL_STATUS)
 EPISODE = topic_names.in_bag(topic_names.EPISODE)
 PUSHED = topic_names.in_bag(topic_names.PUSHED)
 READ = (STATE, COMMAND, TIMING, GOAL_STATUS, EPISODE)
-"""Topics that a ride is read from, in the bicycle's namespace."""
+"""Topics of a ride, in the bicycle's namespace."""
 RIDDEN = (STATE, COMMAND, TIMING)
-"""Those that are not latched: a bag that has none of them holds no ride."""
+"""Topics that are not latched: a bag without any of them contains no ride."""
 
 
 @dataclass(frozen=True)
@@ -40,19 +40,19 @@ class RideLog:
     states: Columns
     """BicycleState; each step once, see `distinct`."""
     commands: Columns
-    """BicycleCommand; without answers of a controller that ran beside the one that drove."""
+    """BicycleCommand; without answers of a controller that ran beside the driving one."""
     timing: Columns
     statuses: Columns
     """GoalStatus, of the goals of this recording alone; see `goals_of_recording`."""
     episodes: Columns
     segment: NDArray[np.intp]
-    """(n,) of `states`: which unbroken ride each belongs to, from 0; a reset begins the next."""
+    """(n,) of `states`: number of the unbroken ride of each, from 0; a reset begins the next."""
     message_count: int
-    """Of all topics of the bag."""
+    """Number of messages of all topics of the bag."""
     idle_commands: int = 0
-    """Commands of controllers that ran beside the one that drove."""
+    """Number of commands of controllers that ran beside the driving one."""
     old_statuses: int = 0
-    """Goal statuses from before the recording, about goals that were over by then."""
+    """Number of goal statuses from before the recording, about goals that were over by then."""
 
 
 def read_ride(path: Path | str) -> RideLog:
@@ -62,21 +62,21 @@ def read_ride(path: Path | str) -> RideLog:
         path: bag directory or MCAP file.
 
     Raises:
-        BagError: when it cannot be read, or holds no bicycle or more than one.
+        BagError: if it cannot be read, or holds no bicycle or more than one.
     """
     reader = BagReader(path)
     return load_ride(reader, prefix_of(reader))
 
 
 def load_ride(reader: BagReader, prefix: str) -> RideLog:
-    """Load one bicycle's ride from an open bag, whichever of its topics are there.
+    """Load one bicycle's ride from an open bag, with any subset of its topics.
 
     Args:
         reader: the bag.
         prefix: namespace of the bicycle, such as "" or "/red".
 
     Raises:
-        BagError: when what the bag has of them cannot be read.
+        BagError: if the bag's messages of them cannot be read.
     """
     there = [name for name in READ if prefix + name in reader.topics]
     loaded = load_topics(reader, [prefix + name for name in there])
@@ -106,7 +106,7 @@ def begun(reader: BagReader) -> float:
 
 
 def _no_states() -> tuple[Columns, NDArray[np.intp]]:
-    """Return the columns of any name without a row, and their segments."""
+    """Return empty columns of any name, and their segments."""
     return defaultdict(lambda: np.empty(0)), np.empty(0, dtype=np.intp)
 
 
@@ -128,7 +128,7 @@ def no_bicycle(reader: BagReader) -> BagError:
 
 
 def distinct(states: Columns) -> tuple[Columns, NDArray[np.intp]]:
-    """Each step once, as a state is published again while the bicycle is held.
+    """Return each step once; a state is published again while the bicycle is held.
 
     Args:
         states: columns of BicycleState with `episode` and `step`.

@@ -1,4 +1,4 @@
-"""From a bag to what a ride leaves behind: numbers, picture, one screen of text."""
+"""Results of a ride from its bag: numbers, picture, and a screen of text."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ def report(bag: Path, folder: Path, events: Sequence[str] = ()) -> tuple[RideSum
 
     Args:
         bag: bag directory; one that was cut short is repaired first.
-        folder: where the two go.
-        events: one line for each thing that happened to the processes, which no bag can tell.
+        folder: for the two files.
+        events: one line per event of the processes, which a bag does not contain.
 
     Returns:
         The summary, and its text for the screen.
 
     Raises:
-        BagError: when the bag cannot be read or holds no state of a bicycle.
+        BagError: if the bag cannot be read or holds no state of a bicycle.
     """
     log = _read(bag)
     if not len(log.states["step"]):
@@ -39,7 +39,7 @@ def report(bag: Path, folder: Path, events: Sequence[str] = ()) -> tuple[RideSum
 
 
 def _read(bag: Path) -> RideLog:
-    """Return the ride, after a repair if its recorder was cut off."""
+    """Read the ride, after a repair if its recorder was cut off."""
     try:
         return read_ride(bag)
     except BagError:

@@ -1,4 +1,4 @@
-"""The numbers of a ride, from nothing but its bag."""
+"""Numbers of a ride, from its bag alone."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Quantiles:
-    """How a duration is spread, s; NaN where nothing was measured."""
+    """Distribution of a duration, s; NaN if nothing was measured."""
 
     p50: float
     p99: float
@@ -40,7 +40,7 @@ class Quantiles:
 
 @dataclass(frozen=True)
 class Loop:
-    """How punctual the simulator and how quick the controller was."""
+    """Punctuality of the simulator and speed of the controller."""
 
     lockstep: bool
     rate: float
@@ -48,19 +48,19 @@ class Loop:
     jitter: Quantiles
     """|period - median period|."""
     lateness: Quantiles
-    """After the step was due; NaN in lock-step."""
+    """Delay after the step was due; NaN in lock-step."""
     latency: Quantiles
-    """From publishing a state to receiving the command that answers it."""
+    """Time from publishing a state to receiving the command that answers it."""
     late_steps: int
     dropped_steps: int
     held_steps: int
-    """Steps under an older command."""
+    """Number of steps under an older command."""
     zero_steps: int
-    """Steps without any."""
+    """Number of steps without any command."""
     watchdog_events: int
-    """Times that commands stopped coming."""
+    """Number of times that commands stopped."""
     lost_steps: int
-    """Steps that are missing in the bag."""
+    """Number of steps missing in the bag."""
 
 
 @dataclass(frozen=True)
@@ -74,27 +74,27 @@ class RideSummary:
     falls: int
     episodes: int
     ridden_time: float
-    """s of simulated time."""
+    """Simulated time, s."""
     path_length: float
-    """m, of the rear contact."""
+    """Path length of the rear contact, m."""
     path_ratio: float
-    """Path over straight line, of the goals reached that were ridden to from their beginning;
+    """Path over straight line, of the goals reached that were recorded from their beginning;
     NaN without one."""
     mean_speed: float
     """m/s."""
     peak_lean: float
     """rad."""
     policies: tuple[str, ...]
-    """Ids of the policies that rode."""
+    """Ids of the policies that controlled the bicycle."""
     loop: Loop
     messages: int
-    """In the bag."""
+    """Number of messages in the bag."""
     decided: int = 0
-    """Goals that were reached, missed, given up, or lost by a fall."""
+    """Number of goals that were reached, missed, given up, or lost by a fall."""
     open: int = 0
-    """Goals that were waiting or under way when the recording ended."""
+    """Number of goals that were waiting or active when the recording ended."""
     begun_before: int = 0
-    """Goals that were under way when the recording began."""
+    """Number of goals that were active when the recording began."""
 
     @property
     def perfect(self) -> bool:
@@ -102,7 +102,7 @@ class RideSummary:
         return self.falls == 0 and self.reached == self.goals > 0
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON; what was not measured is None."""
+        """Return plain data for JSON; a value that was not measured is None."""
         plain = _without_nan(asdict(self))
         assert isinstance(plain, dict)
         return plain
@@ -161,13 +161,13 @@ def summarise_loop(log: RideLog) -> Loop:
 
 
 def path_length(states: Columns, segment: NDArray[np.intp]) -> float:
-    """Return m that the rear contact rode; a reset's jump does not count."""
+    """Return the path length of the rear contact, m, without the jumps of resets."""
     legs = np.hypot(np.diff(states["rear_contact.x"]), np.diff(states["rear_contact.y"]))
     return float(legs[np.diff(segment) == 0].sum())
 
 
 def path_ratio(goals: Iterable[Outcome]) -> float:
-    """Return path over straight line, of the goals reached: 1 is as the crow flies."""
+    """Return the path over the straight line, of the goals reached; 1 is a straight ride."""
     reached = [
         goal
         for goal in goals
@@ -185,7 +185,7 @@ def _ridden_time(states: Columns, segment: NDArray[np.intp]) -> float:
 
 
 def _rises(flag: NDArray[np.bool_], segment: NDArray[np.intp]) -> int:
-    """How often a flag became true; what is true at a segment's first state counts too."""
+    """Count how often a flag became True, including at a segment's first state."""
     if not len(flag):
         return 0
     risen = flag.copy()
@@ -198,20 +198,20 @@ def _floats(columns: Columns, name: str) -> Floats:
 
 
 def late_steps(timing: Columns) -> int:
-    """Return the steps of a recording that began later than half a period."""
+    """Return the number of recorded steps that began later than half a period."""
     return _counted(timing, "late_steps", lambda lateness, period: int(lateness > 0.5 * period))
 
 
 def dropped_steps(timing: Columns) -> int:
-    """Return whole periods that were skipped during a recording."""
+    """Return the number of whole periods that were skipped during a recording."""
     return _counted(timing, "dropped_steps", lambda lateness, period: int(lateness // period))
 
 
 def _counted(columns: Columns, name: str, own: Callable[[float, float], int]) -> int:
-    """What a counter of LoopTiming counted during a recording.
+    """Return the increase of a counter of LoopTiming during a recording.
 
-    The counter begins at zero when the simulator does, so a recording that begins later finds
-    it above zero, and it begins at zero again with a new simulator.
+    The counter starts at zero with the simulator, so a recording that begins later finds it above
+    zero, and it restarts at zero with a new simulator.
 
     Args:
         columns: of LoopTiming.
@@ -229,7 +229,7 @@ def _counted(columns: Columns, name: str, own: Callable[[float, float], int]) ->
 
 
 def _usual(timing: Columns) -> float:
-    """Return s, the median period; NaN where none was measured."""
+    """Return the median period, s; NaN if none was measured."""
     period = _floats(timing, "period")
     known = period[np.isfinite(period)]
     return float(np.median(known)) if len(known) else np.nan

@@ -9,7 +9,7 @@ from bicycle_tools.summary import Quantiles, RideSummary
 
 
 def render(summary: RideSummary, events: Sequence[str] = ()) -> str:
-    """Return the summary as a person reads it, with what happened to the processes."""
+    """Return the summary as text for the user, with the events of the processes."""
     lines = [*rows(summary), *(("event", event) for event in events)]
     width = max(len(name) for name, _ in lines)
     return "\n".join(f"  {name:<{width}}  {value}" for name, value in lines)

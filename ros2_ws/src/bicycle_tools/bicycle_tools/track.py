@@ -1,4 +1,4 @@
-"""The way of a ride over the plane, with its goals, starts and falls."""
+"""Track of a ride over the plane, with its goals, starts and falls."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from bicycle_tools.outcomes import Outcome, outcomes
 from bicycle_tools.ride_log import RideLog
 
 GOAL_RADIUS = 1.0
-"""m around the rear contact (errata row 26)."""
+"""Radius of a goal around the rear contact, m (errata row 26)."""
 MOST_POINTS = 8000
-"""Of the track; more cannot be told apart, and make a drawing of vectors slow."""
+"""Largest number of points of the track; more cannot be seen, and slow down vector graphics."""
 MOST_COLOURS = 250
 _COLOURS = {Status.REACHED: REACHED, Status.ACTIVE: FAINT, Status.QUEUED: FAINT}
 
 
 def draw_track(figure: Figure | SubFigure, axes: Axes, log: RideLog) -> None:
-    """Draw the rear contact's way, coloured by speed or time, with all that happened on it.
+    """Draw the rear contact's track, coloured by speed or time, with its events.
 
     Args:
-        figure: takes the scale of the colours.
+        figure: receives the colour scale.
         axes: empty ones.
-        log: the ride; one without states gives its goals alone.
+        log: the ride; without states only its goals are drawn.
     """
     for number, goal in enumerate(outcomes(log.statuses), 1):
         _goal(axes, number, goal)
@@ -77,7 +77,7 @@ def _pieces(segment: NDArray[np.intp], points: Floats) -> list[NDArray[np.intp]]
 
 
 def _colours() -> Colormap:
-    """Return Viridis without its ends, which are lost on white or on black."""
+    """Return Viridis without its ends, which are invisible on white or on black."""
     steps = mpl.colormaps["viridis"](np.linspace(0.12, 0.9, 64))
     return LinearSegmentedColormap.from_list("track", [tuple(step) for step in steps])
 
@@ -87,7 +87,7 @@ def _norm(values: Floats) -> Normalize:
 
 
 def _colouring(log: RideLog) -> tuple[Floats, str]:
-    """What colours the track: the speed where it changes, else the time."""
+    """Return the values that colour the track: the speed if it changes, else the time."""
     speed = np.asarray(log.states["speed"], dtype=np.float64)
     if np.isfinite(speed).all() and float(np.ptp(speed)) > 0.05:
         return speed, "speed (m/s)"
@@ -95,7 +95,7 @@ def _colouring(log: RideLog) -> tuple[Floats, str]:
 
 
 def _goal(axes: Axes, number: int, goal: Outcome) -> None:
-    """One goal with its true radius."""
+    """Draw one goal with its true radius."""
     if not np.isfinite(goal.position).all():
         return
     colour = _COLOURS.get(goal.status, FAILED)
@@ -113,7 +113,7 @@ def _goal(axes: Axes, number: int, goal: Outcome) -> None:
 
 
 def _start_and_falls(axes: Axes, log: RideLog) -> None:
-    """A triangle in the direction of each start, a cross where the bicycle fell."""
+    """Draw a triangle in the direction of each start, a cross at each fall."""
     states = log.states
     for row in np.flatnonzero(np.diff(log.segment, prepend=-1)):
         turn = np.degrees(np.nan_to_num(states["heading"][row])) - 90.0

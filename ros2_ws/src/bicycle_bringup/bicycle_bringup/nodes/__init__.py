@@ -1,1 +1,1 @@
-"""The ROS 2 side of the ride; the only place in this package that imports rclpy."""
+"""ROS 2 side of the ride; the only folder of this package that imports rclpy."""

@@ -1,7 +1,7 @@
 """`ride.sh`: three processes, a series of goals, and the summary of the bag.
 
-The ride owns its processes: it starts them, watches them, starts a dead controller again, and
-ends them in an order that leaves the bag whole.
+The ride owns its processes: it starts them, watches them, restarts a dead controller, and stops
+them in an order that keeps the bag complete.
 """
 
 from __future__ import annotations
@@ -35,36 +35,36 @@ from bicycle_tools.ride_report import report
 from bicycle_tools.summary import RideSummary
 
 DISCOVERY = 0.5
-"""s for nodes of this machine to be seen."""
+"""Time to discover nodes of this machine (s)."""
 GHOSTS = 4.0
-"""s after which a killed node is off the list of what there is."""
+"""Time until a killed node disappears from the list of nodes (s)."""
 READY_TIMEOUT = 30.0
-"""s for a node to come up."""
+"""Longest start of a node (s)."""
 BACK_OFF = 1.0
-"""s between a controller's death and its next start."""
+"""Delay between a controller's death and its restart (s)."""
 MOST_DEATHS = 5
 """Deaths without a goal decided in between after which a controller is given up."""
 STALL = 20.0
-"""s without a step after which a ride is given up."""
+"""Time without a step after which a ride is given up (s)."""
 ECHO = 2.0
-"""s for a controller to say what it does with a goal; then the goal is sent again."""
+"""Time for a controller to confirm a goal before it is sent again (s)."""
 LIE_DOWN = 0.5
-"""s that a fallen bicycle lies before it is put up again, so that the bag shows it."""
+"""Time for which a fallen bicycle lies before the reset (s), so that the bag shows it."""
 TOLD = 10.0
-"""s to wait at most for the controller's diagnostics, which come once a second."""
+"""Longest wait for the controller's diagnostics (s), which come once a second."""
 
 
 class RideError(Exception):
-    """Why a ride cannot go on; its text is one line with the remedy."""
+    """Why a ride cannot continue; its text is one line with the remedy."""
 
 
 class Ride:
-    """One ride from the first process to the last.
+    """One ride, from the first process to the last.
 
     Attributes:
         events: lines about what happened to processes.
         interrupted: set by SIGINT, SIGTERM or SIGHUP.
-        begun: whether goals have been sent.
+        begun: True once goals have been sent.
     """
 
     def __init__(self, options: RideOptions, rider: RideClient) -> None:
@@ -74,7 +74,7 @@ class Ride:
         self._options = options
         self._rider = rider
         commands = {name: options.command(name) for name in MODULES}
-        # A name of its own, for there may be other recorders, and some that were killed.
+        # A unique name, because there may be other recorders, and killed ones.
         self._recorder = f"{RECORDER}_{os.getpid()}"
         commands["recorder"] += ["--ros-args", "-r", f"__node:={self._recorder}"]
         saves = {"recorder": str(options.folder / "bag")}
@@ -86,7 +86,7 @@ class Ride:
         self._stepped = time.monotonic()
         self._sent = math.inf
         self._fell: float | None = None
-        # One at a time where nobody knows how many there will be.
+        # Draw one at a time if their number is unknown.
         self._batch = 1 if options.minutes else options.goals
         goals = 0 if options.minutes else options.goals
         self._display = Display(goals, 60.0 * options.minutes)
@@ -100,7 +100,7 @@ class Ride:
         """Start everything and ride until the goals are decided or the time is over.
 
         Raises:
-            RideError: when a process dies that cannot be replaced, or nothing moves any more.
+            RideError: if a process dies that cannot be replaced, or the bicycle stands still.
         """
         self._look_around()
         self._crew.start()
@@ -120,7 +120,7 @@ class Ride:
         self._hear_out()
 
     def close(self) -> list[str]:
-        """End the processes: the recorder last, so that it hears the others' last words.
+        """Stop the processes: the recorder last, so that it records the others' last messages.
 
         Returns:
             A line about each that did not end well.
@@ -131,11 +131,11 @@ class Ride:
 
     @property
     def recording(self) -> bool:
-        """True if the recorder still writes, left to do so alone."""
+        """True if the recorder is still writing on its own."""
         return self._crew.left
 
     def all_reached(self, summary: RideSummary) -> bool:
-        """Return True if the bag shows that everything asked for was ridden to."""
+        """Return True if the bag shows that all requested goals were reached."""
         if self._options.minutes:
             return self._over() and summary.missed == summary.given_up == 0 < summary.reached
         return summary.reached == self._options.goals
@@ -146,10 +146,10 @@ class Ride:
         return self._plan.finished
 
     def _look_around(self) -> None:
-        """Begin only where nobody else rides.
+        """Refuse to start if somebody else rides.
 
         Raises:
-            RideError: when somebody does; one that was killed is forgotten after some seconds.
+            RideError: if somebody does; a killed node is forgotten after some seconds.
         """
         self._display.waiting("others to show themselves")
         began = time.monotonic()
@@ -170,7 +170,7 @@ class Ride:
         """Wait until a node is ready.
 
         Raises:
-            RideError: when it is not in time, or ends.
+            RideError: if it is not ready in time, or ends.
         """
         self._display.waiting(f"the {name}")
         deadline = time.monotonic() + READY_TIMEOUT
@@ -184,19 +184,19 @@ class Ride:
                 raise RideError(f"{name} is not ready after {READY_TIMEOUT:g} s: {last}")
 
     def _send(self) -> None:
-        """Send the goals that come next."""
+        """Send the next goals."""
         goals = self._plan.remaining[: self._batch]
         if goals:
             self._rider.send(goals)
             self._sent = time.monotonic()
 
     def _take_changes(self) -> None:
-        """Follow what becomes of the goals."""
+        """Process the goals' changes."""
         while self._rider.changes:
             change = self._rider.changes.popleft()
             position = (change.position.x, change.position.y)
             if not self._plan.finished and position == self._plan.remaining[0]:
-                self._sent = math.inf  # it has been heard
+                self._sent = math.inf  # the controller has confirmed it
             number = self._plan.take(position, Status(change.status))
             if number is None:
                 continue
@@ -210,7 +210,7 @@ class Ride:
             self._send()
 
     def _hear_out(self) -> None:
-        """Wait for the controller's diagnostics: a ride may be over before the first."""
+        """Wait for the controller's diagnostics: a short ride may end before the first."""
         deadline = time.monotonic() + TOLD
         while not self.interrupted and not self._rider.policy_judged:
             if time.monotonic() > deadline:
@@ -219,16 +219,16 @@ class Ride:
         self._take_warnings()
 
     def _take_warnings(self) -> None:
-        """Keep what the controller warns of for the summary."""
+        """Keep the controller's warnings for the summary."""
         for line in self._rider.warnings[self._warned :]:
             self._warned += 1
             self._note(line)
 
     def _check_processes(self) -> None:
-        """Replace a dead controller; any other death ends the ride.
+        """Restart a dead controller; any other death ends the ride.
 
         Raises:
-            RideError: when it does.
+            RideError: in that case.
         """
         for ended in self._crew.ended():
             respawn = self._options.respawn and self._deaths < MOST_DEATHS
@@ -249,10 +249,10 @@ class Ride:
             self._send()
 
     def _check_bicycle(self) -> None:
-        """Put a fallen bicycle up again, and notice one that stands still.
+        """Reset a fallen bicycle, and detect one that stands still.
 
         Raises:
-            RideError: when it stands still for long, or cannot be put up.
+            RideError: if it stands still for long, or cannot be reset.
         """
         state, now = self._rider.state, time.monotonic()
         if state is None:
@@ -276,7 +276,7 @@ class Ride:
             raise RideError(f"no step for {STALL:g} s: is the bicycle paused? {last}")
 
     def _show(self) -> None:
-        """Bring the progress bar up to date."""
+        """Update the progress bar."""
         done = self._rider.time if self._options.minutes else len(self._plan.results)
         self._display.show(self._plan.number, done, progress_text(self._rider.state))
 
@@ -287,7 +287,7 @@ class Ride:
 
 
 def ride(options: RideOptions) -> int:
-    """Ride and sum up; returns the exit status."""
+    """Ride and sum up; return the exit status."""
     start_tool("ride.sh")
     rider = RideClient("bicycle_ride")
     one = Ride(options, rider)
@@ -308,12 +308,12 @@ def ride(options: RideOptions) -> int:
 
 
 def _tell(line: str) -> None:
-    """One line for a person, beside the summary."""
+    """Print one line for the user, beside the summary."""
     print(f"ride.sh: {line}", file=sys.stderr, flush=True)
 
 
 def _sum_up(options: RideOptions, one: Ride, failed: bool) -> int:
-    """Print the summary of the bag; returns the exit status."""
+    """Print the summary of the bag; return the exit status."""
     if one.recording:
         print(f"ride.sh: for the summary: report.sh {options.folder} when it has ended")
         return 130
@@ -335,5 +335,5 @@ def _sum_up(options: RideOptions, one: Ride, failed: bool) -> int:
 
 
 def main() -> None:
-    """Ride as the command line says."""
+    """Ride according to the command line."""
     sys.exit(ride(parse(sys.argv[1:], workspace())))

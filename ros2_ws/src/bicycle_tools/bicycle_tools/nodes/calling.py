@@ -1,4 +1,4 @@
-"""One call of a service by a tool that has nothing else to do."""
+"""A single service call by a tool."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from bicycle_common.nodes.topics import Service
 from bicycle_common.signals import on_signals
 
 PATIENCE = 10.0
-"""s for a service to be there, and again for its answer."""
+"""Time for a service to appear, and again for its answer (s)."""
 SLICE = 0.05
 LYING = 3
-"""Exit status of a tool that finds the bicycle on the ground, or sees it fall."""
+"""Exit status of a tool if the bicycle lies, or falls."""
 NOBODY = 4
-"""Exit status of a tool that finds nobody who would do what it asks for."""
+"""Exit status of a tool if nobody offers its service."""
 
 
 class CallError(Exception):
@@ -39,7 +39,7 @@ class CallError(Exception):
 
 
 class Caller:
-    """A hidden node that calls services."""
+    """Hidden node that calls services."""
 
     def __init__(self, name: str) -> None:
         self.stopped = False
@@ -50,11 +50,11 @@ class Caller:
         self._executor.add_node(self.node)
 
     def on_signal(self, number: int, frame: FrameType | None) -> None:
-        """Ask to end."""
+        """Ask the tool to end."""
         self.stopped = True
 
     def spin_until(self, condition: Callable[[], Any], seconds: float) -> bool:
-        """Serve what comes until a condition holds, at most for some time; whether it held.
+        """Spin until a condition holds or the time is over; return True if it held.
 
         Raises:
             CallError: on a signal.
@@ -69,16 +69,16 @@ class Caller:
         return True
 
     def call(self, service: Service, request: Any, patience: float, remedy: str) -> Any:
-        """Return the answer of a service.
+        """Call a service and return its answer.
 
         Args:
             service: its name and type.
             request: of that type.
             patience: s to wait for the service, and again for its answer.
-            remedy: what to do where nobody offers it.
+            remedy: advice if nobody offers it.
 
         Raises:
-            CallError: when nobody offers it or answers, and on a signal.
+            CallError: if nobody offers it or answers, and on a signal.
         """
         client = self.node.create_client(service.type, service.name)
         name = client.service_name
@@ -115,7 +115,7 @@ def run_tool(name: str, ros: Sequence[str], act: Callable[[Caller], int]) -> int
         print(f"{name}: {error}", file=sys.stderr)
         return error.status
     except BrokenPipeError:
-        sys.stderr.close()  # the reader, such as head, has seen enough
+        sys.stderr.close()  # the reader, such as head, has closed the pipe
         return 0
     finally:
         caller.close()

@@ -1,4 +1,4 @@
-"""Messages from YAML, as `ros2 topic pub` and `ros2 service call` take them."""
+"""Messages from YAML, as `ros2 topic pub` and `ros2 service call` accept them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ WHOLE = {
     "octet": (0, 255),
     "char": (0, 255),
 }
-"""Least and largest value of each type of whole number."""
+"""Least and largest value of each integer type."""
 
 
 class FillingError(ValueError):
@@ -41,7 +41,7 @@ def filled(kind: type[Any], text: str) -> Any:
         text: a mapping such as `{position: {x: 1.0}}`; empty leaves every default.
 
     Raises:
-        FillingError: when the text is no YAML, or a value does not fit its field.
+        FillingError: if the text is not YAML, or a value does not fit its field.
     """
     try:
         values = yaml_text.load(text) if text.strip() else {}
@@ -69,7 +69,7 @@ def _fill(message: Any, values: Any, place: str) -> None:
 
 
 def _value(kind: Any, value: Any, old: Any, place: str) -> Any:
-    """Return a value as a field of that type takes it."""
+    """Return a value converted to the type of its field."""
     if isinstance(kind, AbstractNestedType):
         return _values(kind, value, place)
     if isinstance(kind, NamespacedType):

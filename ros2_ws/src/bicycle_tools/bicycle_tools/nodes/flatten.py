@@ -9,7 +9,7 @@ import numpy as np
 
 
 def flatten(message: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """The fields of a message in order.
+    """Yield the fields of a message in order.
 
     Args:
         message: a message of any type, or a value in one.
@@ -37,5 +37,5 @@ def flatten(message: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def shown(value: Any) -> str:
-    """Return a value as one reads it; floats with all their digits."""
+    """Return a value as text; floats with all their digits."""
     return str(value).lower() if isinstance(value, bool) else str(value)

@@ -1,4 +1,4 @@
-"""One topic on its way to Foxglove: its bytes and its definition, unconverted."""
+"""Relay of one topic to Foxglove: its bytes and its definition, unconverted."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from bicycle_bag.schemas import Schemas
 
 QUEUE = 100
 MOST_KEPT = 10
-"""Messages of a latched topic that a client gets which subscribes later."""
+"""Messages of a latched topic kept for clients that subscribe later."""
 
 
 class Relay:
-    """Subscribes while somebody watches.
+    """Subscribes to a topic while a client watches it.
 
     Args:
         node: that subscribes.
@@ -31,7 +31,7 @@ class Relay:
         schemas: where definitions are found.
 
     Raises:
-        BagError: the type is not installed here.
+        BagError: if the type is not installed.
     """
 
     def __init__(
@@ -51,11 +51,11 @@ class Relay:
 
     @property
     def channel_id(self) -> int:
-        """The channel's number on the server."""
+        """Number of the channel on the server."""
         return self._channel.id()
 
     def watch(self) -> None:
-        """A client has subscribed: show it what is latched, and what comes."""
+        """Start to relay for a new client: the latched messages, then new ones."""
         self._watchers += 1
         if self._subscription is None:
             self._subscribe(adapt(self._offers()))
@@ -64,13 +64,13 @@ class Relay:
                 self._channel.log(data, log_time=time.time_ns())
 
     def unwatch(self) -> None:
-        """A client has gone."""
+        """Count a client that has left."""
         self._watchers = max(0, self._watchers - 1)
         if self._watchers == 0:
             self._unsubscribe()
 
     def look(self) -> None:
-        """Subscribe anew if a publisher has come that the present subscription cannot hear."""
+        """Resubscribe if the current subscription cannot receive a new publisher."""
         offers = self._offers()
         if self._subscription is not None and offers and adapt(offers) != self._asked:
             self._unsubscribe()

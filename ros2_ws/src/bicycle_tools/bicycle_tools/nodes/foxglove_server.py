@@ -1,8 +1,8 @@
-"""`foxglove.sh`: Foxglove's own WebSocket server on the topics of the bicycle, without a bridge.
+"""`foxglove.sh`: Foxglove's WebSocket server on the topics of the bicycle, without a bridge.
 
-Topics go out as they are: CDR with their `ros2msg` definitions. What clients publish is taken in
-as a goal or a pose, checked, and published again. The server calls back from threads of its own,
-so each call is a line in a queue that the node's one thread works off.
+Topics are sent unchanged: CDR with their `ros2msg` definitions. Messages of clients are accepted
+as a goal or a pose, checked, and published again. The server calls back from its own threads, so
+each call is queued, and the node's only thread processes the queue.
 """
 
 from __future__ import annotations
@@ -47,16 +47,16 @@ from bicycle_tools.nodes.foxglove_relay import Relay
 
 NAME = "bicycle_foxglove"
 DISCOVERY = 0.5
-"""s between two looks for new topics."""
+"""Period of the search for new topics (s)."""
 MOST_WAITING = 1000
-"""Calls of the server that may wait for the node; beyond that, clients' messages are dropped."""
+"""Largest number of queued calls of the server; beyond it, clients' messages are dropped."""
 ACCEPTED = (topics.GOAL_POSE, topics.INITIAL_POSE)
-"""What clients may publish."""
+"""Topics that clients may publish."""
 HEARING = 3.0
-"""s that a client's message waits for somebody who takes it."""
+"""Time that a client's message waits for a subscriber (s)."""
 QUIET = 1.0
 MOST_COMPLAINTS = 20
-"""Lines about refused messages in QUIET s; a flood of bad ones must not become one of lines."""
+"""Lines about refused messages per QUIET seconds, so that bad messages cannot flood the log."""
 
 
 class Listener(ServerListener):
@@ -66,30 +66,30 @@ class Listener(ServerListener):
         self._put, self._node = put, node
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
-        """A client wants to see a topic."""
+        """Handle a client's subscription to a topic."""
         self._put(functools.partial(self._node.on_watch, channel.id, True))
 
     def on_unsubscribe(self, client: Client, channel: ChannelView) -> None:
-        """A client does not want it any more, or is gone."""
+        """Handle the end of a client's subscription."""
         self._put(functools.partial(self._node.on_watch, channel.id, False))
 
     def on_client_advertise(self, client: Client, channel: ClientChannel) -> None:
-        """A client wants to publish."""
+        """Handle a client's offer to publish."""
         facts = (channel.topic, channel.encoding, channel.schema_name)
         self._put(functools.partial(self._node.on_offer, (client.id, channel.id), facts))
 
     def on_client_unadvertise(self, client: Client, client_channel_id: int) -> None:
-        """A client has published enough."""
+        """Handle the end of a client's offer."""
         self._put(functools.partial(self._node.on_withdraw, (client.id, client_channel_id)))
 
     def on_message_data(self, client: Client, client_channel_id: int, data: bytes) -> None:
-        """A client publishes."""
+        """Handle a client's message."""
         key = (client.id, client_channel_id)
         self._put(functools.partial(self._node.on_data, key, bytes(data)))
 
 
 class FoxgloveServer(Node):
-    """The bicycle's topics for Foxglove, and Foxglove's goals for the bicycle."""
+    """Relays the bicycle's topics to Foxglove, and Foxglove's goals to the bicycle."""
 
     def __init__(self) -> None:
         super().__init__(NAME)
@@ -125,7 +125,7 @@ class FoxgloveServer(Node):
                 context=self._shown,
                 message_backlog_size=settings.backlog,
             )
-        except Exception as error:  # the library has no public base of its own
+        except Exception as error:  # the library's exceptions have no public base class
             reason = " ".join(str(error).split())
             raise UserError(
                 f"cannot listen on {settings.host}:{settings.port} ({reason}): choose host:= "
@@ -141,20 +141,20 @@ class FoxgloveServer(Node):
         return server
 
     def _put(self, call: Callable[[], None]) -> None:
-        """Take a call from a thread of the server."""
+        """Queue a call from a thread of the server."""
         try:
             self._calls.put_nowait(call)
             self._wake.trigger()
         except queue.Full:
-            pass  # a flood; what is in the queue already is more than a person can mean
+            pass  # a flood; the queue already holds more than a user can intend
 
     def _work(self) -> None:
-        """Make the calls that wait."""
+        """Run the queued calls."""
         for _ in range(self._calls.qsize()):
             self._calls.get_nowait()()
 
     def _look(self) -> None:
-        """Offer new topics, and hear publishers that have come."""
+        """Offer new topics, and subscribe to new publishers."""
         for name, kinds in self.get_topic_names_and_types():
             if name in self._relays:
                 self._relays[name].look()
@@ -178,13 +178,13 @@ class FoxgloveServer(Node):
             self.get_logger().warning(f"{name} is not shown: {error}")
 
     def on_watch(self, channel_id: int, watches: bool) -> None:
-        """A client has subscribed to a channel, or does not want it any more."""
+        """Handle the start or end of a client's subscription to a channel."""
         for relay in self._relays.values():
             if relay.channel_id == channel_id:
                 relay.watch() if watches else relay.unwatch()
 
     def on_offer(self, key: tuple[int, int], facts: tuple[str, str, str]) -> None:
-        """A client wants to publish: topic, encoding and type."""
+        """Handle a client's offer to publish: topic, encoding and type."""
         topic, encoding, kind = facts
         wanted = self._inputs.get(topic)
         if wanted is None:
@@ -198,13 +198,13 @@ class FoxgloveServer(Node):
             self._offers[key] = facts
 
     def on_withdraw(self, key: tuple[int, int]) -> None:
-        """A client does not publish on a channel any more."""
+        """Handle the end of a client's offer to publish on a channel."""
         self._offers.pop(key, None)
 
     def on_data(self, key: tuple[int, int], data: bytes) -> None:
-        """A client has published something: pass it on if it is right."""
+        """Check a client's message and pass it on."""
         if key not in self._offers:
-            return  # it was told when it offered
+            return  # the client was told when it offered
         topic, encoding, _ = self._offers[key]
         _, kind = self._inputs[topic]
         try:
@@ -222,7 +222,7 @@ class FoxgloveServer(Node):
         self._pass_on()
 
     def _pass_on(self) -> None:
-        """Publish what is held as soon as somebody hears it: discovery takes a moment."""
+        """Publish the held message once somebody subscribes: discovery takes some time."""
         for topic, (message, until) in list(self._held.items()):
             publisher, _ = self._inputs[topic]
             if publisher.get_subscription_count():
@@ -235,7 +235,7 @@ class FoxgloveServer(Node):
             del self._held[topic]
 
     def _complain(self, text: str) -> None:
-        """Tell the clients and the log, but only so often."""
+        """Report to the clients and the log, at a limited rate."""
         now, told = time.monotonic(), self._complaints
         if len(told) == MOST_COMPLAINTS and now - told[0] < QUIET:
             return
@@ -244,15 +244,15 @@ class FoxgloveServer(Node):
         self.get_logger().warning(text)
 
     def close(self) -> None:
-        """Let the clients go."""
+        """Disconnect the clients."""
         self._server.stop()
 
 
 def _message(kind: Any, encoding: str, data: bytes) -> Any:
-    """Return the message that a client sent.
+    """Decode the message that a client sent.
 
     Raises:
-        ValueError: when it is none.
+        ValueError: if it is not a message.
     """
     if encoding == "cdr":
         try:

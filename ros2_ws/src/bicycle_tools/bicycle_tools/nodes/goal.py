@@ -1,4 +1,4 @@
-"""`goal.sh`: send one goal or a file of them, and follow what becomes of it."""
+"""`goal.sh`: send one goal or a file of them, and follow their progress."""
 
 from __future__ import annotations
 
@@ -29,25 +29,25 @@ from bicycle_tools.nodes.ride_client import RideClient, progress_text
 from bicycle_tools.plan import Plan
 
 EXIT = {Status.REACHED: 0, Status.FALLEN: LYING, Status.MISSED: 4, Status.GIVEN_UP: 4}
-"""What goal.sh ends with for each end of a goal."""
+"""Exit status of goal.sh for each end of a goal."""
 SETTLE = 0.2
-"""s for what the controller published before to arrive: it is kept for who comes later."""
+"""Time for older messages of the controller to arrive (s): they are kept for late subscribers."""
 ACCEPT = 10.0
-"""s at most for a controller to appear and to answer."""
+"""Longest wait for a controller to appear and to answer (s)."""
 GRACE = 0.5
-"""s in which a goal that was taken away may come back: a repeated one replaces itself."""
+"""Time in which a removed goal may reappear (s): a repeated goal replaces itself."""
 REPEAT = 2.0
-"""s without an answer after which the goals are sent once more."""
+"""Time without an answer after which the goals are sent again (s)."""
 ABSENT = 10.0
-"""s without a state, or without a controller, after which nothing is waited for any more: whoever
-starts one again after a crash has done so by then."""
+"""Time without a state, or without a controller, after which the wait is given up (s); a restart
+after a crash takes less."""
 LYING_FOR = 1.0
-"""s that the bicycle may lie before the controller says what became of the goal."""
+"""Time for the controller to report the goal's end after a fall (s)."""
 LIES = "the bicycle lies: reset.sh puts it up again"
 
 
 class ErrandError(Exception):
-    """Why there is nothing to wait for; its text is one line with the remedy.
+    """Why the wait is over; its text is one line with the remedy.
 
     Args:
         status: exit status.
@@ -60,7 +60,7 @@ class ErrandError(Exception):
 
 
 class GoalClient:
-    """Brings goals to the controller, and with patience to their end."""
+    """Sends goals to the controller, and can wait for their end."""
 
     def __init__(self, rider: RideClient, goals: list[Point2D], timeout: float) -> None:
         self.stopped = False
@@ -71,14 +71,14 @@ class GoalClient:
         self._missing: dict[str, float] = {}
 
     def on_signal(self, number: int, frame: FrameType | None) -> None:
-        """Ask to end."""
+        """Ask the client to end."""
         self.stopped = True
 
     def send(self) -> None:
-        """Send the goals and wait until the controller has taken them.
+        """Send the goals and wait until the controller has accepted them.
 
         Raises:
-            ErrandError: when there is no bicycle or no controller, the bicycle lies, or the
+            ErrandError: if there is no bicycle or no controller, the bicycle lies, or the
                 controller does not answer or rejects the goals.
         """
         patience = min(self._timeout, ACCEPT)
@@ -99,10 +99,10 @@ class GoalClient:
         raise ErrandError(130, "interrupted; the goal may have been sent")
 
     def _look(self, patience: float) -> None:
-        """Wait until there is who can ride.
+        """Wait until a bicycle and a controller are present.
 
         Raises:
-            ErrandError: when there is not, or the bicycle lies.
+            ErrandError: if they are not, or the bicycle lies.
         """
         rider = self._rider
         there = self._spin_until(
@@ -126,8 +126,8 @@ class GoalClient:
             The exit status of the worst one.
 
         Raises:
-            ErrandError: when a goal takes too long, the bicycle lies, somebody else takes it
-                away, or simulator or controller are gone.
+            ErrandError: if a goal takes too long, the bicycle lies, somebody else removes it, or
+                simulator or controller are gone.
         """
         worst = 0
         with tqdm(total=len(self._plan.goals), disable=None, bar_format="{desc} {elapsed}") as bar:
@@ -150,10 +150,10 @@ class GoalClient:
                     )
 
     def _check(self) -> None:
-        """Look whether there is still something to wait for.
+        """Check that the wait still makes sense.
 
         Raises:
-            ErrandError: when there is not.
+            ErrandError: if it does not.
         """
         rider = self._rider
         fallen = rider.state is not None and rider.state.fallen
@@ -165,7 +165,7 @@ class GoalClient:
             raise ErrandError(NOBODY, f"no controller for {ABSENT:g} s: start controller.sh")
 
     def _lasts(self, what: str, holds: bool, seconds: float) -> bool:
-        """Return True if something has held for so long."""
+        """Return True if a condition has held for so long."""
         now = time.monotonic()
         if not holds:
             self._missing.pop(what, None)
@@ -179,11 +179,11 @@ class GoalClient:
         """Return True if the controller has answered the first goal.
 
         Raises:
-            ErrandError: when the answer is no.
+            ErrandError: if it rejected the goal.
         """
         for change in self._rider.changes:
-            # The controller's last answers to others may still arrive: they are kept for who
-            # comes later.
+            # The controller's last answers to others may still arrive: they are kept for late
+            # subscribers.
             if (change.position.x, change.position.y) not in self._plan.goals:
                 continue
             if change.status == Status.REJECTED:
@@ -195,7 +195,7 @@ class GoalClient:
         """Return the goals that have ended since the last call.
 
         Raises:
-            ErrandError: when the goals were taken away.
+            ErrandError: if the goals were removed.
         """
         ends: list[tuple[Status, str]] = []
         while self._rider.changes:
@@ -227,7 +227,7 @@ class GoalClient:
 
 
 def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
-    """Read the command line; ends the program with status 2 and one line when it is wrong."""
+    """Read the command line; on an error end the program with status 2 and one line."""
     parser = OneLineParser(prog="goal.sh", add_help=False)
     add = parser.add_argument
     add("x", type=float, nargs="?")
@@ -258,7 +258,7 @@ def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
 
 
 def main() -> int:
-    """Send the goals of the command line; returns the exit status."""
+    """Send the goals of the command line; return the exit status."""
     given, ros = parse(sys.argv[1:])
     start_tool("goal.sh", ros)
     rider = RideClient("bicycle_goal")

@@ -14,21 +14,21 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from bicycle_tools.nodes.filling import FillingError, filled
 
 MATCH = 3.0
-"""s to wait for subscribers."""
+"""Time to wait for subscribers (s)."""
 ACKNOWLEDGE = 1.0
-"""s for reliable subscribers to confirm the last message."""
+"""Time for reliable subscribers to confirm the last message (s)."""
 FASTEST = 10_000.0
-"""Hz."""
+"""Highest rate, Hz."""
 
 
 class Graph(Protocol):
-    """What is needed of the node that looks at the graph."""
+    """Interface of the node that inspects the graph."""
 
     node: Node
     stopped: bool
 
     def spin(self, seconds: float, until: Callable[[], bool] = ...) -> bool:
-        """Serve messages for so long, or until a condition holds."""
+        """Spin for some time, or until a condition holds."""
 
     def topics(self) -> dict[str, str]:
         """Return the names of all topics and their types."""
@@ -38,7 +38,7 @@ class Graph(Protocol):
 
 
 def add_arguments(verb: argparse.ArgumentParser) -> None:
-    """Declare what `topic.sh pub` takes."""
+    """Declare the arguments of `topic.sh pub`."""
     add = verb.add_argument
     add("topic")
     add("type", nargs="?", default="")
@@ -52,7 +52,7 @@ def add_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def mistake(given: argparse.Namespace) -> str:
-    """What is wrong with the options, in one line; nothing when they are right."""
+    """Return the error in the options, in one line; empty if there is none."""
     if not 0.0 < given.rate <= FASTEST:
         return f"--rate is {given.rate}: choose up to {FASTEST:g} Hz"
     if given.times < 0 or (given.wait_matching_subscriptions or 0) < 0:
@@ -61,11 +61,11 @@ def mistake(given: argparse.Namespace) -> str:
 
 
 def publish(graph: Graph, given: argparse.Namespace) -> int:
-    """Send messages until they are all sent, or until Ctrl-C; returns the exit status.
+    """Publish messages until all are sent, or until Ctrl-C; return the exit status.
 
     Raises:
-        FillingError: when the type is not known, or the values do not fit.
-        LookupError: when nobody subscribes who was waited for.
+        FillingError: if the type is unknown, or the values do not fit.
+        LookupError: if the awaited subscribers are missing.
     """
     kind, values = given.type, given.values
     if kind and "/msg/" not in kind:
@@ -99,7 +99,7 @@ def publish(graph: Graph, given: argparse.Namespace) -> int:
 
 
 def _send(graph: Graph, publisher: Any, message: Any, count: int, period: float) -> int:
-    """Publish so many times, for ever for 0; returns how many times."""
+    """Publish `count` times, or without end for 0; return the number of messages."""
     due, sent = time.monotonic(), 0
     while not graph.stopped and not 0 < count <= sent:
         publisher.publish(message)

@@ -1,4 +1,4 @@
-"""`push.sh`: a blow from the side."""
+"""`push.sh`: a lateral push."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from bicycle_common.nodes.topics import PUSH, STATE
 from bicycle_tools.nodes.calling import LYING, PATIENCE, Caller, CallError, run_tool
 
 STRENGTH = 0.3
-"""rad/s that the lean rate jumps by, unless named: what the cockpit begins with."""
+"""Default change of the lean rate (rad/s), equal to the cockpit's."""
 FIRST_STATE = 1.0
-"""s for a state to tell whether the bicycle lies; one comes at least every 0.1 s."""
+"""Time to receive a state, to see if the bicycle lies (s); one comes at least every 0.1 s."""
 
 
 def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
-    """Read the command line; ends the program with status 2 and one line when it is wrong."""
+    """Read the command line; on an error end the program with status 2 and one line."""
     parser = OneLineParser(prog="push.sh", add_help=False)
     add = parser.add_argument
     add("side", choices=("left", "right"))
@@ -36,10 +36,10 @@ def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
 
 
 def push(caller: Caller, given: argparse.Namespace) -> int:
-    """Push the bicycle; returns the exit status.
+    """Push the bicycle; return the exit status.
 
     Raises:
-        CallError: when there is no simulator, it refuses, or the bicycle lies.
+        CallError: if there is no simulator, it refuses, or the bicycle lies.
     """
     states: list[bool] = []
     caller.node.create_subscription(
@@ -58,6 +58,6 @@ def push(caller: Caller, given: argparse.Namespace) -> int:
 
 
 def main() -> int:
-    """Do what the command line says; returns the exit status."""
+    """Run the command line; return the exit status."""
     given, ros = parse(sys.argv[1:])
     return run_tool("push.sh", ros, lambda caller: push(caller, given))

@@ -1,4 +1,4 @@
-"""`reset.sh`: a new episode, which also puts a fallen bicycle up again."""
+"""`reset.sh`: a new episode, which also puts a fallen bicycle upright."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from bicycle_common.nodes.topics import RESET
 from bicycle_tools.nodes.calling import PATIENCE, Caller, CallError, run_tool
 
 SCENARIOS_SPEED, NEXT_SEED = -1.0, -1
-"""What a request for a reset holds where nobody chose a speed, or a seed."""
+"""Values in a reset request if the user chose no speed, or no seed."""
 
 
 def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
-    """Read the command line; ends the program with status 2 and one line when it is wrong."""
+    """Read the command line; on an error end the program with status 2 and one line."""
     parser = OneLineParser(prog="reset.sh", add_help=False)
     add = parser.add_argument
     for name in ("x", "y", "yaw"):
@@ -46,10 +46,10 @@ def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
 
 
 def reset(caller: Caller, given: argparse.Namespace) -> int:
-    """Begin a new episode; returns the exit status.
+    """Begin a new episode; return the exit status.
 
     Raises:
-        CallError: when there is no simulator, or it refuses.
+        CallError: if there is no simulator, or it refuses.
     """
     request = RESET.type.Request(
         random_start=given.random,
@@ -66,6 +66,6 @@ def reset(caller: Caller, given: argparse.Namespace) -> int:
 
 
 def main() -> int:
-    """Do what the command line says; returns the exit status."""
+    """Run the command line; return the exit status."""
     given, ros = parse(sys.argv[1:])
     return run_tool("reset.sh", ros, lambda caller: reset(caller, given))

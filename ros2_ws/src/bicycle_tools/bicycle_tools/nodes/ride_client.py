@@ -1,4 +1,4 @@
-"""A node that sends goals and follows what becomes of them."""
+"""Node that sends goals and follows their progress."""
 
 from __future__ import annotations
 
@@ -31,24 +31,24 @@ RECORDED = (
     topics.GOAL_STATUS,
     topics.HAND_OVER,
 )
-"""What a bag of a ride must not miss the beginning of."""
+"""Topics of a ride that a bag must contain from the beginning."""
 
 RECORDER = "bicycle_recorder"
-"""How the names of recorders begin."""
+"""Prefix of recorders' names."""
 
 
 STILL = 1.0
-"""s without a new step after which a bicycle is said to stand still."""
+"""Time without a new step after which a bicycle counts as standing still (s)."""
 
 
 class RideClient(Node):
-    """Sends goals, sees the bicycle's newest state, and keeps the goals' changes in order.
+    """Sends goals, tracks the bicycle's newest state, and keeps the goals' changes in order.
 
     Attributes:
         state: newest state; None before the first.
-        changes: changes of goals that nobody has taken yet, oldest first.
-        warnings: what the controller warned of, each line once, oldest first.
-        policy_judged: whether the controller has told, since the bicycle rides, if its policy
+        changes: changes of goals not yet taken by the caller, oldest first.
+        warnings: the controller's warnings, each line once, oldest first.
+        policy_judged: True if the controller has reported, since the bicycle rides, if its policy
             was made for it.
     """
 
@@ -84,11 +84,11 @@ class RideClient(Node):
                     self.warnings.append(item.value)
 
     def silence(self) -> float:
-        """Return s since the last state, or since this node was made."""
+        """Return the time since the last state, or since the node's creation, s."""
         return time.monotonic() - self._heard
 
     def condition(self) -> str:
-        """What the bicycle does now, for a person."""
+        """Return the bicycle's condition as text for the user."""
         if self.state is None or self.silence() > STILL:
             return f"no state has come for {self.silence():.0f} s"
         if self.state.fallen:
@@ -98,7 +98,7 @@ class RideClient(Node):
         return "the bicycle rides on"
 
     def spin(self, timeout: float = 0.05) -> None:
-        """Serve what has come, waiting at most `timeout` seconds for it."""
+        """Process received messages, waiting at most `timeout` seconds for them."""
         self._executor.spin_once(timeout_sec=timeout)
 
     def close(self) -> None:
@@ -108,7 +108,7 @@ class RideClient(Node):
 
     @property
     def time(self) -> float:
-        """s of simulated time, of the newest state."""
+        """Simulated time of the newest state, s."""
         if self.state is None:
             return 0.0
         stamp = self.state.header.stamp
@@ -126,7 +126,7 @@ class RideClient(Node):
         return bool(alive) and self.count_publishers(topics.COMMAND.name) > 0
 
     def controller_died(self) -> None:
-        """Stop counting on those that take goals now: a killed one stays listed for seconds."""
+        """Ignore the current subscribers to goals: a killed one stays listed for seconds."""
         self._dead = self._controllers()
 
     def recorder_listens(self, name: str) -> bool:
@@ -138,7 +138,7 @@ class RideClient(Node):
         )
 
     def send(self, goals: Sequence[Point2D]) -> None:
-        """Publish one goal, or several to be ridden to in order, in place of all older ones."""
+        """Publish one goal, or several in order, in place of all older ones."""
         poses = [_pose(goal) for goal in goals]
         if len(poses) == 1:
             self._goal_publishers[topics.GOAL_POSE.name].publish(poses[0])
@@ -148,7 +148,7 @@ class RideClient(Node):
         self._goal_publishers[topics.GOAL_PATH.name].publish(path)
 
     def reset(self, timeout: float = 5.0) -> bool:
-        """Have the simulator begin a new episode at the origin; whether it did."""
+        """Ask the simulator for a new episode at the origin; return True if it complied."""
         if not self._reset.wait_for_service(timeout_sec=timeout):
             return False
         request = Reset.Request(speed=-1.0, seed=-1)
@@ -158,7 +158,7 @@ class RideClient(Node):
         return bool(answer is not None and answer.success)
 
     def _controllers(self) -> set[bytes]:
-        """Return the ids of the subscriptions to goals, but for recorders'."""
+        """Return the ids of the subscriptions to goals, except recorders'."""
         found = self.get_subscriptions_info_by_topic(self._full(topics.GOAL_PATH))
         return {bytes(end.endpoint_gid) for end in found if not end.node_name.startswith(RECORDER)}
 
@@ -171,7 +171,7 @@ class RideClient(Node):
 
 
 def _pose(goal: Point2D) -> PoseStamped:
-    """Return a goal as RViz sends it, with no direction to arrive in."""
+    """Return a goal as RViz sends it, without a direction of arrival."""
     pose = PoseStamped()
     pose.header.frame_id = topics.ODOM_FRAME
     pose.pose.position.x = float(goal[0])

@@ -1,4 +1,4 @@
-"""`service.sh`: list, type and call of any service, for those who have no `ros2` command."""
+"""`service.sh`: list, type and call of any service, for installations without `ros2`."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from bicycle_tools.nodes.filling import FillingError, filled
 from bicycle_tools.nodes.flatten import flatten, shown
 
 DISCOVERY = 1.0
-"""s to hear of what is there."""
+"""Time to discover services (s)."""
 COMMON = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
-"""Types of the services that every node offers; not listed unless asked for."""
+"""Types of the services that every node offers; not listed by default."""
 
 
 def services(caller: Caller) -> dict[str, str]:
@@ -32,7 +32,7 @@ def services(caller: Caller) -> dict[str, str]:
 
 
 def show_list(caller: Caller, given: argparse.Namespace) -> int:
-    """Return all services with their types."""
+    """Print all services with their types."""
     caller.spin_until(lambda: False, DISCOVERY)
     found = services(caller)
     if not given.all:
@@ -47,7 +47,7 @@ def find(caller: Caller, name: str, patience: float) -> Service:
     """Return a service that somebody offers.
 
     Raises:
-        CallError: when nobody does, or its type is not installed.
+        CallError: if nobody does, or its type is not installed.
     """
     full = name if name.startswith("/") else caller.node.resolve_service_name(name)
     if not caller.spin_until(lambda: full in services(caller), patience):
@@ -60,7 +60,7 @@ def service_class(kind: str) -> type[Any]:
     """Return the class of `pkg/srv/Type`.
 
     Raises:
-        CallError: when it is not installed.
+        CallError: if it is not installed.
     """
     package, _, short = kind.partition("/srv/")
     try:
@@ -71,7 +71,7 @@ def service_class(kind: str) -> type[Any]:
 
 
 def show_type(caller: Caller, given: argparse.Namespace) -> int:
-    """Return the type of a service and the fields of its request."""
+    """Print the type of a service and the fields of its request."""
     service = find(caller, given.service, given.timeout)
     print(services(caller)[service.name])
     for field, kind in service.type.Request.get_fields_and_field_types().items():
@@ -80,10 +80,10 @@ def show_type(caller: Caller, given: argparse.Namespace) -> int:
 
 
 def call(caller: Caller, given: argparse.Namespace) -> int:
-    """Call a service and print its answer; returns 1 where the answer says that it failed.
+    """Call a service and print its answer; return 1 if the answer reports a failure.
 
     Raises:
-        CallError: when nobody offers it or the values do not fit.
+        CallError: if nobody offers it or the values do not fit.
     """
     kind, values = given.type, given.values
     if kind and "/srv/" not in kind:
@@ -106,7 +106,7 @@ def call(caller: Caller, given: argparse.Namespace) -> int:
 
 
 def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
-    """Read the command line; ends the program with status 2 and one line when it is wrong."""
+    """Read the command line; on an error end the program with status 2 and one line."""
     parser = OneLineParser(prog="service.sh")
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="list|type|call")
     listed = verbs.add_parser("list")
@@ -127,6 +127,6 @@ def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
 
 
 def main() -> int:
-    """Do what the command line says; returns the exit status."""
+    """Run the command line; return the exit status."""
     given, ros = parse(sys.argv[1:])
     return run_tool("service.sh", ros, lambda caller: int(given.action(caller, given)))

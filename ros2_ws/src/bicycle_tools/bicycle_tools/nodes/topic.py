@@ -1,4 +1,4 @@
-"""`topic.sh`: look at any topic and publish on it, for those who have no `ros2` command."""
+"""`topic.sh`: inspect any topic and publish on it, for installations without `ros2`."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ from bicycle_tools.nodes.flatten import flatten, shown
 from bicycle_tools.rates import Rate
 
 DISCOVERY = 1.0
-"""s to hear of what is there; nodes of this machine announce themselves within 0.3 s."""
+"""Time to discover topics (s); nodes of this machine announce themselves within 0.3 s."""
 LONGEST_WAIT = 5.0
-"""s to wait for a topic that nobody publishes yet, and for its first message."""
+"""Longest wait for an unpublished topic, and for its first message (s)."""
 
 
 class TopicError(Exception):
-    """What cannot be shown; its text is one line with the remedy."""
+    """Why something cannot be shown; its text is one line with the remedy."""
 
 
 class Watcher:
-    """A node that looks at the graph and at messages of any type."""
+    """Node that inspects the graph and messages of any type."""
 
     def __init__(self) -> None:
         self.stopped = False
-        # A hidden node, with no parameters and no rosout of its own.
+        # A hidden node, without parameters or rosout.
         self.node: Node = rclpy.create_node(
             "_bicycle_topic", start_parameter_services=False, enable_rosout=False
         )
@@ -52,7 +52,7 @@ class Watcher:
         self._executor.add_node(self.node)
 
     def on_signal(self, number: int, frame: FrameType | None) -> None:
-        """Ask to end."""
+        """Ask the tool to end."""
         self.stopped = True
 
     def close(self) -> None:
@@ -61,7 +61,7 @@ class Watcher:
         self.node.destroy_node()
 
     def spin(self, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
-        """Serve messages for so long, or until a condition holds; whether it did."""
+        """Spin for some time, or until a condition holds; return True if it held."""
         deadline = time.monotonic() + seconds
         while not (until() or self.stopped) and time.monotonic() < deadline:
             self._executor.spin_once(timeout_sec=min(0.05, seconds))
@@ -77,10 +77,10 @@ class Watcher:
 
         Args:
             name: of the topic.
-            published: whether somebody must publish it; else a subscriber will do.
+            published: True to require a publisher; otherwise a subscriber suffices.
 
         Raises:
-            TopicError: when there is none.
+            TopicError: if there is none.
         """
         full = self.node.resolve_topic_name(name)
 
@@ -98,7 +98,7 @@ class Watcher:
         """Return the class of a topic's type.
 
         Raises:
-            TopicError: when it is not installed.
+            TopicError: if it is not installed.
         """
         package, _, short = kind.partition("/msg/")
         try:
@@ -108,10 +108,10 @@ class Watcher:
         return found
 
     def subscribe(self, name: str, callback: Callable[[Any], None], raw: bool = False) -> None:
-        """Listen to a topic with what its publishers offer.
+        """Subscribe to a topic with its publishers' quality of service.
 
         Raises:
-            TopicError: when its type is not installed.
+            TopicError: if its type is not installed.
         """
         full, kind = self.find(name)
         message_type = self.message_type(full, kind)
@@ -125,7 +125,7 @@ class Watcher:
 
 
 def show_list(watcher: Watcher, _: argparse.Namespace) -> int:
-    """Return all topics with their types and how many publish and subscribe."""
+    """Print all topics with their types and numbers of publishers and subscribers."""
     watcher.spin(DISCOVERY)
     topics = watcher.topics()
     width = max(map(len, topics), default=0)
@@ -136,7 +136,7 @@ def show_list(watcher: Watcher, _: argparse.Namespace) -> int:
 
 
 def show_info(watcher: Watcher, given: argparse.Namespace) -> int:
-    """Who publishes and who subscribes, and with which quality of service."""
+    """Print publishers and subscribers with their quality of service."""
     full, kind = watcher.find(given.topic, published=False)
     watcher.spin(DISCOVERY)
     print(f"{full}  {kind}")
@@ -146,7 +146,7 @@ def show_info(watcher: Watcher, given: argparse.Namespace) -> int:
 
 
 def show_type(watcher: Watcher, given: argparse.Namespace) -> int:
-    """Return the type of a topic and the fields of its messages."""
+    """Print the type of a topic and the fields of its messages."""
     full, kind = watcher.find(given.topic, published=False)
     print(kind)
     for field, type_name in watcher.message_type(full, kind).get_fields_and_field_types().items():
@@ -163,7 +163,7 @@ def _print_ends(title: str, ends: Iterable[Any]) -> None:
 
 
 def echo(watcher: Watcher, given: argparse.Namespace) -> int:
-    """Return messages as dotted names and values, until Ctrl-C or after one."""
+    """Print messages as dotted names and values, until Ctrl-C or after one."""
     seen = 0
 
     def on_message(message: Any) -> None:
@@ -191,7 +191,7 @@ def echo(watcher: Watcher, given: argparse.Namespace) -> int:
 
 
 def show_rate(watcher: Watcher, given: argparse.Namespace) -> int:
-    """How often messages come and how evenly, once a second."""
+    """Print the rate of messages and its regularity, once a second."""
     rate = Rate()
     watcher.subscribe(given.topic, lambda data: rate.add(time.monotonic(), len(data)), raw=True)
     began = time.monotonic()
@@ -202,7 +202,7 @@ def show_rate(watcher: Watcher, given: argparse.Namespace) -> int:
 
 
 def publish(watcher: Watcher, given: argparse.Namespace) -> int:
-    """Return the messages from the command line."""
+    """Publish the messages of the command line."""
     try:
         return publishing.publish(watcher, given)
     except FillingError as error:
@@ -213,7 +213,7 @@ def publish(watcher: Watcher, given: argparse.Namespace) -> int:
 
 
 def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
-    """Read the command line; ends the program with status 2 and one line when it is wrong."""
+    """Read the command line; on an error end the program with status 2 and one line."""
     parser = OneLineParser(prog="topic.sh")
     names = "list|info|type|echo|rate|hz|pub"
     verbs = parser.add_subparsers(dest="verb", required=True, metavar=names)
@@ -240,7 +240,7 @@ def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
 
 
 def main() -> int:
-    """Do what the command line says; returns the exit status."""
+    """Run the command line; return the exit status."""
     given, ros = parse(sys.argv[1:])
     start_tool("topic.sh", ros)
     watcher = Watcher()
@@ -252,7 +252,7 @@ def main() -> int:
         print(f"topic.sh: {error}", file=sys.stderr)
         return 1
     except BrokenPipeError:
-        sys.stderr.close()  # the reader, such as head, has seen enough
+        sys.stderr.close()  # the reader, such as head, has closed the pipe
         return 0
     finally:
         watcher.close()

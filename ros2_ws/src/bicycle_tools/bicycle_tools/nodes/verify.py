@@ -40,10 +40,10 @@ from bicycle_tools.nodes.flatten import flatten
 from bicycle_tools.ride_log import COMMAND, EPISODE, PUSHED, STATE, prefix_of
 
 ROUNDING = 1e-9
-"""Most that rounding makes of one step, in any field's unit; what is wrong makes more."""
+"""Largest effect of rounding on one step, in any field's unit; errors are larger."""
 
 Key = tuple[int, int, str]
-"""Episode, step and controller: which commands an applied one may be."""
+"""Episode, step and controller, which identify an applied command's candidates."""
 
 
 @dataclass
@@ -56,46 +56,46 @@ class Recording:
     episodes: list[tuple[int, EpisodeInfo]] = field(default_factory=list)
     """Place in the recorded order, and message."""
     pushes: dict[tuple[int, int], list[float]] = field(default_factory=lambda: defaultdict(list))
-    """rad/s by episode and step of the state that was pushed, in the paper's signs."""
+    """Pushes by episode and step of the pushed state, rad/s, in the paper's signs."""
 
 
 @dataclass
 class Verdict:
-    """What a verification found so far."""
+    """Result of a verification so far."""
 
     checked: int = 0
-    """States computed again and found equal, but for rounding at most."""
+    """Number of recomputed states that are equal, except for rounding."""
     rounded: int = 0
-    """Those of them that are not equal to the bit."""
+    """Number of those that are not equal to the bit."""
     largest: float = 0.0
     """Largest difference in a field of those, in its unit."""
     begun: int = 0
-    """States that nothing comes before: the starts of episodes and of the recording."""
+    """Number of states without a predecessor: the starts of episodes and of the recording."""
     head: int = 0
-    """States before the first recorded command, which was not heard from its publisher's start."""
+    """Number of states before the first recorded command, if the recorder joined late."""
     begins: str = ""
-    """The state that the proof begins with, where that is not the start of an episode."""
+    """First verified state, if that is not the start of an episode."""
     led: bool = False
     """True if a state was computed under a recorded command."""
     unknown: int = 0
-    """States that cannot be computed, as the state before or the command is missing."""
+    """Number of states that cannot be computed, because a state or command is missing."""
     first_unknown: str = ""
-    """Where the first of them is."""
+    """First of them."""
     difference: str = ""
-    """The first state that differs; empty when none does."""
+    """First state that differs; empty if none does."""
 
     @property
     def same(self) -> bool:
-        """True if every state that something comes before came out again, or nearly so."""
+        """True if every state with a predecessor was reproduced, except for rounding."""
         return not self.difference and not self.unknown and self.checked > 0
 
     @property
     def proved(self) -> bool:
-        """True if they did to the bit."""
+        """True if they were reproduced to the bit."""
         return self.same and not self.rounded
 
     def __str__(self) -> str:
-        """One line for a person."""
+        """Return the verdict as one line."""
         if self.difference:
             return f"not the same after {self.checked} equal states: {self.difference}"
         text = f"{self.checked} states came out again, bit for bit"
@@ -120,10 +120,10 @@ class Verdict:
 
 
 def read(path: Path) -> Recording:
-    """Read what a verification needs.
+    """Read the messages that a verification needs.
 
     Raises:
-        BagError: when the bag cannot be read, is foreign, or of other message definitions.
+        BagError: if the bag cannot be read, is foreign, or has other message definitions.
     """
     reader = BagReader(path)
     prefix = prefix_of(reader)
@@ -137,7 +137,7 @@ def read(path: Path) -> Recording:
         _check_kind(path, name, topic.type, topic.serialization_format, kind)
     _check_versions(reader, list(kinds))
     recording = Recording()
-    # The recorded order tells what came first; the recording's clock may have been set meanwhile.
+    # The recorded order is reliable; the recording's clock may have been set in the meantime.
     for place, item in enumerate(reader.messages(list(kinds))):
         kind = kinds[item.topic]
         _check_kind(path, item.topic, item.type, item.encoding, kind)
@@ -158,10 +158,10 @@ def read(path: Path) -> Recording:
 
 
 def _check_kind(path: Path, topic: str, type_name: str, encoding: str, kind: type[Any]) -> None:
-    """Refuse messages of other types and encodings.
+    """Refuse messages of other types or encodings.
 
     Raises:
-        BagError: these are of one.
+        BagError: if there are any.
     """
     wanted = f"bicycle_msgs/msg/{kind.__name__}"
     if type_name != wanted or encoding != "cdr":
@@ -175,7 +175,7 @@ def _check_versions(reader: BagReader, topics: list[str]) -> None:
     """Refuse a bag whose messages have other fields than today's, but for new ones at the end.
 
     Raises:
-        BagError: it is one.
+        BagError: if it is one.
     """
     schemas = Schemas()
     for name in topics:
@@ -189,14 +189,14 @@ def _check_versions(reader: BagReader, topics: list[str]) -> None:
 
 
 def decoded(data: bytes, kind: type[Any]) -> Any:
-    """Return a message of its CDR.
+    """Decode a message from its CDR.
 
     Raises:
-        BagError: it is none of this kind.
+        BagError: if it is not of this kind.
     """
     try:
         return deserialize_message(data, kind)
-    except Exception as error:  # the middleware's errors have no common base
+    except Exception as error:  # the middleware's errors have no common base class
         raise BagError(
             f"a message of {len(data)} bytes is not a {kind.__name__} "
             f"({' '.join(str(error).split())[:100]}): the bag's recorder was another version or "
@@ -205,7 +205,7 @@ def decoded(data: bytes, kind: type[Any]) -> Any:
 
 
 def verify(recording: Recording) -> Iterator[Verdict]:
-    """Compute state after state.
+    """Compute one state after another.
 
     Args:
         recording: of one bicycle.
@@ -214,7 +214,7 @@ def verify(recording: Recording) -> Iterator[Verdict]:
         The verdict so far, after each recorded state; the last one is final.
 
     Raises:
-        BagError: when the settings of an episode are not in the bag or not of this simulator.
+        BagError: if an episode's settings are not in the bag or not of this simulator.
     """
     verdict = Verdict()
     before: BicycleState | None = None
@@ -222,7 +222,7 @@ def verify(recording: Recording) -> Iterator[Verdict]:
     for place, data in recording.states:
         state = decoded(data, BicycleState)
         if before is not None and (state.episode, state.step) == (before.episode, before.step):
-            yield verdict  # the state of a bicycle that is held, published again
+            yield verdict  # a held bicycle's state, published again
             continue
         follows = before is not None and state.episode == before.episode
         if before is None or simulator is None or not follows or state.step < before.step:
@@ -248,7 +248,7 @@ def _compute(
     state: BicycleState,
     place: int,
 ) -> Simulator:
-    """Compute one state; returns the simulator to go on with."""
+    """Compute one state; return the simulator to continue with."""
     stamp = state.header.stamp.sec * 10**9 + state.header.stamp.nanosec
     here, wanted = simulator.snapshot, _bits(state)
     computed: BicycleState | None = None
@@ -264,7 +264,7 @@ def _compute(
             verdict.led |= command is not None
             return trial if same else _restored(recording, state, place)
     if computed is None and not verdict.led:
-        # A recorder that comes to a ride hears the states before it hears the commands.
+        # A recorder that joins a ride receives states before it receives commands.
         verdict.head, verdict.begins = verdict.head + 1, _place(state)
     elif computed is None:
         _skip(verdict, state)
@@ -282,7 +282,7 @@ def _candidates(recording: Recording, state: BicycleState) -> list[Command | Non
 
 
 def _restored(recording: Recording, state: BicycleState, place: int) -> Simulator:
-    """Return a simulator in this recorded state.
+    """Create a simulator in this recorded state.
 
     Raises:
         BagError: see `verify`.
@@ -306,7 +306,7 @@ def _restored(recording: Recording, state: BicycleState, place: int) -> Simulato
 
 
 def _skip(verdict: Verdict, state: BicycleState) -> None:
-    """Count a state that nothing leads to."""
+    """Count a state without a predecessor."""
     verdict.unknown += 1
     verdict.first_unknown = verdict.first_unknown or _place(state)
 
@@ -325,7 +325,7 @@ def _exact(value: Any) -> Any:
 
 
 def _gap(recorded: BicycleState, computed: BicycleState) -> float:
-    """Return the largest difference of two numbers; infinite where something else differs."""
+    """Return the largest difference of two numbers; infinite if another field differs."""
     largest = 0.0
     for (_, old), (_, new) in zip(flatten(recorded), flatten(computed), strict=True):
         if _exact(old) != _exact(new):
@@ -335,7 +335,7 @@ def _gap(recorded: BicycleState, computed: BicycleState) -> float:
 
 
 def _difference(recorded: BicycleState, computed: BicycleState) -> str:
-    """Return the first field that differs, and by how much."""
+    """Return the first field that differs, and its difference."""
     for (name, old), (_, new) in zip(flatten(recorded), flatten(computed), strict=True):
         if _exact(old) != _exact(new):
             by = f", {abs(old - new):.3g} apart" if isinstance(old, float) else ""
@@ -344,7 +344,7 @@ def _difference(recorded: BicycleState, computed: BicycleState) -> str:
 
 
 def main() -> int:
-    """Verify the bag that the command line names; returns the exit status."""
+    """Verify the bag of the command line; return the exit status."""
     parser = OneLineParser(prog="replay.sh --verify", description=__doc__)
     parser.add_argument("bag", type=Path, help="bag directory or .mcap file")
     path = parser.parse_args().bag

@@ -1,1 +1,1 @@
-"""A bag as a page: what `report.sh` draws and writes."""
+"""Report of a bag as a page, for `report.sh`."""

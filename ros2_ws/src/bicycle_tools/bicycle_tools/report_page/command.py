@@ -1,4 +1,4 @@
-"""`report.sh`: one bag, or two beside each other, as an HTML page and a picture."""
+"""`report.sh`: one bag, or two side by side, as an HTML page and a picture."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ INTERRUPTED = 130
 
 
 def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
-    """Read the command line; ends the program with status 2 and one line when it is wrong."""
+    """Read the command line; on an error end the program with status 2 and one line."""
     parser = OneLineParser(prog="report.sh", add_help=False, allow_abbrev=False)
     parser.add_argument("bags", nargs="+", type=Path)
     parser.add_argument("--output", type=Path)
@@ -41,7 +41,7 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
 
 
 def names_of(paths: Sequence[Path]) -> list[str]:
-    """What to call some bags: the last parts of their paths, as many as tell them apart."""
+    """Return short names of some bags: the shortest ends of their paths that differ."""
     parts = [[part for part in path.resolve().parts if part != "/"] for path in paths]
     for count in range(1, 1 + max(map(len, parts))):
         names = ["/".join(part[-count:]) for part in parts]
@@ -51,19 +51,19 @@ def names_of(paths: Sequence[Path]) -> list[str]:
 
 
 def output_of(paths: Sequence[Path], names: Sequence[str]) -> Path:
-    """Where the page goes when nobody says: beside the first bag."""
+    """Return the default path of the page, beside the first bag."""
     words = "-and-".join(name.removesuffix(".mcap").replace("/", "-") for name in names)
     return paths[0].resolve().parent / f"{words}-report.html"
 
 
 def report(options: argparse.Namespace) -> list[Path]:
-    """Write the page, and the picture if it is asked for.
+    """Write the page, and the picture on request.
 
     Returns:
         The files.
 
     Raises:
-        BagError: when a bag cannot be read or a file not be written.
+        BagError: if a bag cannot be read or a file cannot be written.
     """
     names = names_of(options.bags)
     output = options.output or output_of(options.bags, names)
@@ -88,7 +88,7 @@ def report(options: argparse.Namespace) -> list[Path]:
 
 
 def _write(path: Path, write: Callable[[Path], object]) -> Path:
-    """Write a file whole or not at all."""
+    """Write a file atomically."""
     scratch = path.with_name(f".{path.name}.new")
     try:
         write(scratch)
@@ -103,7 +103,7 @@ def _write(path: Path, write: Callable[[Path], object]) -> Path:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Return the command; returns its exit status."""
+    """Run the command; return its exit status."""
     options = parse(arguments)
     try:
         for path in report(options):
@@ -111,7 +111,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except BagError as error:
         print(f"report.sh: {error}", file=sys.stderr)
         return 1
-    except OSError as error:  # a name that is too long for the system, say
+    except OSError as error:  # for example, a name too long for the system
         print(f"report.sh: cannot open a bag ({error.strerror})", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -28,19 +28,19 @@ THEMED = {
     "torque": drawing.TORQUE,
     "shift": drawing.SHIFT,
 }
-"""Colours that the page's style sheet has a variable for, by its name."""
+"""Colours for which the page's style sheet has a variable, by its name."""
 DPI = 130
 
 
 class Drawing(NamedTuple):
-    """One figure of the page: its heading, how it is drawn, its inches of one ride and of two."""
+    """One figure of the page: its heading, its function, its inches for one ride and for two."""
 
     title: str
     draw: Callable[[Canvas, Sequence[RidePage]], None]
     heights: tuple[float, float]
 
     def size(self, pages: Sequence[RidePage]) -> tuple[float, float]:
-        """Return inches across and down."""
+        """Return width and height in inches."""
         return (10.0, self.heights[0]) if len(pages) == 1 else (14.0, self.heights[1])
 
 
@@ -53,7 +53,7 @@ DRAWINGS = (
 
 
 def svg(item: Drawing, pages: Sequence[RidePage]) -> str:
-    """One figure as an ``<svg>`` element without anything outside it."""
+    """Return one figure as an ``<svg>`` element with nothing outside it."""
     text = StringIO()
     with mpl.rc_context({**drawing.STYLE, "svg.fonttype": "none", "svg.hashsalt": "bicycle"}):
         figure = Figure(figsize=item.size(pages), layout="constrained")
@@ -68,7 +68,7 @@ def _themed(text: str, title: str) -> str:
     body = re.sub(r'<g id="[^"]*">', "<g>", body)
     body = re.sub(r'width="[\d.]+pt" height="[\d.]+pt"', 'role="img"', body, count=1)
     body = body.replace(">", f"><title>{title}</title>", 1)
-    # Names of matplotlib's clip paths and glyphs are the same in every figure of equal size.
+    # matplotlib gives clip paths and glyphs the same names in every figure of equal size.
     prefix = title.lower()
     body = re.sub(r'(\bid="|url\(#|href="#)', rf"\g<1>{prefix}-", body)
     for name, colour in THEMED.items():
@@ -77,7 +77,7 @@ def _themed(text: str, title: str) -> str:
 
 
 def png(path: Path, title: str, pages: Sequence[RidePage]) -> None:
-    """All figures below each other.
+    """Write all figures below each other.
 
     Args:
         path: file to write.

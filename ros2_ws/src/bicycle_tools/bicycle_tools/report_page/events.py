@@ -1,4 +1,4 @@
-"""What happened on a ride, in order: resets, falls, stops of the commands, new policies."""
+"""Events of a ride, in order: resets, falls, missing commands, new policies."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from bicycle_tools.summary import HELD, ZERO
 
 
 class RideEvent(NamedTuple):
-    """One thing that happened.
+    """One event of a ride.
 
     Attributes:
         time: s, on the page's axis.
         kind: reset, fall, watchdog, held, gap, policy, controller or rejected.
         text: one line for a person.
-        until: s, when it was over; `time` for what has no length.
+        until: end of the event, s; equal to `time` if it has no duration.
     """
 
     time: float
@@ -31,7 +31,7 @@ class RideEvent(NamedTuple):
 
 
 def ride_events(page: RidePage) -> list[RideEvent]:
-    """Return all that happened, in order of time."""
+    """Return all events, in order of time."""
     found = [*_from_states(page), *_from_commands(page), *_rejections(page)]
     return sorted(found, key=lambda one: one.time)
 
@@ -66,7 +66,7 @@ def _steps(count: int) -> str:
 
 
 def runs(flag: NDArray[np.bool_], segment: NDArray[np.intp]) -> list[tuple[int, int]]:
-    """Return first and last rows of the stretches within one segment in which a flag is true."""
+    """Return the first and last rows of the stretches within one segment where a flag is True."""
     broken = np.diff(segment, prepend=-1) != 0
     begins = flag & (broken | ~np.concatenate([[False], flag[:-1]]))
     ends = flag & np.concatenate([broken[1:] | ~flag[1:], [True]])
@@ -87,7 +87,7 @@ def _from_commands(page: RidePage) -> Iterator[RideEvent]:
 
 
 def _changes(columns: Columns, name: str) -> list[int]:
-    """Return the rows in which a text differs from the one before; the first row too."""
+    """Return the rows in which a text differs from the one before, including the first row."""
     values: NDArray[Any] = columns.get(name, np.empty(0, dtype=object))
     if not len(values):
         return []

@@ -1,4 +1,4 @@
-"""The figures of the page, each for one or two rides beside each other on equal axes."""
+"""Figures of the page, each for one or two rides side by side on equal axes."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from bicycle_tools.track import draw_track
 
 Canvas = Figure | SubFigure
 MOST_POINTS = 2400
-"""Of one line: two for every pixel across."""
+"""Largest number of points of a line: two for every horizontal pixel."""
 MOST_MARKS = 400
-"""Lines and bands of one strip; a ride that has more is not read from them any more."""
+"""Largest number of lines and bands in a strip; more would be illegible."""
 SHADES = {"watchdog": FAILED, "held": SHIFT}
 
 
@@ -59,23 +59,23 @@ COMMAND_STRIPS = (
 
 
 def draw_tracks(canvas: Canvas, pages: Sequence[RidePage]) -> None:
-    """The way of each ride over the plane, to one scale."""
+    """Draw each ride's track over the plane, to one scale."""
     row = canvas.subplots(1, len(pages), squeeze=False, sharex=True, sharey=True)[0]
     for axes, page in zip(row, pages, strict=True):
         draw_track(canvas, axes, page.log)
-        if len(pages) > 1:  # axes that share their limits can only change their shape
+        if len(pages) > 1:  # axes with shared limits can only change their shape
             axes.set_aspect("equal", adjustable="box")
             axes.tick_params(labelleft=True)
         _name(axes, page, pages, pad=10)
 
 
 def draw_states(canvas: Canvas, pages: Sequence[RidePage]) -> None:
-    """The state over simulated time, with falls, resets, goals and missing commands."""
+    """Draw the state over simulated time, with falls, resets, goals and missing commands."""
     _strips(canvas, pages, STATE_STRIPS, lambda page: (page.log.states, page.state_time))
 
 
 def draw_commands(canvas: Canvas, pages: Sequence[RidePage]) -> None:
-    """The commands that were sent, over simulated time."""
+    """Draw the sent commands over simulated time."""
     _strips(canvas, pages, COMMAND_STRIPS, _command_time)
 
 
@@ -108,13 +108,13 @@ def _strips(
 
 
 def _name(axes: Axes, page: RidePage, pages: Sequence[RidePage], pad: float = 6) -> None:
-    """The ride's name above its column, where there are two."""
+    """Write the ride's name above its column, if there are two."""
     if len(pages) > 1:
         axes.set_title(page.name, loc="left", fontsize=10, fontweight="bold", pad=pad)
 
 
 def _mark(axes: Axes, marks: Sequence[RideEvent]) -> None:
-    """Lines where the bicycle was reset or fell, bands where commands were missing."""
+    """Draw lines at resets and falls, and bands where commands were missing."""
     lines = [mark for mark in marks if mark.kind in ("reset", "fall")]
     for mark in lines[:MOST_MARKS]:
         fell = mark.kind == "fall"
@@ -127,6 +127,6 @@ def _mark(axes: Axes, marks: Sequence[RideEvent]) -> None:
 
 
 def _mark_goals(axes: Axes, page: RidePage) -> None:
-    """A thin line where each goal ended."""
+    """Draw a thin line at each goal's end."""
     for time in page.ends_of(page.outcomes)[:MOST_MARKS]:
         axes.axvline(time, color=REACHED, linewidth=0.7, alpha=0.5, zorder=0)

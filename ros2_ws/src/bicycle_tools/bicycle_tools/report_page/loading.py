@@ -1,4 +1,4 @@
-"""A bag as the page shows it: the ride, what the bag holds, and what had to be repaired."""
+"""Bag as shown on the page: the ride, the bag's contents, and its repairs."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ class RidePage:
     """One bag, read and summed up.
 
     Attributes:
-        name: what the page calls it.
+        name: its name on the page.
         path: of the bag, as the user named it.
-        log: the ride; without states where the bag has none.
+        log: the ride; without states if the bag has none.
         summary: the ride in numbers.
-        outcomes: what became of its goals.
-        contents: what the bag holds.
+        outcomes: outcomes of its goals.
+        contents: contents of the bag.
         start: s, log time of its first message.
-        notes: one line for each thing that the reader must know of the bag.
+        notes: one line for each fact about the bag that the reader must know.
     """
 
     name: str
@@ -49,23 +49,23 @@ class RidePage:
 
     @property
     def has_states(self) -> bool:
-        """True if there is a bicycle to be drawn."""
+        """True if there is a bicycle to draw."""
         return len(self.log.segment) > 0
 
     @cached_property
     def state_time(self) -> Floats:
-        """(n,) s of simulated time since the start, of each state."""
+        """Simulated time of each state since the start, (n,) s."""
         return ride_time(self.log)
 
     def time_of(self, columns: Columns) -> Floats:
-        """When messages were recorded, on the axis of time that the page has.
+        """Return when messages were recorded, on the page's time axis.
 
         Args:
             columns: of m messages, with `recorded_order` and `log_time`.
 
         Returns:
             (m,) s of simulated time, of the newest state recorded by then; since the bag's start
-            by the recording's clock where it has no states.
+            by the recording's clock if it has no states.
         """
         if not self.has_states:
             logged: NDArray[Any] = columns.get("log_time", np.empty(0))
@@ -75,20 +75,20 @@ class RidePage:
         return self.state_time[np.clip(rows, 0, None)]
 
     def ends_of(self, goals: Sequence[Outcome]) -> Floats:
-        """When the last word on each goal was recorded, see `time_of`."""
+        """Return when the last status of each goal was recorded, see `time_of`."""
         places = np.array([goal.place for goal in goals], dtype=np.int64)
         logged = np.array([goal.known_at for goal in goals], dtype=np.float64)
         return self.time_of({"recorded_order": places, "log_time": logged})
 
     def step_time(self, columns: Columns) -> Floats:
-        """When the steps were that messages speak of; better than when they were recorded.
+        """Return when the steps of messages were made; more exact than the time of recording.
 
         Args:
             columns: of messages with `episode` and `step`.
 
         Returns:
-            One time per message, on the axis of `time_of`, which also serves steps that the
-            bag has no state of, and every step once the simulator was started anew.
+            One time per message, on the axis of `time_of`, also for steps without a state in the
+            bag, and for every step after a restart of the simulator.
         """
         logged = self.time_of(columns)
         keys, wanted = _keys(self.log.states), _keys(columns)
@@ -100,21 +100,21 @@ class RidePage:
 
 
 def _keys(columns: Columns) -> NDArray[np.uint64]:
-    """One number for each step of each episode."""
+    """Return one number for each step of each episode."""
     episode = np.asarray(columns.get("episode", ())).astype(np.uint64)
     return (episode << np.uint64(40)) + np.asarray(columns.get("step", ())).astype(np.uint64)
 
 
 def load(path: Path, name: str, namespace: str | None = None) -> RidePage:
-    """Read a bag; one that is damaged is repaired in a copy.
+    """Read a bag; a damaged one is repaired in a copy.
 
     Args:
         path: bag directory, MCAP file, or the folder of a run of ride.sh.
-        name: what the page shall call it.
-        namespace: of the bicycle, where the bag holds several.
+        name: its name on the page.
+        namespace: of the bicycle, if the bag holds several.
 
     Raises:
-        BagError: when there is no bag, it cannot be saved, or it holds no bicycle or several.
+        BagError: if there is no bag, it cannot be repaired, or it holds no bicycle or several.
     """
     bag = _bag_of(path)
     try:
@@ -138,7 +138,7 @@ def load(path: Path, name: str, namespace: str | None = None) -> RidePage:
 
 
 def _bag_of(path: Path) -> Path:
-    """Return the bag itself, where a run's folder is named."""
+    """Return the bag itself if the path is a run's folder."""
     inside = path / "bag"
     is_run = path.is_dir() and not any(path.glob("*.mcap")) and inside.is_dir()
     return inside if is_run else path
@@ -176,7 +176,7 @@ def _ride(reader: BagReader, prefix: str) -> tuple[RideLog, Sequence[str]]:
     """Return the ride, and what is missing for it.
 
     Raises:
-        BagError: when the topics are there and hold something else.
+        BagError: if the topics exist but have other contents.
     """
     try:
         log = load_ride(reader, prefix)
@@ -194,7 +194,7 @@ def _ride(reader: BagReader, prefix: str) -> tuple[RideLog, Sequence[str]]:
 
 
 def _left_out(log: RideLog) -> Iterator[str]:
-    """What the bag holds that is no part of its ride."""
+    """Yield a line about the bag's contents that are not part of its ride."""
     begun = [goal for goal in outcomes(log.statuses) if goal.begun_before]
     if begun:
         places = ", ".join(f"({goal.position[0]:.1f}, {goal.position[1]:.1f})" for goal in begun)
@@ -218,7 +218,7 @@ def _prefix(reader: BagReader, namespace: str | None) -> str:
     """Return the namespace of the bag's bicycle.
 
     Raises:
-        BagError: when the bag has none, or several of which none is chosen.
+        BagError: if the bag has none, or several of which none is chosen.
     """
     found = sorted(
         {

@@ -1,4 +1,4 @@
-"""The page itself: one HTML file that needs nothing else."""
+"""The page itself: one self-contained HTML file."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ KEY = (
 
 
 def title_of(pages: Sequence[RidePage]) -> str:
-    """What the page and the picture are called."""
+    """Return the title of the page and the picture."""
     return " and ".join(page.name for page in pages)
 
 
@@ -34,7 +34,7 @@ def html(pages: Sequence[RidePage], step: Callable[[], object] = lambda: None) -
     """Return the whole page.
 
     Args:
-        pages: one ride, or two that are to be compared.
+        pages: one ride, or two to compare.
         step: called after each figure.
     """
     title = escape(title_of(pages))
@@ -58,7 +58,7 @@ def _head(title: str) -> str:
 
 
 def _ride_line(page: RidePage) -> str:
-    """Return the name, place and time of a bag, its verdict, and what must be known of it."""
+    """Return the name, place and time of a bag, its verdict, and its notes."""
     when = ""
     if page.contents.message_count:
         begun = datetime.fromtimestamp(page.start, tz=timezone.utc)
@@ -72,7 +72,7 @@ def _ride_line(page: RidePage) -> str:
 
 
 def _chips(page: RidePage) -> Iterator[str]:
-    """The verdict in a few words."""
+    """Yield the verdict in a few words."""
     summary = page.summary
     if summary.goals:
         good = summary.reached == summary.decided if summary.decided else None
@@ -88,7 +88,7 @@ def _chips(page: RidePage) -> Iterator[str]:
 
 
 def _chip(text: str, good: bool | None) -> str:
-    """Return a word of praise or blame; None is neither."""
+    """Return a short verdict in green or red; in neither for None."""
     kind = {True: " good", False: " bad", None: ""}[good]
     return f' <span class="chip{kind}">{escape(text)}</span>'
 
@@ -98,7 +98,7 @@ def _section(name: str, body: str) -> str:
 
 
 def _columns(pages: Sequence[RidePage], make: Callable[[RidePage], str]) -> Iterator[str]:
-    """The same for each ride beside each other."""
+    """Yield the same content for each ride, side by side."""
     if len(pages) == 1:
         yield make(pages[0])
         return

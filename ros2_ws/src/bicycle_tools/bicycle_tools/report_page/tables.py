@@ -1,4 +1,4 @@
-"""The tables of the page, as HTML; whatever comes from a bag is escaped."""
+"""Tables of the page, as HTML; all text from a bag is escaped."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from bicycle_tools.report_page.loading import RidePage
 from bicycle_tools.text_summary import rows
 
 MOST_ROWS = 500
-"""Of one table; the rest is counted in its last line."""
+"""Largest number of rows of a table; its last line counts the rest."""
 
 
 def table(
@@ -26,7 +26,7 @@ def table(
     Args:
         heads: of the columns.
         lines: cells of the rows, as HTML.
-        numbers: columns that are set to the right.
+        numbers: right-aligned columns.
     """
     lines = list(lines)
     kinds = ["n" if number in numbers else "t" for number in range(len(heads))]
@@ -62,7 +62,7 @@ def figures(pages: Sequence[RidePage]) -> str:
 
 
 def _is_known(page: RidePage, name: str) -> bool:
-    """Return True if the bag holds what a row of the summary is computed from."""
+    """Return True if the bag contains the data for a row of the summary."""
     if name in ("falls", "time", "path", "peak lean", "watchdog"):
         return page.has_states
     if name == "steps":
@@ -71,7 +71,7 @@ def _is_known(page: RidePage, name: str) -> bool:
 
 
 def goals(page: RidePage) -> str:
-    """What became of each goal."""
+    """Return the table of the goals' outcomes."""
     if not page.outcomes:
         return "<p>No goal in this bag.</p>"
     lines = [_goal(number, goal, page) for number, goal in enumerate(page.outcomes, 1)]
@@ -106,7 +106,7 @@ def _number(value: float, form: str) -> str:
 
 
 def events(page: RidePage) -> str:
-    """What happened, in order."""
+    """Return the table of events, in order."""
     found = ride_events(page)
     if not found:
         return "<p>Nothing: no reset, no fall, no missing command.</p>"
@@ -119,7 +119,7 @@ def _event(one: RideEvent) -> list[str]:
 
 
 def setting(page: RidePage) -> str:
-    """Who rode what: policies, scenario, physics, seeds, and how the bag came about."""
+    """Return the setting of the ride: policies, scenario, physics, seeds, and the bag's origin."""
     lines = [*_policies(page), *_episodes(page)]
     lines += sorted(page.contents.custom_data.items())
     return table(["", ""], ([f"<b>{escape(name)}</b>", escape(text)] for name, text in lines))
@@ -150,7 +150,7 @@ def _episodes(page: RidePage) -> list[tuple[str, str]]:
 
 
 def _plain(text: str) -> str:
-    """Return the name in a JSON object; other texts as they are."""
+    """Return the name in a JSON object; other texts unchanged."""
     try:
         value = json.loads(text)
     except ValueError:
@@ -159,7 +159,7 @@ def _plain(text: str) -> str:
 
 
 def _switches(text: str) -> str:
-    """Return the physics without its constants, which Table 1 has."""
+    """Return the physics without its constants, which are those of Table 1."""
     try:
         value = json.loads(text)
     except ValueError:
@@ -170,12 +170,12 @@ def _switches(text: str) -> str:
 
 
 def _breakable(name: str) -> str:
-    """Return a name as HTML that may go on in the next line after a slash."""
+    """Return a name as HTML that may break after a slash."""
     return escape(name).replace("/", "/<wbr>")
 
 
 def contents(page: RidePage) -> str:
-    """Return the topics of the bag."""
+    """Return the table of the bag's topics."""
     seconds = 1e-9 * page.contents.duration_ns
     counts = page.contents.counts
     lines = [

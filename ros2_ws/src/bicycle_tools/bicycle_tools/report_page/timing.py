@@ -1,4 +1,4 @@
-"""The figure of the loop's timing: rate, period and the way from state to command."""
+"""Figure of the loop's timing: rate, period and the latency from state to command."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from bicycle_tools.report_page.figures import MOST_POINTS, Canvas
 from bicycle_tools.report_page.loading import RidePage
 
 COLOURS = (LEAN, STEER)
-"""Of the first and the second ride where they share axes."""
+"""Colours of the first and the second ride on shared axes."""
 RATE_STEPS = 40
-"""Steps that one point of the rate is the mean of."""
+"""Number of steps averaged in one point of the rate."""
 LEAST_RANGE = 1.0
-"""Hz that the axis of the rate shows at least."""
+"""Least range of the rate's axis (Hz)."""
 BINS = 60
 
 
@@ -38,7 +38,7 @@ ROWS = (
 
 
 def draw_timing(canvas: Canvas, pages: Sequence[RidePage]) -> None:
-    """Rate and durations over time, and how often each duration came."""
+    """Draw rate and durations over time, and histograms of the durations."""
     count = len(pages)
     widths = [1.0] * count + [0.62]
     grid = canvas.subplots(1 + len(ROWS), count + 1, squeeze=False, width_ratios=widths)
@@ -63,7 +63,7 @@ def draw_timing(canvas: Canvas, pages: Sequence[RidePage]) -> None:
 
 
 def _share(columns: np.ndarray[tuple[int, int], np.dtype[np.object_]]) -> None:
-    """Equal limits: of time down each column, of values along each row."""
+    """Set equal limits: of time down each column, of values along each row."""
     for row in columns:
         for axes in row[1:]:
             axes.sharey(row[0])
@@ -78,7 +78,7 @@ def _milliseconds(page: RidePage, column: str) -> Floats:
 
 
 def _rate(axes: Axes, page: RidePage, time: Floats) -> None:
-    """Steps per second, over some steps each."""
+    """Draw the steps per second, averaged over some steps."""
     periods = 1e-3 * _milliseconds(page, "period")
     whole = len(periods) // RATE_STEPS * RATE_STEPS
     if not whole:
@@ -93,7 +93,7 @@ def _rate(axes: Axes, page: RidePage, time: Floats) -> None:
 
 
 def _widen(axes: Axes) -> None:
-    """Show a range of the rate that does not blow up the noise of a clock."""
+    """Widen the range of the rate so that a clock's noise is not magnified."""
     low, high = axes.get_ylim()
     if high - low < LEAST_RANGE:
         middle = 0.5 * (low + high)
@@ -101,7 +101,7 @@ def _widen(axes: Axes) -> None:
 
 
 def _histogram(axes: Axes, row: Row, pages: Sequence[RidePage]) -> None:
-    """How often each duration came, on a logarithmic axis: the tail is what matters."""
+    """Draw a histogram of durations on a logarithmic axis, which shows the tail."""
     found = [_milliseconds(page, row.column) for page in pages]
     finite = [values[np.isfinite(values)] for values in found]
     everything = np.concatenate(finite)
@@ -119,7 +119,7 @@ def _histogram(axes: Axes, row: Row, pages: Sequence[RidePage]) -> None:
 
 
 def _key(axes: Axes, pages: Sequence[RidePage]) -> None:
-    """Which colour is which ride in the histograms."""
+    """Draw the key of the rides' colours in the histograms."""
     axes.set_axis_off()
     if len(pages) > 1:
         for page, colour in zip(pages, COLOURS, strict=True):
