@@ -1,8 +1,8 @@
-"""Who may come in: the host and the origin of a request, and the token of a wider bind.
+"""Access control: the host and the origin of a request, and the token for other machines.
 
-Any page that the user has open can send requests to 127.0.0.1, and a foreign name can be made to
+Any page in the user's browser can send requests to 127.0.0.1, and a foreign name can be made to
 point there. So a request must name this server in Host, a WebSocket must come from a page of this
-server, and whoever is let in from other machines must know the token.
+server, and clients on other machines must know the token.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from urllib.parse import urlsplit
 
 LOCAL_NAMES = frozenset(("localhost", "127.0.0.1", "::1"))
 SHORTEST_TOKEN = 16
-"""Characters."""
+"""Least length of a token, in characters."""
 
 
 class RefusedError(Exception):
-    """A request that is not let in; the text is one line for the log, without the token."""
+    """A rejected request; the text is one line for the log, without the token."""
 
     def __init__(self, status: int, text: str) -> None:
         super().__init__(text)
@@ -38,18 +38,18 @@ def is_local(address: str) -> bool:
 
 @dataclass(frozen=True)
 class AccessPolicy:
-    """The rules of one server.
+    """Access rules of one server.
 
     Raises:
-        ValueError: when it is bound wider than this machine without a token, or on a short one.
+        ValueError: if other machines can reach it without a token, or on a short one.
     """
 
     address: str = "127.0.0.1"
-    """That the server is bound to."""
+    """Address to which the server is bound."""
     token: str = ""
-    """That every page must know; empty for none."""
+    """Token that every page must know; empty for none."""
     names: frozenset[str] = frozenset()
-    """Host names that it may be called by, besides those of this machine and numbers."""
+    """Accepted host names, besides those of this machine and numeric addresses."""
 
     def __post_init__(self) -> None:
         if not is_local(self.address) and not self.token:
@@ -64,8 +64,8 @@ class AccessPolicy:
         """Check the Host header.
 
         Raises:
-            RefusedError: when it does not name this server. A number will do where other
-                machines are let in: nobody can make it point elsewhere.
+            RefusedError: if it does not name this server. A numeric address suffices if other
+                machines are admitted: nobody can make it point elsewhere.
         """
         name = _name_of(f"//{host}")
         if name in LOCAL_NAMES or name in self.names:
@@ -78,21 +78,21 @@ class AccessPolicy:
         """Check the Origin header of a WebSocket.
 
         Raises:
-            RefusedError: when the page that opens it did not come from this server.
+            RefusedError: if the page that opens it did not come from this server.
         """
         if origin not in (f"http://{host}", f"https://{host}"):
             raise RefusedError(403, f"origin {str(origin)[:80]!r} is foreign")
 
     def check_site(self, site: str | None, mode: str | None, path: str) -> None:
-        """Check where a browser says that a request comes from; other clients say nothing.
+        """Check the origin that a browser states for a request; other clients state none.
 
         Args:
             site: Sec-Fetch-Site.
             mode: Sec-Fetch-Mode.
-            path: that is asked for.
+            path: requested path.
 
         Raises:
-            RefusedError: when another site's page asks for anything but to open this one.
+            RefusedError: if another site's page requests anything except to open this one.
         """
         if site in (None, "same-origin", "none") or (mode == "navigate" and path == "/"):
             return
@@ -102,7 +102,7 @@ class AccessPolicy:
         """Check the token.
 
         Raises:
-            RefusedError: when one is needed and this is not it.
+            RefusedError: if a token is required and this is not it.
         """
         given = token.encode(errors="surrogatepass")
         if self.token and not hmac.compare_digest(given, self.token.encode()):

@@ -1,9 +1,9 @@
-"""The process that reads bags for the web server: whatever a file does to it, the pages live on.
+"""Process that reads bags for the web server, so that a bad file cannot break the pages.
 
 Requests come on standard input, one JSON object a line: ``{"do": "list", "skip": [...]}`` and
 ``{"do": "load", "name": ...}``. Answers go to standard output: a line of JSON and, where it has
 a `size`, so many bytes after it. The list comes bag by bag, each announced before it is read, so
-that who waits knows which one takes too long.
+that the server knows which one takes too long.
 """
 
 from __future__ import annotations
@@ -29,19 +29,19 @@ from bicycle_cockpit.bags import session
 from bicycle_cockpit.shelf import BagShelf, Signature, entry, signature
 
 MOST_MEMORY = 4 * 1024**3
-"""Bytes of address space beyond what the process has at its start: what needs more is told."""
+"""Address space that the process may use beyond its size at the start (bytes)."""
 MOST_KEPT = 64 * 1024**2
-"""Bytes of compressed bags that are kept for the next page."""
+"""Size of the cache of compressed bags (bytes)."""
 NICENESS = 10
 _PR_SET_PDEATHSIG = 1
 
 
 class Worker:
-    """Reads bags and remembers them as long as their files do not change.
+    """Reads bags and caches them as long as their files do not change.
 
     Args:
         folder: of the bags.
-        out: takes the answers.
+        out: receives the answers.
     """
 
     def __init__(self, folder: Path, out: BinaryIO) -> None:
@@ -51,7 +51,7 @@ class Worker:
         self._kept: OrderedDict[str, tuple[Signature, dict[str, Any], bytes]] = OrderedDict()
 
     def answer(self, request: dict[str, Any]) -> None:
-        """Do what is asked for."""
+        """Execute a request."""
         if request["do"] == "list":
             self._list(set(request["skip"]))
         else:
@@ -62,7 +62,7 @@ class Worker:
         self._out.flush()
 
     def _list(self, skip: set[str]) -> None:
-        """Tell of every bag but those that were too much before."""
+        """List every bag except those in `skip`, which took too long before."""
         found = self._shelf.found()
         self._entries = {name: self._entries[name] for name in found if name in self._entries}
         for name, path in found.items():
@@ -77,7 +77,7 @@ class Worker:
         self._say({"done": True})
 
     def _load(self, name: str) -> None:
-        """Send a bag as the page draws it, compressed."""
+        """Send a bag in the page's form, compressed."""
         try:
             path = self._shelf.path(name)
         except KeyError:
@@ -104,7 +104,7 @@ class Worker:
 
 
 def _safe_entry(name: str, path: Path) -> dict[str, Any]:
-    """Return a bag for the list, whatever is wrong with it."""
+    """Return a bag's list entry, with any problem of the bag."""
     try:
         return entry(name, path)
     except Exception as error:
@@ -119,7 +119,7 @@ def _unforeseen(name: str, error: Exception) -> str:
 
 
 def _packed(name: str, path: Path) -> tuple[dict[str, Any], bytes]:
-    """What is said of a bag, and the bag."""
+    """Return a bag's description and its compressed content."""
     data = session(path)
     text = json.dumps({"name": name, **data}, allow_nan=False, separators=(",", ":"))
     body = gzip.compress(text.encode(), compresslevel=5, mtime=0)
@@ -127,7 +127,7 @@ def _packed(name: str, path: Path) -> tuple[dict[str, Any], bytes]:
 
 
 def _bound() -> None:
-    """Take little of the machine, and end with who asked for it."""
+    """Limit the process's use of the machine, and end it with its parent."""
     # A terminal's Ctrl-C is for the cockpit.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
@@ -140,10 +140,10 @@ def _bound() -> None:
 
 
 def main() -> int:
-    """Answer until standard input ends."""
+    """Serve until standard input ends."""
     _bound()
     worker = Worker(Path(sys.argv[1]), os.fdopen(os.dup(1), "wb"))
-    os.dup2(2, 1)  # what a library prints is no answer
+    os.dup2(2, 1)  # a library's prints must not mix with the answers
     for line in sys.stdin:
         worker.answer(json.loads(line))
     return 0

@@ -22,7 +22,7 @@ from bicycle_tools.ride_log import RideLog, read_ride
 from bicycle_tools.summary import dropped_steps, late_steps
 
 MOST_ROWS = 24_000
-"""Of one bag for the page, ten minutes at 40 Hz; longer ones are thinned evenly."""
+"""Largest number of rows of a bag on the page, ten minutes at 40 Hz; longer ones are thinned."""
 
 Numbers = NDArray[np.float64]
 Made = TypeVar("Made")
@@ -37,7 +37,7 @@ def session(path: Path) -> dict[str, Any]:
         (rad), `goal_radius` (m) and `duration` (s of simulated time).
 
     Raises:
-        BagError: when it cannot be read or holds no ride.
+        BagError: if it cannot be read or holds no ride.
     """
     ride = read_ride(path)
     if not len(ride.states["step"]):
@@ -68,14 +68,14 @@ def session(path: Path) -> dict[str, Any]:
 
 
 def _simulated_time(ride: RideLog) -> Numbers:
-    """Return (n,) s from the first state on; goes on where the simulator was started anew."""
+    """Return (n,) s since the first state; the time continues over restarts of the simulator."""
     stamp = np.asarray(ride.states["header.stamp"], dtype=np.float64)
     steps = np.diff(stamp, prepend=stamp[:1])
     return np.cumsum(np.where(steps < 0, 0.025, steps))
 
 
 def _first(ride: RideLog, name: str, read: Callable[[str], Made]) -> Made | None:
-    """What the first episode says; None where the bag has none, or one of another version."""
+    """Read `name` from the first episode; None if the bag has none, or of another version."""
     for text in ride.episodes.get(name, ()):
         try:
             return read(text)
@@ -125,7 +125,7 @@ def _table(
 
 
 def _at(messages: Mapping[str, NDArray[Any]], name: str, rows: NDArray[np.intp]) -> Numbers:
-    """Return a column at some rows; NaN where there is none."""
+    """Return a column at some rows; NaN if there is none."""
     if name not in messages or not len(messages[name]):
         return np.full(len(rows), np.nan)
     return np.where(rows >= 0, messages[name][np.maximum(rows, 0)], np.nan)

@@ -1,6 +1,6 @@
-"""What waits to be sent to each page, and what a page loses that does not keep up.
+"""Queues of data for each page, and their limits for a page that is too slow.
 
-All of it belongs to the server's event loop: nothing here is called from another thread.
+All methods belong to the server's event loop and must not be called from another thread.
 """
 
 from __future__ import annotations
@@ -12,21 +12,21 @@ from collections.abc import Sequence
 from bicycle_cockpit.rows import Rows, joined
 
 MOST_FRAMES = 500
-"""That wait for one page: 20 s, which a page gets in one go when it takes something again."""
+"""Largest number of frames queued for a page: 20 s, sent at once when it reads again."""
 MOST_LETTERS = 1_000
-"""Answers and events that wait for one page; with more it is given up."""
+"""Largest number of answers and events queued for a page; with more it is disconnected."""
 MOST_CLIENTS = 16
 
 
 class TooSlowError(Exception):
-    """A page takes nothing any more."""
+    """A page does not read any more."""
 
 
 class Outbox:
-    """What one page is still to get.
+    """Queue of one page.
 
     Attributes:
-        dropped: frames that it never got.
+        dropped: number of frames that it never received.
     """
 
     def __init__(self) -> None:
@@ -40,19 +40,19 @@ class Outbox:
         self._greeted = False
 
     def greet(self, text: str, history: Sequence[Rows]) -> None:
-        """The first thing a page gets, and all rows until now, the newest ones first."""
+        """Queue the first message of a page, and all rows until now, the newest ones first."""
         self._greeted = True
         self._letters.appendleft(text)
         self._history.extend(history)
         self._something.set()
 
     def frame(self, rows: Rows) -> None:
-        """New rows; what comes before the greeting is in the history already."""
+        """Queue new rows; before the greeting they are in the history already."""
         if not self._greeted:
             return
         if self._frames and self._frames[-1].ride != rows.ride:
             self._history.clear()
-            self._frames.clear()  # of a simulator that was started anew since
+            self._frames.clear()  # from before a restart of the simulator
         if len(self._frames) >= MOST_FRAMES:
             self._frames.popleft()
             self.dropped += 1
@@ -60,12 +60,12 @@ class Outbox:
         self._something.set()
 
     def newest(self, kind: str, text: str) -> None:
-        """Something of which only the newest matters."""
+        """Queue data of which only the newest matters."""
         self._newest[kind] = text
         self._something.set()
 
     def letter(self, text: str) -> None:
-        """Something that must not be lost."""
+        """Queue data that must not be lost."""
         if len(self._letters) >= MOST_LETTERS:
             self._full = True
         else:
@@ -73,10 +73,10 @@ class Outbox:
         self._something.set()
 
     async def take(self) -> str:
-        """What is to be sent next: the greeting, letters, what is new, frames, old rows.
+        """Return the next data to send: greeting, reliable data, latest data, frames, old rows.
 
         Raises:
-            TooSlowError: when too many letters wait.
+            TooSlowError: if too many reliable messages are queued.
         """
         while True:
             if self._full:
@@ -87,7 +87,7 @@ class Outbox:
             await self._something.wait()
 
     def _next(self) -> str:
-        """What is to be sent next; nothing where nothing waits."""
+        """Return the next data to send; empty if there are none."""
         if self._letters:
             return self._letters.popleft()
         if self._newest:
@@ -100,7 +100,7 @@ class Outbox:
 
 
 class Broadcaster:
-    """The outboxes of all pages, by number."""
+    """Queues of all pages, by number."""
 
     def __init__(self) -> None:
         self._boxes: dict[int, Outbox] = {}
@@ -109,16 +109,16 @@ class Broadcaster:
 
     @property
     def count(self) -> int:
-        """Pages that are connected."""
+        """Number of connected pages."""
         return len(self._boxes)
 
     @property
     def dropped(self) -> int:
-        """Frames that pages which are connected never got."""
+        """Number of frames that the connected pages never received."""
         return sum(box.dropped for box in self._boxes.values())
 
     def join(self) -> tuple[int, Outbox] | None:
-        """Return a new page's number and outbox; None where there are too many."""
+        """Return a new page's number and queue; None if there are too many pages."""
         if len(self._boxes) >= MOST_CLIENTS:
             return None
         number, box = self._next, Outbox()
@@ -129,27 +129,27 @@ class Broadcaster:
         return number, box
 
     def leave(self, number: int) -> None:
-        """A page is gone."""
+        """Remove a page."""
         self._boxes.pop(number, None)
 
     def greet(self, number: int, text: str, history: Sequence[Rows]) -> None:
-        """A page's greeting; see `Outbox.greet`."""
+        """Queue a page's greeting; see `Outbox.greet`."""
         if number in self._boxes:
             self._boxes[number].greet(text, history)
 
     def frame(self, rows: Rows) -> None:
-        """New rows for all."""
+        """Queue new rows for all pages."""
         for box in self._boxes.values():
             box.frame(rows)
 
     def newest(self, kind: str, text: str) -> None:
-        """Something of which only the newest matters, for all, and for those who come later."""
+        """Queue data of which only the newest matters, for all present and later pages."""
         self._last[kind] = text
         for box in self._boxes.values():
             box.newest(kind, text)
 
     def letter(self, text: str, to: int | None = None) -> None:
-        """Something that must not be lost, for one page or for all."""
+        """Queue data that must not be lost, for one page or for all."""
         for number, box in self._boxes.items():
             if to is None or number == to:
                 box.letter(text)

@@ -1,9 +1,9 @@
-"""Connections to the web server: how many there may be, and how long each may take.
+"""Limits on connections to the web server: their number, and their durations.
 
-Any process that reaches the port can open connections, with a token or without. So one that
-sends no whole request in time is closed, one that takes nothing of its answer too, and where
-there are too many the oldest that waits for a request makes room for the new one: who only holds
-connections open keeps nobody out.
+Any process that reaches the port can open connections, with a token or without. So a connection
+is closed if it sends no complete request in time, or reads nothing of its answer. If there are too
+many, the oldest one that waits for a request makes room for a new one, so that idle connections
+keep nobody out.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from typing import Any
 from aiohttp import web
 
 REQUEST_TIME = 10.0
-"""s from a connection's beginning, or its last answer, until a request must have come whole."""
+"""Time for a complete request, since the connection's start or its last answer (s)."""
 STALL_TIME = 30.0
-"""s after which a connection that takes nothing of what is sent is given up."""
+"""Time after which a connection that reads nothing is closed (s)."""
 MOST = 64
-"""Connections at once; a page has one for its WebSocket and up to six for its parts."""
+"""Largest number of connections; a page has one WebSocket and up to six for its parts."""
 FEWEST = 20
 
 Log = Callable[[str], None]
 
 
 def most_connections() -> int:
-    """How many there may be under this process's limit of open files, which ROS needs too."""
+    """Return the number that the process's limit of open files allows; ROS needs files too."""
     allowed, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return MOST if allowed < 0 else max(FEWEST, min(MOST, allowed // 3))
 
@@ -57,10 +57,10 @@ class Connection(web.RequestHandler):
         self._stalled: asyncio.TimerHandle | None = None
         self._heard = False
         self.name = "?"
-        """Address of the other side."""
+        """Address of the peer."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin to wait for a request, if there is room."""
+        """Start to wait for a request, if there is room."""
         super().connection_made(transport)
         peer = transport.get_extra_info("peername")
         self.name = str(peer[0]) if peer else "?"
@@ -68,7 +68,7 @@ class Connection(web.RequestHandler):
         self._wait()
 
     def connection_lost(self, exc: BaseException | None) -> None:
-        """Forget it."""
+        """Remove it."""
         for timer in (self._due, self._stalled):
             if timer is not None:
                 timer.cancel()
@@ -76,25 +76,25 @@ class Connection(web.RequestHandler):
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Take in bytes."""
+        """Receive bytes."""
         self._heard = True
         super().data_received(data)
 
     def pause_writing(self) -> None:
-        """The other side takes nothing."""
+        """Start the deadline: the peer does not read."""
         super().pause_writing()
         why = f"took nothing for {STALL_TIME:g} s"
         self._stalled = self._event_loop.call_later(STALL_TIME, self.cut, why)
 
     def resume_writing(self) -> None:
-        """It goes on."""
+        """Stop the deadline: the peer reads again."""
         super().resume_writing()
         if self._stalled is not None:
             self._stalled.cancel()
 
     @contextlib.contextmanager
     def at_work(self) -> Iterator[None]:
-        """While a request is answered."""
+        """Mark the connection busy while a request is answered."""
         self._book.busy(self)
         if self._due is not None:
             self._due.cancel()
@@ -109,12 +109,12 @@ class Connection(web.RequestHandler):
         self._due = self._event_loop.call_later(REQUEST_TIME, self._overdue)
 
     def _overdue(self) -> None:
-        # A browser opens connections ahead that it may not need: silence is not told.
+        # A browser opens connections in advance that it may not need: their timeout is not logged.
         why = f"sent no whole request within {REQUEST_TIME:g} s" if self._heard else ""
         self.cut(why)
 
     def cut(self, why: str) -> None:
-        """Close it at once; `why`, where it is given, is logged."""
+        """Close it at once; `why`, if not empty, is logged."""
         if self.transport is not None:
             if why:
                 self._book.log(f"{self.name}: connection closed: {why}")
@@ -127,7 +127,7 @@ class Connection(web.RequestHandler):
         exc: BaseException | None = None,
         message: str | None = None,
     ) -> web.StreamResponse:
-        """One line for the log and a short answer, to what is no HTTP and to our own mistakes."""
+        """Log one line and answer shortly, on invalid HTTP and on errors of this server."""
         text = " ".join(str(message or exc or "").split())
         self._book.log(f"{self.name}: {status}, {type(exc).__name__}: {text[:120]}{_where(exc)}")
         response = web.Response(status=status, text=f"{status}\n")
@@ -137,12 +137,12 @@ class Connection(web.RequestHandler):
 
 
 class Connections:
-    """All connections of a server; called as the factory of the protocol of each.
+    """All connections of a server; called as the factory of each connection's protocol.
 
     Args:
-        manager: what aiohttp's runner made of the application.
-        log: takes one line.
-        most: how many there may be.
+        manager: created by aiohttp's runner for the application.
+        log: logs one line.
+        most: largest number of connections.
         more: for `web.RequestHandler`.
     """
 
@@ -153,37 +153,37 @@ class Connections:
         self._busy: set[Connection] = set()
 
     def __call__(self) -> Connection:
-        """Return the protocol of a new connection."""
+        """Create the protocol of a new connection."""
         return Connection(self, self._manager, asyncio.get_running_loop(), **self._more)
 
     def opened(self, connection: Connection) -> None:
-        """Let it in; where there are too many, the one that waits longest makes room."""
+        """Admit a connection; if there are too many, close the one that has waited longest."""
         self._waiting[connection] = None
         if len(self._waiting) + len(self._busy) > self._most:
             oldest = next(iter(self._waiting))
-            # It counts no more, although its end comes later: else the next one would not go.
+            # Remove it now, although it ends later: otherwise the next one would not be closed.
             del self._waiting[oldest]
             oldest.cut(f"there are {self._most}, and it waited longest")
 
     def busy(self, connection: Connection) -> None:
-        """It has a request."""
+        """Mark it as answering a request."""
         self._waiting.pop(connection, None)
         self._busy.add(connection)
 
     def idle(self, connection: Connection) -> None:
-        """It was answered."""
+        """Mark it as waiting for a request."""
         self._busy.discard(connection)
         if connection.transport is not None and not connection.transport.is_closing():
             self._waiting[connection] = None
 
     def closed(self, connection: Connection) -> None:
-        """It is gone."""
+        """Remove it."""
         self._waiting.pop(connection, None)
         self._busy.discard(connection)
 
 
 def _where(error: BaseException | None) -> str:
-    """Return the place of a mistake of ours; nothing for what a client sent wrong."""
+    """Return the place of an error in this server; empty for a client's error."""
     trace = error.__traceback__ if error is not None and not _is_http(error) else None
     if trace is None:
         return ""

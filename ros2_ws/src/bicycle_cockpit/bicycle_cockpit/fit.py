@@ -1,4 +1,4 @@
-"""Whether a controller suits the ride: what it would use and may, and what it was made for."""
+"""Compatibility of a controller with the ride: its actions, and the bicycle of its training."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Scenario
 
 ACTIONS = (("torque", 1.0, "N m"), ("displacement", 100.0, "cm"), ("pedal force", 1.0, "N"))
-"""Name, factor for a person, and unit of each action."""
+"""Name, factor to the displayed unit, and unit of each action."""
 
 
 def misfit(path: str, plant: Plant[Any], scenario: Scenario) -> str:
@@ -26,7 +26,7 @@ def misfit(path: str, plant: Plant[Any], scenario: Scenario) -> str:
         scenario: of the ride.
     """
     unlike: list[str] = []
-    if path in TUNED:  # for every bicycle anew
+    if path in TUNED:  # designed for each bicycle
         tuning = TUNED[path]
         displacement = tuning.displacement_limit if tuning.use_displacement else 0.0
         pedal = tuning.pedal_limit if tuning.use_pedal else 0.0
@@ -35,7 +35,7 @@ def misfit(path: str, plant: Plant[Any], scenario: Scenario) -> str:
         try:
             policy = load_policy(path)
         except PolicyError:
-            return ""  # the controller says what is wrong with it
+            return ""  # the controller reports the error
         wanted = policy.info.action_limits
         unlike = unlike_training(policy, plant, scenario)
     reasons = [
@@ -51,11 +51,11 @@ def misfit(path: str, plant: Plant[Any], scenario: Scenario) -> str:
 
 
 class Suits:
-    """Whether the controller in charge suits the present ride; belongs to the live ride's thread.
+    """Compatibility of the active controller with the current ride; used in one thread.
 
     Args:
-        choices: where its file is.
-        live: which one is in charge, and in what ride.
+        choices: path of its file.
+        live: the active controller and the ride.
     """
 
     def __init__(self, choices: PolicyCatalogue, live: RideState) -> None:
@@ -64,12 +64,12 @@ class Suits:
         self._found = ""
 
     def misfit(self) -> str:
-        """Why not; empty where it does, or where that is not known."""
+        """Return the reason why not; empty if it suits, or if that is unknown."""
         live = self._live
         asked = (live.who.chosen, live.setting)
         if asked != self._asked:
             self._asked, self._found = asked, self._look()
-        # One that is not offered here is judged by the controller alone.
+        # The controller itself judges one that is not in the catalogue.
         return self._found or live.unlike
 
     def _look(self) -> str:

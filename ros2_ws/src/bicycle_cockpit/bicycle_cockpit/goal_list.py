@@ -1,4 +1,4 @@
-"""Which goals lie ahead, from what is sent to the controller and what it says of them."""
+"""Goals ahead, from the paths sent to the controller and its reports."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from bicycle_controller.control.goals import Status
 
 ENDS = (Status.REACHED, Status.MISSED, Status.GIVEN_UP, Status.FALLEN, Status.CANCELLED)
 MOST_ECHOES = 100
-"""Own paths that are expected back from the topic."""
+"""Largest number of own paths expected back from the topic."""
 
 
 class GoalList:
-    """The active goal and those after it.
+    """Active goal and those after it.
 
-    The controller tells changes one by one, and of a long path the oldest may be lost on the
-    way; so the path as it was sent is kept, and the number of goals that remain says where in
-    it the bicycle is. Until the controller has taken a path, which on a busy machine comes
-    late and while the bicycle lies only after a reset, that path is what lies ahead.
+    The controller reports changes one by one, and the oldest of a long path may be lost; so the
+    path is kept as sent, and the number of remaining goals gives the bicycle's place in it. Until the
+    controller has accepted a path, which is late on a busy machine and waits for a reset while the
+    bicycle lies, that path is the one ahead.
 
     Attributes:
-        active: the goal that is ridden to.
-        ahead: those that wait, in order.
+        active: the goal that is pursued.
+        ahead: waiting goals, in order.
     """
 
     def __init__(self) -> None:
@@ -34,12 +34,12 @@ class GoalList:
         self._echoes: deque[list[Point2D]] = deque(maxlen=MOST_ECHOES)
 
     def send(self, points: Sequence[Point2D]) -> None:
-        """This cockpit sends this path, or one goal; the topic brings it back later."""
+        """Take in a path, or one goal, that this cockpit sends; the topic returns it later."""
         self._echoes.append(list(points))
         self._put(list(points))
 
     def sent(self, points: Sequence[Point2D]) -> None:
-        """The topic brought this path, or one goal."""
+        """Take in a path, or one goal, received from the topic."""
         path = list(points)
         if path in self._echoes:
             self._echoes.remove(path)
@@ -52,7 +52,7 @@ class GoalList:
             self.active, self.ahead, self._path = None, [], []
 
     def changed(self, status: int, position: Point2D, remaining: int) -> None:
-        """The controller told a goal's change."""
+        """Take in a goal's change reported by the controller."""
         if status == Status.ACTIVE:
             path = self._untaken
             if path and remaining < len(path) and path[-1 - remaining] == position:
@@ -60,7 +60,7 @@ class GoalList:
             self.active = position
             self.ahead = self._path[len(self._path) - remaining :] if remaining else []
         elif status == Status.REJECTED:
-            # Compared as text: what is rejected may be NaN.
+            # Compared as text, because a rejected point may be NaN.
             if self._untaken and str(position) == str(self._untaken[0]):
                 self._untaken = None
         elif status in ENDS and position == self.active:
@@ -69,7 +69,7 @@ class GoalList:
                 self.ahead = []
 
     def with_more(self, points: Sequence[Point2D]) -> list[Point2D]:
-        """Return all that lies ahead and then these."""
+        """Return all goals ahead, followed by these points."""
         if self._untaken is not None:
             return [*self._untaken, *points]
         return [*([self.active] if self.active else []), *self.ahead, *points]

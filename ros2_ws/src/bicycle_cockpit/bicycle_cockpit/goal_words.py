@@ -1,4 +1,4 @@
-"""What becomes of goals, in words: the same for a ride that goes on and for a bag."""
+"""Descriptions of goals' changes, for live rides and bags alike."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from bicycle_common.types import Point2D
 from bicycle_controller.control.goals import Status
 
 UNTOLD = (Status.QUEUED, Status.REPLACED)
-"""Changes that say nothing to a person: the goal that came instead is told."""
+"""Changes that are not reported: the goal that replaces this one is."""
 LEVELS = {
     Status.REACHED: "good",
     Status.MISSED: "warn",
@@ -28,17 +28,17 @@ WORDS = {
 
 
 def kind(status: Status) -> str:
-    """Return the word by which the page draws it."""
+    """Return the keyword with which the page draws it."""
     return status.name.lower()
 
 
 def level(status: Status) -> str:
-    """good, info, warn or bad."""
+    """Return good, info, warn or bad."""
     return LEVELS.get(status, "info")
 
 
 def text(status: Status, place: Point2D, message: str) -> str:
-    """One line.
+    """Return a description in one line.
 
     Args:
         status: not one of UNTOLD.
@@ -48,24 +48,24 @@ def text(status: Status, place: Point2D, message: str) -> str:
     known = all(map(math.isfinite, place))
     where = f"({place[0]:.1f}, {place[1]:.1f})" if known else "without a place"
     line = WORDS[status].format(place=where)
-    # The controller begins with the same word: "reached after 7.1 s and 19.5 m".
+    # The controller's line begins with the same word: "reached after 7.1 s and 19.5 m".
     own = message.removeprefix("reached ") if status is Status.REACHED else message
     joint = " " if status is Status.REACHED and own != message else ": "
     return f"{line}{joint}{own}" if own else line
 
 
 class Told:
-    """Leaves out what says nothing new.
+    """Filter that drops repeated news.
 
-    A path that is sent again makes its first goal active again, though the bicycle rides on to
-    it; and goals that go with the active one, as 200 waypoints may, are not told one by one.
+    A path that is sent again makes its first goal active again while the bicycle pursues it; and
+    goals that end with the active one, such as 200 waypoints, are not reported one by one.
     """
 
     def __init__(self) -> None:
         self._active: Point2D | None = None
 
     def news(self, status: Status, place: Point2D) -> bool:
-        """Return True if a change is to be told."""
+        """Return True if a change is to be reported."""
         if status is Status.REJECTED:
             return True
         is_active = place == self._active

@@ -1,4 +1,4 @@
-"""Why the fallback rides, or no longer does, in words without the ids of policies."""
+"""Reasons why the fallback rides, or no longer does, without ids of policies."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ REASONS = {
     Reason.TOO_FAST: "it was too fast",
     Reason.STALE: "its command was too old",
 }
-"""What the measured limits mean."""
+"""Meaning of the measured limits."""
 
 
 def explained(reason: int, message: str, policy: str, names: Mapping[str, str]) -> str:
-    """Why it is handed over, such as "it leaned too fast (lean rate 0.6 rad/s is beyond ...)".
+    """Explain a switch, such as "it leaned too fast (lean rate 0.6 rad/s is beyond ...)".
 
     Args:
-        reason: of the hand-over, see `Reason`; one that is not known has no words but the message.
+        reason: of the switch, see `Reason`; an unknown one is described by the message alone.
         message: the controller's line, such as "lean rate 0.6 rad/s is beyond 0.5 rad/s: lqr-1234
             takes over from policy naf@5678" or "calm again: policy naf@5678 drives".
-        policy: id of what rides from here on.
+        policy: id of the policy that rides from here on.
         names: of policies, by their ids.
     """
     for end in (f": {policy} takes over", f": policy {policy} drives"):

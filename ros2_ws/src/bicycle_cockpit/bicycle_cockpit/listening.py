@@ -1,4 +1,4 @@
-"""Sockets to listen on, and how many connections are taken in at once."""
+"""Listening sockets, and the number of connections accepted at once."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ import socket
 from collections.abc import Callable
 
 QUEUE = 128
-"""Connections that the kernel holds until they are taken in."""
+"""Connections that the kernel queues until they are accepted."""
 AT_ONCE = 8
-"""That asyncio takes in before it looks at those it has: with what is open already they must not
-use up the files that this process may open."""
+"""Connections that asyncio accepts before it serves existing ones: together with the open ones
+they must not exhaust this process's limit of files."""
 
 
 async def listen(
     protocol: Callable[[], asyncio.BaseProtocol], address: str, port: int
 ) -> tuple[int, list[asyncio.Server]]:
-    """Listen on all that an address stands for, such as both kinds of localhost.
+    """Listen on all addresses of a name, such as both kinds of localhost.
 
     Args:
-        protocol: makes the protocol of a connection.
+        protocol: creates the protocol of a connection.
         address: name or number.
-        port: zero takes a free one, the same for all.
+        port: zero selects a free one, the same for all.
 
     Returns:
         The port, and the servers to close.
 
     Raises:
-        OSError: when it cannot be bound.
+        OSError: if it cannot be bound.
     """
     loop = asyncio.get_running_loop()
     flags = socket.AI_PASSIVE

@@ -1,4 +1,4 @@
-"""How punctual the control loop is, from the simulator's timing messages."""
+"""Punctuality of the control loop, from the simulator's timing messages."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 Numbers = NDArray[np.float64]
 
 WINDOW = 10.0
-"""s of a live ride that its figures are about."""
+"""Time window of a live ride's figures (s)."""
 
 
 def loop_figures(period: Numbers, lateness: Numbers, latency: Numbers) -> dict[str, float | None]:
-    """Rate (Hz), jitter and latency (ms) of some steps; None where nothing was measured.
+    """Return rate (Hz), jitter and latency (ms) of some steps; None if not measured.
 
     Args:
         period: (n,) s since the step before; NaN for a first one.
@@ -25,7 +25,7 @@ def loop_figures(period: Numbers, lateness: Numbers, latency: Numbers) -> dict[s
         latency: (n,) s from a state to its command; NaN without one.
 
     Returns:
-        Jitter is how far a period is from their median, in lock-step too.
+        Jitter is the deviation of a period from the median, in lock-step too.
     """
     finite = period[np.isfinite(period)]
     middle = float(np.median(finite)) if len(finite) else 0.0
@@ -48,20 +48,20 @@ class LoopStats:
     """Figures over the last seconds."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        """Begin without any; `clock` is steady, s."""
+        """Start without figures; `clock` is steady, s."""
         self._clock = clock
         self._kept: deque[tuple[float, float, float, float]] = deque()
         self._late = self._dropped = 0
 
     def add(self, timing: Any) -> None:
-        """Take in one LoopTiming message, or anything with its fields."""
+        """Add one LoopTiming message, or an object with its fields."""
         now = self._clock()
         self._kept.append((now, timing.period, timing.lateness, timing.latency))
         self._late, self._dropped = int(timing.late_steps), int(timing.dropped_steps)
         self._forget(now)
 
     def figures(self) -> dict[str, float | None]:
-        """See `loop_figures`; besides, late and dropped steps since the simulator started."""
+        """Return `loop_figures`, and the late and dropped steps since the simulator started."""
         self._forget(self._clock())
         kept = np.array([row[1:] for row in self._kept], dtype=np.float64).reshape(-1, 3)
         found = loop_figures(kept[:, 0], kept[:, 1], kept[:, 2])

@@ -1,4 +1,4 @@
-"""What happened in a bag's ride, with the time and the place of each, for the page."""
+"""Events of a bag's ride, with the time and the place of each, for the page."""
 
 from __future__ import annotations
 
@@ -24,27 +24,27 @@ MOST_MARKS = 2_000
 
 Numbers = NDArray[np.float64]
 Mark = dict[str, Any]
-"""`t` (s), `kind`, `level`, `text`, and `x`, `y` (m) where it was."""
+"""`t` (s), `kind`, `level`, `text`, and the place `x`, `y` (m)."""
 
 
 class Ridden(NamedTuple):
-    """A ride, and what its marks are told by."""
+    """A ride, and the data of its marks."""
 
     ride: RideLog
     time: Numbers
-    """(n,) s of each state."""
+    """Time of each state, (n,) s."""
     names: Mapping[str, str]
-    """Of policies, by their ids."""
+    """Names of policies, by their ids."""
 
 
 def marks(ridden: Ridden) -> list[Mark]:
-    """Return all of them in order of time, the first MOST_MARKS."""
+    """Return all marks in order of time, the first MOST_MARKS."""
     found = [*_goals(ridden), *_states(ridden), *_others(ridden)]
     return sorted(found, key=lambda mark: float(mark["t"]))[:MOST_MARKS]
 
 
 def _mark(ridden: Ridden, row: int, kind: str, level: str, text: str) -> Mark:
-    """What happened at one state, and there."""
+    """Return the mark of an event at one state."""
     states = ridden.ride.states
     return {
         "t": round(float(ridden.time[row]), 3),
@@ -57,14 +57,14 @@ def _mark(ridden: Ridden, row: int, kind: str, level: str, text: str) -> Mark:
 
 
 def _rows(ridden: Ridden, messages: Mapping[str, NDArray[Any]]) -> list[int]:
-    """Return the newest state that was recorded by the time of each message."""
+    """Return for each message the newest state recorded before it."""
     places = messages["recorded_order"]
     rows = np.searchsorted(ridden.ride.states["recorded_order"], places, side="right") - 1
     return [int(row) for row in np.maximum(rows, 0)]
 
 
 def _goals(ridden: Ridden) -> Iterator[Mark]:
-    """What became of goals; they are marked where they are, not where the bicycle was."""
+    """Yield the goals' outcomes, at the place of the goal, not of the bicycle."""
     found = ridden.ride.statuses
     if "status" not in found:
         return
@@ -72,7 +72,7 @@ def _goals(ridden: Ridden) -> Iterator[Mark]:
     for index, row in enumerate(_rows(ridden, found)):
         number = int(found["status"][index])
         if number not in set(Status):
-            continue  # of a later version
+            continue  # from a later version
         status = Status(number)
         place = float(found["position.x"][index]), float(found["position.y"][index])
         if not np.isfinite(place).all() or not told.news(status, place):
@@ -83,7 +83,7 @@ def _goals(ridden: Ridden) -> Iterator[Mark]:
 
 
 def _states(ridden: Ridden) -> Iterator[Mark]:
-    """Falls and resets."""
+    """Yield falls and resets."""
     ride = ridden.ride
     fallen = np.asarray(ride.states["fallen"], dtype=bool)
     for row in np.flatnonzero(fallen & ~np.roll(fallen, 1)):
@@ -94,7 +94,7 @@ def _states(ridden: Ridden) -> Iterator[Mark]:
 
 
 def _others(ridden: Ridden) -> Iterator[Mark]:
-    """Pushes from the side, and who took over from whom."""
+    """Yield lateral pushes and switches of the controller."""
     reader = BagReader(ridden.ride.path)
     prefix = prefix_of(reader)
 
@@ -108,7 +108,7 @@ def _others(ridden: Ridden) -> Iterator[Mark]:
             yield _mark(ridden, row, "push", "info", push_text(float(rate)))
     if there(HAND_OVER):
         changes = load(reader, prefix + HAND_OVER)
-        # It is latched: a recorder gets what was told before it came.
+        # It is latched: a recorder also gets messages from before it joined.
         before = sent_before(changes, begun(reader), ridden.ride.commands)
         for index, row in enumerate(_rows(ridden, changes)):
             if before[index]:
@@ -124,6 +124,6 @@ def _others(ridden: Ridden) -> Iterator[Mark]:
 
 
 def push_text(lean_rate: float) -> str:
-    """Return a push in words; rad/s, positive to the right."""
+    """Return a push as text; rad/s, positive to the right."""
     side = "right" if lean_rate > 0 else "left"
     return f"pushed to the {side}, {abs(lean_rate):.2f} rad/s"

@@ -1,4 +1,4 @@
-"""Log lines of the web server: one line each, and not without end."""
+"""Log of the web server: one line per event, with a rate limit."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from collections.abc import Callable
 from bicycle_cockpit.rate_limiter import RateLimiter
 
 LONGEST = 300
-"""Characters; a client can make a line as long as it likes."""
+"""Longest line in characters; a client can choose a line's length."""
 RATE, BURST = 1.0, 20.0
-"""Lines a second, and at once."""
+"""Lines per second, and at once."""
 
 
 class OneLine:
-    """Passes lines on, but not without end.
+    """Passes lines on, with a rate limit.
 
     Args:
-        say: takes a line; called in the thread that logs.
+        say: logs a line; called in the thread that logs.
     """
 
     def __init__(self, say: Callable[[str], None]) -> None:
@@ -37,14 +37,14 @@ class OneLine:
 
 
 class ToOneLine(logging.Handler):
-    """What a library logs, with its traceback if it has one, as one line."""
+    """Handler that logs a library's records, with any traceback, as one line."""
 
     def __init__(self, log: OneLine) -> None:
         super().__init__(logging.WARNING)
         self._log = log
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Log the message and the exception's own words."""
+        """Log the message and the exception's text."""
         text = " ".join(record.getMessage().split())
         error = record.exc_info[1] if record.exc_info else None
         if error is not None:

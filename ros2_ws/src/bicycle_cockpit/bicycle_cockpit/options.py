@@ -1,4 +1,4 @@
-"""The command line of the cockpit."""
+"""Command line of the cockpit."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ from bicycle_common.node_commands import checked_parameter
 
 DEFAULT_PORT = 8765
 RIDE = ("simulator", "controller")
-"""The nodes that the cockpit starts, in this order."""
+"""Nodes that the cockpit starts, in this order."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """A cockpit as it was asked for."""
+    """Options of a cockpit."""
 
     door: AccessPolicy
     port: int
     bags: Path
-    """Folder of the bags that may be looked at, and that new ones are recorded into."""
+    """Folder of the shown bags and of new ones."""
     models: Path
-    """Folder of policy files that may be chosen."""
+    """Folder of policy files that can be chosen."""
     ride: bool
-    """Start simulator and controller, too."""
+    """True to start simulator and controller, too."""
     parameters: tuple[str, ...]
     """``NODE.name:=value``."""
     ros: tuple[str, ...]
     """Arguments for the cockpit's own node, such as ``-r __ns:=/red``."""
 
     def url(self, port: int) -> str:
-        """What to open in the browser; the token is behind #, which is sent nowhere."""
+        """Return the address for the browser; the token is behind #, which is never sent."""
         address = self.door.address
         host = "localhost" if address in ("0.0.0.0", "::") else address
         host = f"[{host}]" if ":" in host else host
@@ -44,7 +44,7 @@ class Options:
 
 
 def parse(arguments: Sequence[str], workspace: Path) -> Options:
-    """Read the command line; ends the program with status 2 and one line when it is wrong."""
+    """Read the command line; on an error end the program with status 2 and one line."""
     words = list(arguments)
     at = words.index("--ros-args") if "--ros-args" in words else len(words)
     own, ros = words[:at], words[at:]
@@ -70,7 +70,7 @@ def _checked(given: argparse.Namespace, ros: list[str]) -> Options:
     """Return the options.
 
     Raises:
-        ValueError: on a value out of range, an unsafe door or an unknown word.
+        ValueError: on a value out of range, unsafe access rules or an unknown word.
     """
     if not 0 <= given.port <= 65535:
         raise ValueError(f"--port is {given.port}: choose 1 to 65535, or 0 for a free one")

@@ -1,4 +1,4 @@
-"""One page's WebSocket: sends what waits for it, and takes in what it asks for."""
+"""WebSocket of one page: it sends queued data, and receives requests."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ from bicycle_cockpit.rate_limiter import RateLimiter
 from bicycle_cockpit.requests import MOST_BYTES, Request, RequestError, parse
 
 HEARTBEAT = 20.0
-"""s between two pings; a page that answers none is gone."""
+"""Period of pings (s); a page that does not answer is gone."""
 MOST_BUFFERED = 64 * 1024
-"""Bytes on the way to one page, here and as many in the kernel; it would take megabytes."""
+"""Limit of the send buffer of one page, here and in the kernel (bytes); default is megabytes."""
 GOOD_BYE = 1.0
-"""s that a page gets to answer when it is told that all is over."""
+"""Time for a page to answer the closing message (s)."""
 MESSAGE_RATE, MESSAGE_BURST = 20.0, 40.0
 MOST_REFUSALS = 20
-"""Refused messages after which a page is sent away."""
+"""Number of refused messages after which a page is disconnected."""
 
 
 class PageSocket:
-    """A page that is let in.
+    """An admitted page.
 
     Args:
         request: that opens the WebSocket.
-        hub: of all pages.
-        number: of this page there.
-        log: takes one line about what is refused.
+        hub: queues of all pages.
+        number: of this page in it.
+        log: logs one line about a refused message.
     """
 
     def __init__(
         self, request: web.Request, hub: Broadcaster, number: int, log: Callable[[str], None]
     ) -> None:
         self._request, self._hub, self._number, self._log = request, hub, number, log
-        # A greeting has hundreds of kilobytes of numbers; compressed a quarter of that.
+        # A greeting has hundreds of kilobytes of numbers; compression reduces it to a quarter.
         self.socket = web.WebSocketResponse(
             heartbeat=HEARTBEAT, max_msg_size=MOST_BYTES, compress=True, timeout=GOOD_BYE
         )
@@ -50,10 +50,10 @@ class PageSocket:
         on_join: Callable[[int], None],
         on_request: Callable[[int, Request], None],
     ) -> None:
-        """Talk with the page until it leaves.
+        """Serve the page until it leaves.
 
         Args:
-            box: what waits for it.
+            box: queue of data for it.
             on_join: called once it is connected.
             on_request: called with each of its requests.
         """
@@ -74,17 +74,17 @@ class PageSocket:
         await self.socket.close(code=WSCloseCode.GOING_AWAY, message=b"the cockpit ends")
 
     async def _send(self, box: Outbox) -> None:
-        """Send what waits, at the page's own pace."""
+        """Send queued data, at the page's own pace."""
         try:
             while True:
                 await self.socket.send_str(await box.take())
         except TooSlowError:
             await self.socket.close(code=WSCloseCode.TRY_AGAIN_LATER, message=b"too slow")
         except ConnectionError:
-            pass  # the page is gone; the receiving side sees it too
+            pass  # the page is gone; the receiving side notices it too
 
     async def _receive(self, on_request: Callable[[int, Request], None]) -> None:
-        """Take in a page's requests until it leaves."""
+        """Receive a page's requests until it leaves."""
         bucket, refusals = RateLimiter(MESSAGE_RATE, MESSAGE_BURST), 0
         who = self._request.remote
         async for message in self.socket:
@@ -104,13 +104,13 @@ class PageSocket:
                     code = WSCloseCode.POLICY_VIOLATION
                     await self.socket.close(code=code, message=b"too many")
         end = self.socket.exception()
-        # A page that is closed while it is written to is nothing to tell.
+        # A page that closes during a write is no error.
         if end is not None and not isinstance(end, ConnectionError):
             self._log(f"{who}: connection ended: {end}")
 
 
 def _keep_short(request: web.Request) -> None:
-    """Let little pile up on the way to a page: what waits here can be sent in one go later."""
+    """Keep the send buffers small: data queued here can be merged and sent at once later."""
     if request.transport is None:
         return
     request.transport.set_write_buffer_limits(high=MOST_BUFFERED)
@@ -123,7 +123,7 @@ def _text(message: WSMessage) -> str:
     """Return the text of a message.
 
     Raises:
-        RequestError: when it is not text.
+        RequestError: if it is not text.
     """
     if message.type != WSMsgType.TEXT:
         raise RequestError("a message that is not text")

@@ -1,4 +1,4 @@
-"""Which controllers a page may choose from: the shipped ones, LQR, and a folder's policy files."""
+"""Controllers that a page can choose: the shipped ones, LQR, and a folder's policy files."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from pathlib import Path
 from bicycle_controller.policy.policy import BEST, LQR, SUFFIX, shipped_policies
 
 MOST_FILES = 100
-"""That are offered, the newest."""
+"""Largest number of offered files, the newest."""
 
 
 class PolicyCatalogue:
-    """Controllers by the names that pages use; a page can name no path."""
+    """Controllers by the names that pages use; a page cannot name a path."""
 
     def __init__(self, folder: Path) -> None:
-        """Offer what is shipped, and the policy files in `folder` and in folders in it."""
+        """Offer the shipped policies, and the policy files in `folder` and its subfolders."""
         self._folder = folder
 
     def offered(self) -> list[dict[str, str]]:
-        """Return the name and group of each, in the order to show them."""
+        """Return the name and group of each controller, in display order."""
         groups = {
             **dict.fromkeys(shipped_policies(), "shipped"),
             **dict.fromkeys(LQR, "classical"),
@@ -27,10 +27,10 @@ class PolicyCatalogue:
         return [{"name": name, "group": group} for name, group in groups.items()]
 
     def path(self, name: str) -> str:
-        """What `bicycle/load_policy` takes for a name.
+        """Return the argument of `bicycle/load_policy` for a name.
 
         Raises:
-            KeyError: when it is not offered.
+            KeyError: if it is not offered.
         """
         if name in shipped_policies() or name in LQR:
             return name

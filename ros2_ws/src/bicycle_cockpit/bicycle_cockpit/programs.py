@@ -1,4 +1,4 @@
-"""The programs of this package, for its console scripts; see `bicycle_common.signals`."""
+"""Programs of this package, for its console scripts; see `bicycle_common.signals`."""
 
 from functools import partial
 

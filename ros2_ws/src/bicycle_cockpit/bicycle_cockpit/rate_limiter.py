@@ -1,4 +1,4 @@
-"""How often something may happen."""
+"""Rate limiter."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ from collections.abc import Callable
 
 
 class RateLimiter:
-    """A token bucket: `burst` at once, `rate` per second in the long run."""
+    """Token bucket: `burst` at once, `rate` per second in the long run."""
 
     def __init__(
         self, rate: float, burst: float, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        """Begin full.
+        """Start with a full bucket.
 
         Args:
             rate: per second.
             burst: at once.
-            clock: steady, s.
+            clock: steady clock, s.
         """
         self._rate, self._burst, self._clock = rate, burst, clock
         self._left, self._asked = burst, clock()
 
     def take(self) -> bool:
-        """Return True if it may happen once more, now."""
+        """Take one token; return False if there is none."""
         now = self._clock()
         self._left = min(self._burst, self._left + (now - self._asked) * self._rate)
         self._asked = now

@@ -1,6 +1,6 @@
-"""What a page may ask for: JSON text in, a checked request out.
+"""Requests of a page: JSON text in, a checked request out.
 
-Every request is an object with `type` and, where an answer is wanted, a whole number `id`.
+Every request is an object with `type` and, if an answer is wanted, an integer `id`.
 """
 
 from __future__ import annotations
@@ -15,38 +15,38 @@ from bicycle_common.types import Point2D
 from bicycle_sim.runtime.push import LARGEST_PUSH
 
 MOST_BYTES = 16 * 1024
-"""Of one message."""
+"""Largest size of one message."""
 MOST_WAYPOINTS = 200
 FARTHEST = 1e4
-"""m, of a goal from the origin; the controller's own bound."""
+"""Largest distance of a goal from the origin (m); the controller's bound."""
 LONGEST_NAME = 200
 
 
 class RequestError(ValueError):
-    """A request that is refused; the text is one line."""
+    """A refused request; the text is one line."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """What all have in common."""
+    """Common part of all requests."""
 
     id: int
-    """For the answer; -1 where none is wanted."""
+    """Id for the answer; -1 if none is wanted."""
 
 
 @dataclass(frozen=True)
 class SendGoal(Request):
-    """Ride to a point instead of all goals so far."""
+    """Ride to a point instead of all previous goals."""
 
     point: Point2D
     """m."""
     heading: float | None
-    """rad, yaw in which to arrive; None for any."""
+    """Yaw on arrival, rad; None for any."""
 
 
 @dataclass(frozen=True)
 class AddWaypoints(Request):
-    """Ride to these points after all goals so far."""
+    """Ride to these points after all previous goals."""
 
     points: list[Point2D]
     """m."""
@@ -54,7 +54,7 @@ class AddWaypoints(Request):
 
 @dataclass(frozen=True)
 class ClearGoals(Request):
-    """Forget all goals."""
+    """Remove all goals."""
 
 
 @dataclass(frozen=True)
@@ -67,14 +67,14 @@ class Push(Request):
 
 @dataclass(frozen=True)
 class Pause(Request):
-    """Stop time, or let it go on."""
+    """Pause or resume the simulation."""
 
     paused: bool
 
 
 @dataclass(frozen=True)
 class Step(Request):
-    """One step while paused."""
+    """Make one step while paused."""
 
 
 @dataclass(frozen=True)
@@ -87,21 +87,21 @@ class Reset(Request):
 
 @dataclass(frozen=True)
 class SwitchController(Request):
-    """Have another controller ride."""
+    """Switch to another controller."""
 
     name: str
-    """One of those that the page was offered."""
+    """One of the names offered to the page."""
 
 
 @dataclass(frozen=True)
 class Record(Request):
-    """Begin or end recording."""
+    """Start or stop a recording."""
 
     on: bool
 
 
 def parse(text: str) -> Request:
-    """Return the request that a message holds.
+    """Parse a message into a request.
 
     Raises:
         RequestError: on anything but a request with fields of the right type and range.
@@ -132,7 +132,7 @@ def _no_constant(name: str) -> float:
 
 
 def _shown(value: object) -> str:
-    """Return foreign text in one line of bounded length."""
+    """Return untrusted text in one line of bounded length."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
@@ -141,7 +141,7 @@ def _number(data: dict[str, Any], name: str, most: float) -> float:
     value = data.get(name)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise RequestError(f"{name} is {_shown(value)}, not a number")
-    if not abs(value) <= most:  # NaN is not, either
+    if not abs(value) <= most:  # also False for NaN
         raise RequestError(f"{name} is {_shown(value)}, not within {most:g} of zero")
     return float(value)
 
@@ -192,4 +192,4 @@ _PARSERS: dict[str, tuple[tuple[str, ...], _Maker]] = {
     "controller": (("name",), _name),
     "record": (("on",), lambda n, d: Record(n, _flag(d, "on"))),
 }
-"""By their type: the fields that each may have, and what makes it."""
+"""Parsers by request type: the allowed fields, and the function."""

@@ -1,4 +1,4 @@
-"""How long a bag's ride was on the bicycle's own clock, from its first and its last state."""
+"""Duration of a bag's ride in simulated time, from its first and its last state."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from bicycle_tools.ride_log import STATE
 _CDR_HEADER = 4
 _LITTLE_ENDIAN = 1
 LARGEST_CHUNK = 64 * 1024 * 1024
-"""Bytes of a chunk that is opened for this."""
+"""Largest chunk that is opened for this (bytes)."""
 
 
 def ridden(files: Sequence[Path]) -> float | None:
-    """Return s of simulated time between the first and the last state.
+    """Return the simulated time between the first and the last state, s.
 
     Args:
         files: the MCAP files of a bag, in order.
 
     Returns:
-        None where that is not known: no bicycle or several, no index, a simulator that was
-        started anew meanwhile, or files that cannot be read.
+        None if that is unknown: no bicycle or several, no index, a restart of the simulator, or
+        unreadable files.
     """
     try:
         first = _first_known(_stamp(file, last=False) for file in files)
         last = _first_known(_stamp(file, last=True) for file in reversed(files))
-    except Exception:  # whatever the reader makes of a broken file: the list goes without
+    except Exception:  # any error of the reader in a broken file: the list omits the duration
         return None
     if first is None or last is None or last < first:
         return None
@@ -63,7 +63,7 @@ def _state_topic(summary: Summary) -> str:
 
 
 def _seconds(data: bytes) -> float | None:
-    """Return the stamp that a message with a header begins with."""
+    """Return the stamp in the header of a message, s."""
     if len(data) < _CDR_HEADER + 8 or data[1] != _LITTLE_ENDIAN:
         return None
     seconds, nanoseconds = struct.unpack_from("<iI", data, _CDR_HEADER)

@@ -1,4 +1,4 @@
-"""What is known of the ride that goes on, and how it is told to the pages."""
+"""State of the current ride, and its form for the pages."""
 
 from __future__ import annotations
 
@@ -23,39 +23,39 @@ from bicycle_sim.task.reward import RewardWeights
 from bicycle_sim.task.scenario import Scenario
 
 HISTORY = 4_800
-"""Rows that a page gets when it comes: two minutes at 40 Hz."""
+"""Rows sent to a new page: two minutes at 40 Hz."""
 PIECE = 400
 """Rows of the history in one message: 10 s."""
 RATE = 65.0
-"""Rows a second: a ride in lock-step makes more steps than a page can draw."""
+"""Rows per second: a ride in lock-step makes more steps than a page can draw."""
 BURST = 400.0
-"""Rows at once: what waited while this process was busy is no reason to leave a step out."""
+"""Rows at once: steps that queued while this process was busy must not be omitted."""
 SILENCE = 1.0
-"""s without a state after which there is no simulator."""
+"""Time without a state after which the simulator counts as absent (s)."""
 MOST_EVENTS = 200
 MOST_TRAINING = 1_000
-"""Reports of the trainer that a page gets when it comes."""
+"""Reports of the trainer sent to a new page."""
 
 
 class RideState:
-    """The newest state of everything; all methods belong to one thread.
+    """Newest state of everything; all methods belong to one thread.
 
     Attributes:
-        session: names this cockpit: a page that comes back to it knows what it has already.
-        goals: which lie ahead.
-        loop: how punctual the simulator is.
-        who: which policy rides.
-        mode: the simulator's own word: riding, paused, held or fallen.
-        paused: time stands still, also under a bicycle that waits or lies.
+        session: id of this cockpit: a page that reconnects knows which data it has already.
+        goals: goals ahead.
+        loop: punctuality of the simulator.
+        who: riding policy.
+        mode: the simulator's mode: riding, paused, held or fallen.
+        paused: True if time stands still, even under a bicycle that waits or lies.
         weights: of the reward's terms.
-        names: by which names the policies that ride are offered, as far as is known.
+        names: catalogue names of the riding policies, as far as known.
         facts: of the episode, for the page: seed, scenario, limits, ...
         setting: bicycle and scenario; None before they are known.
-        unlike: in what the ride is another than the controller's policy was made for.
+        unlike: difference of the ride from the training of the controller's policy.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        """Begin knowing nothing; `clock` is steady, s."""
+        """Start without data; `clock` is steady, s."""
         self._clock = clock
         self.session = secrets.token_hex(8)
         self.goals = GoalList()
@@ -81,19 +81,19 @@ class RideState:
 
     @property
     def time(self) -> float:
-        """s of simulated time."""
+        """Simulated time, s."""
         return 0.0 if self._last is None else self._last.t
 
     @property
     def position(self) -> tuple[float, float] | None:
-        """m, where the rear contact is; None before the first state."""
+        """Position of the rear contact, m; None before the first state."""
         last = self._last
         known = last is not None and math.isfinite(last.x) and math.isfinite(last.y)
         return (last.x, last.y) if last is not None and known else None
 
     @property
     def at_start(self) -> bool:
-        """True if no step of the episode has been made."""
+        """True if the episode has no step yet."""
         return self._last is None or self._last.step == 0
 
     @property
@@ -102,16 +102,16 @@ class RideState:
         return self._clock() - self._heard < SILENCE
 
     def due(self) -> bool:
-        """Note that a state has come; whether it is to be turned into a row."""
+        """Count a received state; return True if it is to become a row."""
         self._heard = self._clock()
         return self._room.take()
 
     def add(self, sample: Sample) -> bool:
-        """Take in a state; whether it is a new step, not one that was published again."""
+        """Take in a state; return True if it is a new step, not a repeated one."""
         last = self._last
         if last is not None and (sample.episode, sample.step) == (last.episode, last.step):
             return False
-        if last is not None and sample.t < last.t:  # the simulator was started anew
+        if last is not None and sample.t < last.t:  # after a restart of the simulator
             self._ride += 1
             self._count = 0
             self._rows.clear()
@@ -124,16 +124,16 @@ class RideState:
         return True
 
     def policy_number(self, policy: str) -> float:
-        """Return the number by which rows name a policy; NaN for none."""
+        """Return the number of a policy in the rows; NaN for none."""
         return self._policies.setdefault(policy, len(self._policies)) if policy else math.nan
 
     def riders(self) -> dict[str, Any]:
-        """Return the policies that rows name, in the order of their numbers."""
+        """Return the policies in the rows, in the order of their numbers."""
         known = (rider(policy, self.names) for policy in self._policies)
         return {"type": "riders", "riders": [asdict(one) for one in known]}
 
     def event(self, level: str, text: str, **more: Any) -> dict[str, Any]:
-        """Note that something happened; returns what to tell the pages.
+        """Record an event; return its form for the pages.
 
         Args:
             level: good, info, warn or bad.
@@ -156,7 +156,7 @@ class RideState:
             self._training.append(facts)
 
     def hello(self) -> dict[str, Any]:
-        """Return all that a new page must know but for the rows, which `history` has."""
+        """Return all data for a new page except the rows, see `history`."""
         return {
             "type": "hello",
             "session": self.session,
@@ -169,7 +169,7 @@ class RideState:
         }
 
     def history(self) -> list[Rows]:
-        """Return all rows but those of the next frame, in pieces, the newest first."""
+        """Return all rows except those of the next frame, in pieces, the newest first."""
         end = self._count - len(self._new)
         rows = tuple(islice(self._rows, max(0, len(self._rows) - len(self._new))))
         pieces = []
@@ -179,12 +179,12 @@ class RideState:
         return pieces
 
     def frame(self) -> Rows | None:
-        """Return the rows since the last call; None when there are none."""
+        """Return the rows since the last call; None if there are none."""
         rows, self._new = self._new, []
         return Rows(self._ride, self._count - len(rows), tuple(rows)) if rows else None
 
     def status(self, **more: Any) -> dict[str, Any]:
-        """What changes slowly; `more` is told beside it."""
+        """Return slowly changing data; `more` is added."""
         return {
             "type": "status",
             "mode": self.mode if self.hears_simulator else "silent",
@@ -199,7 +199,7 @@ class RideState:
         }
 
     def _who(self) -> dict[str, Any]:
-        """Who rides, for the pages; see `WhoRides`."""
+        """Return the riding policy, for the pages; see `WhoRides`."""
         taken = self.who.hand_over
         chosen = self.who.chosen
         told: dict[str, Any] = {

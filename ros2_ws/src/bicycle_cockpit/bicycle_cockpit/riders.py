@@ -1,4 +1,4 @@
-"""The names of policies for a person, and their colours."""
+"""Displayed names of policies, and their colours."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ def lqr_names(plant: Plant[Any]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Rider:
-    """A policy as the pages know it."""
+    """A policy as displayed by the pages."""
 
     policy: str
     """Its id."""
     name: str
-    """For a person."""
+    """Displayed name."""
     colour: str
-    """Its key in the palette: the name where that says which policy it is, else the id."""
+    """Key in the palette: the name if that identifies the policy, else the id."""
 
 
 def rider(policy: str, names: Mapping[str, str]) -> Rider:
@@ -39,7 +39,7 @@ def rider(policy: str, names: Mapping[str, str]) -> Rider:
 
     Args:
         policy: the id.
-        names: what policies are offered as, by their ids.
+        names: displayed names of policies, by their ids.
     """
     if policy in names:
         return Rider(policy, names[policy], names[policy])
@@ -50,8 +50,8 @@ def rider(policy: str, names: Mapping[str, str]) -> Rider:
 class Palette:
     """A number for each policy, which is its colour on every page and in every bag.
 
-    Shipped policies and the LQR's tunings always have the same; others get the next ones in the
-    order in which they come. Any thread may call.
+    Shipped policies and the LQR's tunings have fixed numbers; others get the next ones in order
+    of appearance. Thread-safe.
     """
 
     def __init__(self) -> None:
@@ -60,7 +60,7 @@ class Palette:
         self._slots = {name: slot for slot, name in enumerate(fixed)}
 
     def add(self, keys: Iterable[str]) -> bool:
-        """Give numbers to those that have none; whether there were any."""
+        """Assign numbers to new keys; return True if there were any."""
         with self._lock:
             new = [key for key in dict.fromkeys(keys) if key and key not in self._slots]
             for key in new:
@@ -68,6 +68,6 @@ class Palette:
         return bool(new)
 
     def message(self) -> dict[str, Any]:
-        """Return all of them, for the pages."""
+        """Return the palette, for the pages."""
         with self._lock:
             return {"type": "palette", "slots": dict(self._slots)}

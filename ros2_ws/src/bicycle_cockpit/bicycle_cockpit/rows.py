@@ -1,4 +1,4 @@
-"""Rows of a ride on their way to the pages: numbered, so that none is shown twice or missed."""
+"""Numbered rows of a ride for the pages, so that none is shown twice or missed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ class Rows(NamedTuple):
     """Consecutive rows of one ride."""
 
     ride: int
-    """Counts the starts of the simulator; numbers begin anew with each."""
+    """Number of the simulator's start; rows are numbered anew with each."""
     first: int
     """Number of the first row; the rows of a ride count from 0."""
     texts: tuple[str, ...]
@@ -25,21 +25,21 @@ class Rows(NamedTuple):
         return self.first + len(self.texts)
 
     def message(self, kind: str) -> str:
-        """What a page gets: `frame` for new rows, `history` for older ones."""
+        """Return the message for a page: `frame` for new rows, `history` for older ones."""
         rows = ",".join(self.texts)
         return f'{{"type":"{kind}","ride":{self.ride},"first":{self.first},"rows":[{rows}]}}'
 
 
 def row_text(values: Iterable[float]) -> str:
-    """One row as JSON."""
+    """Return one row as JSON."""
     return json.dumps(plain_row(values), allow_nan=False, separators=(",", ":"))
 
 
 def joined(parts: Iterable[Rows]) -> Rows:
-    """Return the rows that follow one another, as one.
+    """Join consecutive rows.
 
     Raises:
-        ValueError: when there are none, or they do not follow one another.
+        ValueError: if there are none, or they are not consecutive.
     """
     waiting = list(parts)
     if not waiting:

@@ -1,4 +1,4 @@
-"""What the page draws of one step, the same for a live ride and for a bag.
+"""Data that the page draws of one step, the same for a live ride and for a bag.
 
 SI units and REP-103 signs, as in the messages: lean to the right and angles counter-clockwise
 are positive.
@@ -17,11 +17,11 @@ from bicycle_common.conventions import mirror
 from bicycle_sim.task.reward import RewardWeights, reward_terms
 
 DIGITS = 5
-"""Decimal places that leave for the page: 10 µm, 10 µrad."""
+"""Decimal places sent to the page: 10 µm, 10 µrad."""
 
 
 class Sample(NamedTuple):
-    """One step; what is not known is NaN."""
+    """One step; unknown values are NaN."""
 
     t: float
     """s of simulated time."""
@@ -46,7 +46,7 @@ class Sample(NamedTuple):
     heading_error: float
     """rad, positive for a goal to the left."""
     source: float
-    """Where the step's input came from: a number of BicycleState.SOURCE_*."""
+    """Source of the step's input: a number of BicycleState.SOURCE_*."""
     torque: float
     """N m, positive steers left."""
     displacement: float
@@ -54,7 +54,7 @@ class Sample(NamedTuple):
     pedal_force: float
     """N."""
     policy: float
-    """Number of the policy that chose these three, in the list that goes with the rows."""
+    """Number of the policy that chose these three, in the list sent with the rows."""
     reward_lean: float
     """Terms of equation 20."""
     reward_rate: float
@@ -63,14 +63,14 @@ class Sample(NamedTuple):
 
 
 REWARDED = ("lean_angle", "lean_rate", "lean_acceleration", "heading_error")
-"""What equation 20 is about, in its order."""
+"""Quantities in equation 20, in its order."""
 
 COLUMNS = Sample._fields
-"""Their order in every row that goes to the page."""
+"""Their order in every row sent to the page."""
 
 
 def reward_columns(state: Mapping[str, Any], weights: RewardWeights) -> list[Any]:
-    """Return the four terms of equation 20 of a state or of columns of states, in REP-103 signs.
+    """Return the four terms of equation 20 of a state, or of columns of states, in REP-103 signs.
 
     Args:
         state: `lean_angle`, `lean_rate`, `lean_acceleration` and `heading_error`, numbers or
@@ -83,16 +83,16 @@ def reward_columns(state: Mapping[str, Any], weights: RewardWeights) -> list[Any
 
 
 def plain(value: float) -> float | None:
-    """Return a number as JSON can hold it: rounded, None where it is not finite."""
+    """Return a number for JSON: rounded, None if it is not finite."""
     return round(value, DIGITS) if math.isfinite(value) else None
 
 
 def plain_row(sample: Iterable[float]) -> list[float | None]:
-    """Return a row as JSON can hold it."""
+    """Return a row for JSON."""
     return [plain(value) for value in sample]
 
 
 def plain_column(column: NDArray[Any]) -> list[float | None]:
-    """Return a column as JSON can hold it."""
+    """Return a column for JSON."""
     numbers = np.round(column.astype(np.float64), DIGITS)
     return [value if math.isfinite(value) else None for value in numbers.tolist()]

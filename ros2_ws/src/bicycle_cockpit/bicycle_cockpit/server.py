@@ -1,7 +1,7 @@
-"""The web server in a thread of its own: one page, its WebSocket, and the bags.
+"""Web server in its own thread: one page, its WebSocket, and the bags.
 
-The thread shares nothing with the caller's but calls of the methods below, which only hand text
-over, and the two callbacks, which must only put things down for later.
+The thread shares with the caller only calls of the methods below, which pass text, and the two
+callbacks, which must only store data for later.
 """
 
 from __future__ import annotations
@@ -48,12 +48,12 @@ class Server:
     """Serves pages until it is stopped.
 
     Args:
-        door: who may come in, and the address.
-        port: to listen on; 0 takes a free one.
+        door: access rules, and the address.
+        port: to listen on; 0 selects a free one.
         bags: folder of the bags.
         on_request: called in the server's thread with a page's number and its request.
-        on_join: called in the server's thread with the number of a page that is new.
-        log: called in the server's thread with one line about what was refused.
+        on_join: called in the server's thread with the number of a new page.
+        log: called in the server's thread with one line about a refusal.
     """
 
     def __init__(
@@ -83,10 +83,10 @@ class Server:
     # Called from other threads.
 
     def start(self) -> None:
-        """Begin to serve.
+        """Start to serve.
 
         Raises:
-            OSError: when the address cannot be bound.
+            OSError: if the address cannot be bound.
         """
         self._thread.start()
         self._ready.wait()
@@ -94,40 +94,40 @@ class Server:
             raise self._error
 
     def stop(self) -> None:
-        """Say good-bye to all pages and end the thread."""
+        """Disconnect all pages and end the thread."""
         if self._thread.is_alive():
             self._loop.call_soon_threadsafe(self._over.set)
             self._thread.join(5.0)
 
     def greet(self, page: int, hello: dict[str, Any], history: Sequence[Rows]) -> None:
-        """The first thing that a page gets, and the rows until now."""
+        """Send the first message of a page, and the rows until now."""
         self._loop.call_soon_threadsafe(self._hub.greet, page, json_text(hello), history)
 
     def frame(self, rows: Rows) -> None:
-        """New rows for all pages."""
+        """Send new rows to all pages."""
         self._loop.call_soon_threadsafe(self._hub.frame, rows)
 
     def newest(self, data: dict[str, Any]) -> None:
-        """Something that replaces what was sent before with the same `type`."""
+        """Send data that replace older data of the same `type`."""
         self._loop.call_soon_threadsafe(self._hub.newest, data["type"], json_text(data))
 
     def letter(self, data: dict[str, Any], to: int | None = None) -> None:
-        """Something that must not be lost, for one page or for all."""
+        """Send data that must not be lost, to one page or to all."""
         self._loop.call_soon_threadsafe(self._hub.letter, json_text(data), to)
 
     def colour(self, keys: Sequence[str]) -> None:
-        """Give policies their colours, see `Palette`."""
+        """Assign colours to policies, see `Palette`."""
         if self.palette.add(keys):
             self.newest(self.palette.message())
 
     @property
     def pages(self) -> int:
-        """How many are connected."""
+        """Return the number of connected pages."""
         return self._hub.count
 
     @property
     def dropped(self) -> int:
-        """Frames that the connected pages never got."""
+        """Return the number of frames that the connected pages never received."""
         return self._hub.dropped
 
     # The server's thread.
@@ -151,7 +151,7 @@ class Server:
 
     @contextlib.asynccontextmanager
     async def _listening(self) -> AsyncIterator[None]:
-        """While connections are taken in; raises OSError where that cannot be."""
+        """Accept connections within this context; raise OSError if that fails."""
         app = web.Application(middlewares=[self._guard], client_max_size=MOST_BYTES)
         app.router.add_get("/", self._page)
         app.router.add_get("/web/{name:.+}", self._part)
@@ -178,14 +178,14 @@ class Server:
             await runner.cleanup()
 
     def _on_exception(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """One line for what asyncio would print with a traceback, such as no more open files."""
+        """Log one line for an error that asyncio would print with a traceback."""
         error = context.get("exception")
         words = f" ({type(error).__name__}: {error})" if error is not None else ""
         self._log(f"{context.get('message', 'the web server failed')}{words}")
 
     @web.middleware
     async def _guard(self, request: web.Request, handler: Any) -> web.StreamResponse:
-        """Let in who may come in; every answer forbids what the page does not need."""
+        """Check access; every answer forbids what the page does not need."""
         connection = request.protocol
         assert isinstance(connection, Connection)
         with connection.at_work():
@@ -253,7 +253,7 @@ class Server:
 
 
 def _bearer(request: web.Request) -> str:
-    """Return the token of a request without WebSocket."""
+    """Return the token of a request other than a WebSocket's."""
     return request.headers.get("Authorization", "").removeprefix("Bearer ")
 
 

@@ -1,6 +1,6 @@
-"""The bags of one folder: which there are, and what is said of each.
+"""Bags of one folder: their list, and a description of each.
 
-A bag goes by its path below the folder, and only by one that the folder's listing holds.
+A bag is named by its path below the folder, and must be in the folder's listing.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from bicycle_bag.reader import BagReader, find_files
 from bicycle_cockpit.ridden import ridden
 
 MOST_BAGS = 200
-"""That are listed, the newest."""
+"""Largest number of listed bags, the newest."""
 DEEPEST = 3
-"""Folders below the folder that bags are looked for in."""
+"""Depth of the search for bags below the folder."""
 FRESH = 10.0
-"""s since an unfinished bag was written to, within which its recorder is still at it."""
+"""Age of an unfinished bag's last write up to which it counts as being recorded (s)."""
 
 Signature = tuple[tuple[str, int, int], ...]
-"""Name, size and time of change of each of a bag's files: equal as long as the bag is."""
+"""Name, size and time of change of each of a bag's files: equal while the bag is unchanged."""
 
 
 class BagShelf:
-    """The bags below one folder."""
+    """Bags below one folder."""
 
     def __init__(self, folder: Path) -> None:
-        """Look into `folder`, which may not be there yet."""
+        """Use `folder`, which need not exist yet."""
         self.folder = folder
 
     def found(self) -> dict[str, Path]:
@@ -49,18 +49,18 @@ class BagShelf:
         """Return a bag's path.
 
         Raises:
-            KeyError: when the folder's listing has no such bag.
+            KeyError: if the folder's listing has no such bag.
         """
         return self.found()[name]
 
 
 def entry(name: str, path: Path) -> dict[str, Any]:
-    """Return a bag for the list.
+    """Return a bag's entry in the list.
 
     Returns:
-        `name`, `start` (s since 1970, None where that is not known), `duration` (s), `ridden` (s
-        of simulated time, None where that is not known) and `messages`; of one that cannot be
-        shown `name` and `problem`, one line that says why.
+        `name`, `start` (s since 1970, None if unknown), `duration` (s), `ridden` (s of simulated
+        time, None if unknown) and `messages`; of a bag that cannot be shown `name` and
+        `problem`, one line.
     """
     try:
         about = _metadata(path)
@@ -82,12 +82,12 @@ def entry(name: str, path: Path) -> dict[str, Any]:
 
 
 def _written(path: Path) -> float:
-    """Return s since 1970, when the bag was written to last."""
+    """Return the time of the bag's last change, s since 1970."""
     return max((when for _, _, when in signature(path)), default=0) * 1e-9
 
 
 def signature(path: Path) -> Signature:
-    """Tells whether a bag has changed; empty where there is none."""
+    """Return a value that changes with the bag; empty if there is none."""
     found = []
     try:
         files = [path] if path.is_file() else sorted(path.iterdir())
@@ -97,20 +97,20 @@ def signature(path: Path) -> Signature:
         try:
             about = file.stat()
         except OSError:
-            continue  # gone meanwhile, or a link to nowhere
+            continue  # removed in the meantime, or a broken link
         found.append((file.name, about.st_size, about.st_mtime_ns))
     return tuple(found)
 
 
 def _metadata(path: Path) -> metadata.BagMetadata:
-    """What the bag says of itself, or, where it says nothing, what its files hold."""
+    """Return the bag's metadata, or, without any, the contents of its files."""
     if (path / metadata.FILE_NAME).is_file():
         return metadata.read(path)
     return BagReader(path).metadata
 
 
 def _bags_below(folder: Path, depth: int) -> Iterator[Path]:
-    """Folders with a bag in them, and the files that lie in `folder` itself."""
+    """Yield folders that contain a bag, and the files in `folder` itself."""
     try:
         inside = sorted(folder.iterdir())
     except OSError:

@@ -1,4 +1,4 @@
-"""Where the cockpit's secret comes from: not the command line, which every user can read."""
+"""Source of the cockpit's token: not the command line, which every user can read."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ LARGEST_FILE = 4096
 
 
 def find_token(word: str | None, file: Path | None, environment: MutableMapping[str, str]) -> str:
-    """Return the secret that a page must know; empty for none.
+    """Return the token that a page must know; empty for none.
 
     Args:
-        word: of the option `--token`, which takes AUTO only; None where it is not given.
+        word: of the option `--token`, which accepts AUTO only; None if it is not given.
         file: of the option `--token-file`.
-        environment: may hold VARIABLE, with a secret or AUTO, which is taken out of it: what the
-            cockpit starts need not know it.
+        environment: may hold VARIABLE, with a token or AUTO; it is removed, because child
+            processes need not know it.
 
     Raises:
         ValueError: on another word, on two sources, and on a file that cannot be read or that

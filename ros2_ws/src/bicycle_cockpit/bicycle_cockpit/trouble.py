@@ -1,4 +1,4 @@
-"""What keeps the bicycle from being ridden, in words for a person."""
+"""Obstacles to riding the bicycle, in words for the user."""
 
 from __future__ import annotations
 
@@ -6,23 +6,23 @@ from typing import NamedTuple
 
 
 class Line(NamedTuple):
-    """What is told of a process."""
+    """Message about a process."""
 
     level: str
     """good, info, warn or bad."""
     text: str
     """One line."""
     process: str = ""
-    """That has died or was started again."""
+    """Process that has died or was restarted."""
     death: str = ""
-    """How it died, shortly; empty where it was started again."""
+    """Short cause of the death; empty if it was restarted."""
 
 
 class Trouble:
-    """The present trouble with the processes of the ride.
+    """Current trouble with the processes of the ride.
 
     Args:
-        ours: whether the cockpit started simulator and controller, and starts them again.
+        ours: True if the cockpit started simulator and controller, and restarts them.
     """
 
     def __init__(self, ours: bool) -> None:
@@ -31,7 +31,7 @@ class Trouble:
         self._starting: set[str] = set()
 
     def told(self, line: Line) -> None:
-        """A process has died, or was started again."""
+        """Note that a process has died, or was restarted."""
         if line.death:
             self._deaths[line.process] = line.death
             self._starting.discard(line.process)
@@ -39,17 +39,17 @@ class Trouble:
             self._starting.add(line.process)
 
     def heard(self, process: str) -> None:
-        """It speaks; what still comes of one that has died does not count."""
+        """Note that it speaks; late messages of a dead process do not count."""
         if process in self._starting:
             self._starting.remove(process)
             self._deaths.pop(process, None)
 
     def now(self, hears_simulator: bool, controllers: int) -> str:
-        """What is missing and what is done about it; nothing where all is there.
+        """Return what is missing and what is done about it; empty if all is there.
 
         Args:
-            hears_simulator: states arrive.
-            controllers: that publish commands; one that was killed is counted for a while.
+            hears_simulator: True if states arrive.
+            controllers: number of publishers of commands; a killed one is counted for some time.
         """
         remedy = "the cockpit starts it"
         if self._deaths:

@@ -1,7 +1,7 @@
-"""Which policy rides, which one was chosen, and why the LQR rides instead of it.
+"""Riding policy, chosen policy, and the reason if the LQR rides instead.
 
-The controller tells all three on topics of their own: each command names the policy that made
-it, the diagnostics name the one in charge, and a hand-over says who takes over and why.
+The controller publishes all three on separate topics: each command names its policy, the
+diagnostics name the active one, and a switch says who takes over and why.
 """
 
 from __future__ import annotations
@@ -11,33 +11,33 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 SETTLED = 0.2
-"""s after which a change of the riding policy is told, unless a hand-over explains it."""
+"""Time after which a change of policy is reported, unless a switch explains it (s)."""
 
 
 @dataclass(frozen=True)
 class HandOver:
-    """The safety layer's word that the fallback rides."""
+    """The safety layer's report that the fallback rides."""
 
     policy: str
-    """Id of what rides from here on."""
+    """Id of the policy that rides from here on."""
     why: str
-    """In words."""
+    """Reason in words."""
     since: float
-    """s of simulated time."""
+    """Simulated time, s."""
     stop: bool
-    """The ride to the goal is over, the bicycle slows down."""
+    """True if the ride to the goal is over and the bicycle slows down."""
 
 
 class WhoRides:
-    """What is known of it; all methods belong to one thread.
+    """Riding and chosen policy; all methods belong to one thread.
 
     Attributes:
         driver: id of the policy that made the newest command; empty before the first.
-        chosen: id of the policy that the controller has in charge, as far as is known.
+        chosen: id of the controller's active policy, as far as known.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        """Begin knowing nothing; `clock` is steady, s."""
+        """Start without data; `clock` is steady, s."""
         self._clock = clock
         self.driver = self.chosen = ""
         self._taken: HandOver | None = None
@@ -45,16 +45,16 @@ class WhoRides:
 
     @property
     def hand_over(self) -> HandOver | None:
-        """Why another policy rides than the chosen one; None where none does.
+        """Return why another policy rides than the chosen one; None if none does.
 
-        A controller that dies, or a new episode, ends it without a word: then another policy's
-        commands come.
+        A controller's death, or a new episode, ends it without a report: then commands of another
+        policy arrive.
         """
         taken = self._taken
         return taken if taken is not None and taken.policy == self.driver else None
 
     def commanded(self, policy: str) -> None:
-        """A command of this policy came."""
+        """Take in the policy of a command."""
         if policy == self.driver:
             return
         self.driver, self._changed = policy, self._clock()
@@ -62,20 +62,20 @@ class WhoRides:
             self.chosen = policy
 
     def put_in_charge(self, policy: str) -> None:
-        """The controller said that this policy is in charge."""
+        """Take in the controller's active policy."""
         self.chosen = policy
 
     def handed_over(self, taken: HandOver) -> None:
-        """The fallback took over."""
+        """Take in a switch to the fallback."""
         self._taken, self._changed = taken, None
 
     def handed_back(self, policy: str) -> None:
-        """The chosen policy rides again."""
+        """Take in a switch back to the chosen policy."""
         self._taken, self._changed = None, None
         self.chosen = policy
 
     def settled(self) -> str:
-        """Return the policy that rides since a moment ago and that no hand-over explains; once."""
+        """Return a newly riding policy that no switch explains, once."""
         if self._changed is None or self._clock() - self._changed < SETTLED:
             return ""
         self._changed = None

@@ -1,1 +1,1 @@
-"""The ROS side of the cockpit."""
+"""ROS side of the cockpit."""

@@ -1,4 +1,4 @@
-"""`cockpit.sh`: simulator and controller as processes, the cockpit's node in this one."""
+"""`cockpit.sh`: simulator and controller as child processes, the cockpit's node in this one."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ from bicycle_common.processes import ProcessGroup, Vigil, registry_of
 from bicycle_common.signals import on_signals
 
 BACK_OFF = 1.0
-"""s between a process's death and its next start."""
+"""Delay between a process's death and its restart (s)."""
 MOST_DEATHS = 5
 """Deaths of one process after which it is given up."""
 MISUSED = 2
-"""Exit status of a process that was started with something it cannot run with."""
+"""Exit status of a process that was started with invalid settings."""
 READY = 20.0
-"""s after which the address is told although the bicycle is not ready."""
+"""Time after which the address is printed although the bicycle is not ready (s)."""
 NICENESS = 5
-"""How far the web server stands back behind simulator and controller."""
+"""Niceness of the web server, below simulator and controller."""
 
 
 class Ride:
-    """The processes that the cockpit started, and what becomes of them."""
+    """Processes that the cockpit started, and their state."""
 
     def __init__(self, options: Options, logs: Path) -> None:
-        """Start them, if they are asked for."""
+        """Start the processes, if they are requested."""
         self._options = options
         self._crew: ProcessGroup | None = None
         self._deaths = dict.fromkeys(RIDE, 0)
@@ -51,10 +51,10 @@ class Ride:
         self._crew.start()
 
     def look(self) -> Line | None:
-        """Start again what has died; a line when something happened.
+        """Restart dead processes; return a line if something happened.
 
         Raises:
-            UserError: when a process cannot run as it was started, or has died too often.
+            UserError: if a process cannot run as it was started, or has died too often.
         """
         crew = self._crew
         if crew is None:
@@ -72,13 +72,13 @@ class Ride:
                 raise UserError(words)
             self._deaths[ended.name] += 1
             self._again[ended.name] = time.monotonic() + BACK_OFF
-            # A process that was killed has said nothing of it.
+            # A killed process has left no message.
             death = str(ended) if ended.status < 0 else f"{ended}, {crew.log_tail(ended.name)}"
             return Line("bad", words, ended.name, death)
         return None
 
     def close(self) -> list[str]:
-        """End them, the simulator first: it would miss the controller.
+        """Stop the processes, the simulator first: it would complain without the controller.
 
         Returns:
             A line about each that did not end well.
@@ -87,7 +87,7 @@ class Ride:
 
 
 class Announced:
-    """Tells the address once, when the bicycle can be ridden."""
+    """Prints the address once, when the bicycle can be ridden."""
 
     def __init__(self, ride: Ride, options: Options) -> None:
         self._ride, self._options = ride, options
@@ -96,7 +96,7 @@ class Announced:
         self.node: CockpitNode | None = None
 
     def tick(self) -> Line | None:
-        """Look after the processes; see `Ride.look`."""
+        """Check the processes; see `Ride.look`."""
         node = self.node
         if node is not None and not self._told:
             commands = node.count_publishers(topics.COMMAND.name)
@@ -109,7 +109,7 @@ class Announced:
 
 
 def main() -> int:
-    """Run the cockpit until SIGINT or SIGTERM; returns the exit status."""
+    """Run the cockpit until SIGINT or SIGTERM; return the exit status."""
     options = parse(sys.argv[1:], workspace())
     logs = workspace() / "log" / "cockpit" / os.environ.get("ROS_DOMAIN_ID", "0")
     try:
@@ -136,10 +136,10 @@ def main() -> int:
 
 
 def _end(ride: Ride, recording: Recording) -> list[str]:
-    """End the processes, the recorder last, so that it hears the others' last words.
+    """Stop the processes, the recorder last, so that it records the others' last messages.
 
     Returns:
-        A line, told already, about each process that did not end well.
+        A line, already reported, about each process that did not end well.
     """
     interrupts: list[int] = []
     on_signals(lambda number, _: interrupts.append(number))

@@ -1,4 +1,4 @@
-"""The cockpit as a ROS 2 node: hears everything, tells the pages, does what they ask."""
+"""Cockpit as a ROS 2 node: it receives all topics, updates the pages, executes requests."""
 
 from __future__ import annotations
 
@@ -26,26 +26,26 @@ from bicycle_sim.runtime.push import LARGEST_PUSH
 
 NAME = "bicycle_cockpit"
 FRAME_PERIOD = 0.04
-"""s between two frames."""
+"""Period of frames (s)."""
 STATUS_PERIOD = 0.25
 
 
 class CockpitNode(Node):
-    """Between the topics and the pages."""
+    """Connects the topics with the pages."""
 
     def __init__(
         self, options: Options, recording: Recording, on_tick: Callable[[], Line | None]
     ) -> None:
-        """Begin to serve.
+        """Start to serve.
 
         Args:
             options: see there.
             recording: the recorder that pages may start.
-            on_tick: called four times a second; a line that it returns is told to the pages. It
-                may raise UserError, which is told too and ends the node.
+            on_tick: called four times a second; a returned line is sent to the pages. It may raise
+                UserError, which is sent too and ends the node.
 
         Raises:
-            UserError: when the port cannot be had.
+            UserError: if the port is not available.
         """
         super().__init__(NAME)
         self.live = RideState()
@@ -76,13 +76,13 @@ class CockpitNode(Node):
         self.create_timer(STATUS_PERIOD, self._on_status, clock=steady)
 
     def close(self) -> None:
-        """Say good-bye to the pages."""
+        """Disconnect the pages."""
         self.server.stop()
 
-    # What time brings.
+    # Timers.
 
     def _on_frame(self) -> None:
-        """Do what the pages asked for, and send what is new."""
+        """Execute the pages' requests, and send new data."""
         while True:
             try:
                 page, request = self._inbox.get_nowait()
@@ -137,11 +137,11 @@ class CockpitNode(Node):
         return reply
 
     def _tell(self, level: str, text: str, **more: Any) -> None:
-        """Tell all pages that something happened, where there is room for it."""
+        """Report an event to all pages, within its rate limit."""
         if self._room.take(str(more.get("kind", ""))):
             self.server.letter(self.live.event(level, text, **more))
 
     def _newest(self, data: dict[str, Any]) -> None:
-        """Tell all pages something that replaces what was of its type; riders get colours."""
+        """Send all pages data that replace older data of the type; assign colours to riders."""
         self.server.colour([one["colour"] for one in data.get("riders", ())])
         self.server.newest(data)

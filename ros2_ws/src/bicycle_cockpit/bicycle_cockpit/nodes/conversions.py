@@ -1,4 +1,4 @@
-"""Messages as the page wants them."""
+"""Conversions of messages for the page."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def to_pose(point: Point2D, heading: float | None = None) -> PoseStamped:
 
 
 def to_path(points: list[Point2D], heading: float | None = None) -> Path:
-    """Return the points to ride to in order, the last one in a direction."""
+    """Return the points to ride to in order, the last one with a direction."""
     poses = [to_pose(point) for point in points[:-1]]
     poses += [to_pose(point, heading) for point in points[-1:]]
     path = Path(poses=poses)
@@ -72,7 +72,7 @@ def points_of(message: PoseStamped | Path) -> list[Point2D]:
 
 
 def trainer_facts(status: TrainerStatus) -> dict[str, Any]:
-    """Return all that the trainer tells, for the page."""
+    """Return the trainer's status for the page."""
     names = [name for name in status.get_fields_and_field_types() if name != "header"]
     values = {name: getattr(status, name) for name in names}
     shown = {k: plain(v) if isinstance(v, float) else v for k, v in values.items()}
@@ -80,18 +80,18 @@ def trainer_facts(status: TrainerStatus) -> dict[str, Any]:
 
 
 class SimulatorWord(NamedTuple):
-    """What the simulator says of itself."""
+    """Simulator's diagnostics."""
 
     mode: str
     """riding, paused, held or fallen."""
     paused: bool
-    """Time stands still, whatever the mode."""
+    """True if time stands still, in any mode."""
     commands: str
     """Its line about commands."""
 
 
 def simulator_word(array: DiagnosticArray) -> SimulatorWord | None:
-    """What the simulator says; None in others' diagnostics."""
+    """Read the simulator's diagnostics; None for others'."""
     by_subject = _by_subject(array)
     if "bicycle" not in by_subject or "commands" not in by_subject:
         return None
@@ -102,16 +102,16 @@ def simulator_word(array: DiagnosticArray) -> SimulatorWord | None:
 
 
 class ControllerWord(NamedTuple):
-    """What the controller says of itself."""
+    """Controller's diagnostics."""
 
     policy: str
-    """Id of the policy that it has in charge."""
+    """Id of its active policy."""
     unlike: str
-    """In what the ride is another than that was made for; empty where it is not."""
+    """Difference of the ride from the policy's training; empty if there is none."""
 
 
 def controller_word(array: DiagnosticArray) -> ControllerWord | None:
-    """What the controller says; None in others' diagnostics."""
+    """Read the controller's diagnostics; None for others'."""
     status = _by_subject(array).get("policy")
     values = {pair.key: pair.value for pair in status.values} if status is not None else {}
     if not values.get("policy"):

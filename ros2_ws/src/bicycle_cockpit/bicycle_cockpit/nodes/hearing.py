@@ -1,4 +1,4 @@
-"""Takes in what the topics bring: keeps it in `RideState`, and tells the pages what happens."""
+"""Subscriptions: keep the messages' content in `RideState`, and report events to the pages."""
 
 from __future__ import annotations
 
@@ -33,27 +33,27 @@ from bicycle_sim.nodes.episode_setting import to_setting
 from bicycle_sim.plants import registry
 
 DEEP = 500
-"""Messages that are kept while the node is busy: 12 s of states, and a path makes many goals."""
+"""Queue length while the node is busy: 12 s of states; a path makes many goals."""
 OLD_NEWS = 3.0
-"""s in which a new cockpit hears what became of goals before it came."""
+"""Age up to which a new cockpit reports goals' changes from before its start (s)."""
 
 
 class Tell(Protocol):
-    """Tells all pages that something happened; see `RideState.event`."""
+    """Reports an event to all pages; see `RideState.event`."""
 
     def __call__(self, level: str, text: str, **more: Any) -> None:
-        """Tell it."""
+        """Report the event."""
 
 
 class Hearing:
-    """Every topic that the pages know of; belongs to the executor's thread.
+    """All subscriptions; belongs to the executor's thread.
 
     Args:
         node: that subscribes.
-        live: what is known of the ride.
-        trouble: learns who speaks.
-        tell: tells the pages what happens.
-        newest: gives them something that replaces what was of its `type` before.
+        live: state of the ride.
+        trouble: is told which processes speak.
+        tell: reports events to the pages.
+        newest: sends the pages data that replace older data of their `type`.
     """
 
     def __init__(
@@ -90,7 +90,7 @@ class Hearing:
         node.create_subscription(topic.type, topic.name, self._on_goal_status, profile)
 
     def look(self) -> None:
-        """Tell who rides since a moment ago, where nothing else has explained it."""
+        """Report a new riding policy, if nothing else has explained it."""
         policy = self._live.who.settled()
         if policy:
             self._tell("info", f"{self._name(policy)} rides", kind="policy")
@@ -193,7 +193,7 @@ class Hearing:
         )
 
     def _is_old(self, change: GoalStatus) -> bool:
-        """Return True if it is from before this cockpit, kept for who comes late."""
+        """Return True if it is older than this cockpit, and latched."""
         stamp = change.header.stamp
         before = stamp.sec * 10**9 + stamp.nanosec < self._began_ns
         return before and time.monotonic() - self._began < OLD_NEWS

@@ -1,4 +1,4 @@
-"""A recorder that pages may start and end: the same process that record.sh runs."""
+"""Recorder that pages can start and stop: the process of record.sh."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from bicycle_common.nodes.topics import STATE
 from bicycle_common.processes import ManagedProcess, Vigil, registry_of
 
 HEARD = f"{STATE.name}: first message"
-"""What the recorder prints once the bicycle's state comes in."""
+"""Line that the recorder prints once it receives the bicycle's state."""
 
 
 class Recording:
     """At most one recorder at a time, into the folder of the bags.
 
     Attributes:
-        failures: a line about each recorder that ended otherwise than with status 0.
+        failures: a line about each recorder that ended with another status than 0.
     """
 
     def __init__(self, folder: Path, logs: Path) -> None:
-        """Record into `folder`; what the recorder prints goes to a log in `logs`."""
+        """Record into `folder`; the recorder's output goes to a log in `logs`."""
         self.failures: list[str] = []
         self._folder, self._logs = folder, logs
         self._child: ManagedProcess | None = None
@@ -36,10 +36,10 @@ class Recording:
 
     @property
     def state(self) -> dict[str, Any] | None:
-        """For the pages: `name` of the bag, and its `phase`.
+        """Return `name` of the bag and its `phase`, for the pages.
 
-        The phase is `starting` until the first state of the bicycle is recorded, `recording`, and
-        `closing` once it was asked to end. None while there is no recorder.
+        The phase is `starting` until the first state of the bicycle is recorded, then
+        `recording`, and `closing` once it is asked to end. None without a recorder.
         """
         if self._child is None:
             return None
@@ -47,7 +47,7 @@ class Recording:
         return {"name": self._name, "phase": "closing" if self._ending else phase}
 
     def start(self) -> tuple[bool, str]:
-        """Begin a new bag; whether it could, and a line about it."""
+        """Begin a new bag; return True if that worked, and a line about it."""
         if self._ending is not None:
             return False, f"{self._name} is still being written"
         if self._child is not None:
@@ -68,11 +68,11 @@ class Recording:
         return True, f"the recorder of {name} starts"
 
     def stop(self) -> tuple[bool, str]:
-        """Close the bag, beside the loop."""
+        """Close the bag without blocking the loop."""
         if self._child is None:
             return False, "nothing is being recorded"
         if self._ending is None:
-            # Nobody at a terminal has said how long is too long.
+            # No user at a terminal decides how long is too long.
             vigil = Vigil(self._words.append, lambda: 0)
             self._ending = threading.Thread(
                 target=self._child.stop, args=(vigil,), daemon=True, name="closing"
@@ -81,7 +81,7 @@ class Recording:
         return True, f"closing {self._name}"
 
     def look(self) -> Line | None:
-        """Return a line when the recorder begins to record, keeps us waiting, or has ended."""
+        """Return a line if the recorder starts to record, delays its end, or has ended."""
         child = self._child
         if child is None:
             return None
@@ -100,7 +100,7 @@ class Recording:
         return Line("info", f"recorded {name}" if begun else f"{name} was ended before it began")
 
     def _first_message(self, child: ManagedProcess) -> Line | None:
-        """Return a line once the recorder has said that it hears the bicycle."""
+        """Return a line once the recorder has reported that it receives the bicycle's state."""
         if self._hears or self._ending is not None:
             return None
         try:

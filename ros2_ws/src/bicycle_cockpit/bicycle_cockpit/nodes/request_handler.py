@@ -1,4 +1,4 @@
-"""Carries out what pages ask for: publishes goals, calls services, and answers."""
+"""Executes the pages' requests: publishes goals, calls services, and answers."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from bicycle_common.types import Point2D
 from bicycle_controller.control.arrival import approach
 
 PATIENCE = 10.0
-"""s that a service gets to answer."""
+"""Time limit of a service's answer (s)."""
 GOAL_RATE, GOAL_BURST = 4.0, 12.0
-"""Goals that all pages together may send."""
+"""Rate and burst of goals from all pages together."""
 
 Reply = Callable[[bool, str], None]
 Words = Callable[[Any], str]
-"""What a person is told of a service's answer."""
+"""Text for the user about a service's answer."""
 
 
 @dataclass
 class _Call:
-    """A service call under way."""
+    """Pending service call."""
 
     future: Any
     since: float
@@ -52,12 +52,12 @@ class RequestHandler:
 
     Args:
         node: to publish and call through.
-        live: the ride as it is known.
-        choices: controllers that may be chosen.
-        recording: the recorder that pages may start.
+        live: state of the ride.
+        choices: controllers that can be chosen.
+        recording: recorder that pages can start.
 
     Attributes:
-        suits: whether the chosen controller suits the bicycle.
+        suits: compatibility of the chosen controller with the bicycle.
     """
 
     def __init__(
@@ -79,11 +79,11 @@ class RequestHandler:
         self._clients = {s.name: node.create_client(s.type, s.name) for s in services}
 
     def carry_out(self, request: requests.Request, reply: Reply) -> None:
-        """Begin what is asked for; `reply` is called once, now or later, with how it went."""
+        """Begin a request; `reply` is called once, now or later, with the result."""
         self._do(request, reply)
 
     def look(self) -> None:
-        """Answer for the calls that have ended or take too long."""
+        """Answer the calls that have ended or take too long."""
         now = time.monotonic()
         for call in list(self._calls):
             if call.future.done():
@@ -125,7 +125,7 @@ class RequestHandler:
         self._send([], None, reply)
 
     def _send(self, points: list[Point2D], heading: float | None, reply: Reply) -> None:
-        """Publish points in place of all goals so far."""
+        """Publish points in place of all previous goals."""
         if not self._goal_bucket.take():
             reply(False, "too many goals at once: wait a second")
             return
@@ -146,7 +146,7 @@ class RequestHandler:
         reply(True, f"goal ({x:.1f}, {y:.1f}) sent{many}{self._held_up()}")
 
     def _held_up(self) -> str:
-        """Why the bicycle does not ride to a goal at once, for the end of a line."""
+        """Return why the bicycle does not ride to a goal at once, as the end of a line."""
         ways = []
         if self._live.mode == "fallen":
             ways.append("the bicycle lies, press Reset")
@@ -234,7 +234,7 @@ class RequestHandler:
         reply(*(self._recording.start() if request.on else self._recording.stop()))
 
     def _call(self, service: Service, question: Any, reply: Reply, words: Words) -> None:
-        """Call a service that must be there."""
+        """Call a service, which must exist."""
         client = self._clients[service.name]
         if not client.service_is_ready():
             is_policy = service is topics.LOAD_POLICY
