@@ -17,9 +17,9 @@ class GoalList:
     """Active goal and those after it.
 
     The controller reports changes one by one, and the oldest of a long path may be lost; so the
-    path is kept as sent, and the number of remaining goals gives the bicycle's place in it. Until the
-    controller has accepted a path, which is late on a busy machine and waits for a reset while the
-    bicycle lies, that path is the one ahead.
+    path is kept as sent, and the number of remaining goals gives the bicycle's place in it.
+    Until the controller has accepted a path, which is late on a busy machine and waits for a
+    reset while the bicycle lies, that path is the one ahead.
 
     Attributes:
         active: the goal that is pursued.

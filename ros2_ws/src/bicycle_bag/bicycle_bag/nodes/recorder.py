@@ -25,8 +25,8 @@ DISCOVERY_SECONDS = 0.1
 RECHECK_POLLS = 10
 # How often a loss is told.
 TELL_POLLS = 10
-# s between two turns of the executor, one of which takes longer than ten messages: what comes
-# meanwhile waits in the subscription, with the time at which it came.
+# Sleep between spins (s). One spin costs more than reading ten messages, so let them queue; the
+# middleware keeps their receive time.
 REST = 0.005
 # s without a message that was sent before the end, after which all of those have come: on a busy
 # machine some arrive late, and lost packets are sent again after 10 ms.
