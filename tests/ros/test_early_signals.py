@@ -8,10 +8,12 @@ import os
 import signal
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
-from node_process import NodeProcess
+from node_process import NodeProcess, children_of
+from waiting import until
 
 from bicycle_bag.reader import BagReader
 
@@ -147,6 +149,30 @@ def test_one_that_is_asked_to_end_while_it_starts_does_so_without_a_word(
         assert "Exception ignored" not in program.words, (moment, count)
         assert "rror" not in program.words, (moment, count, program.words)
     assert forgotten <= 1
+
+
+@pytest.mark.usefixtures("ros_domain")
+def test_ctrl_c_while_the_learning_process_starts_is_for_the_node(tmp_path: Path) -> None:
+    """A terminal sends it to both."""
+    words = [WORKSPACE / "trainer.sh", "mode:=bags", f"bags:={BAG}"]
+    for late in (0.0, 0.02, 0.05, 0.1, 0.3):
+        out = f"out:={tmp_path / str(late)}"
+        with NodeProcess([str(word) for word in (*words, out)]) as trainer:
+            until(partial(learners, trainer.pid))
+            time.sleep(late)
+            os.killpg(trainer.pid, signal.SIGINT)
+            assert trainer.wait() == 0, trainer.output
+        assert "Traceback" not in trainer.output
+
+
+def learners(pid: int) -> list[int]:
+    """Children that run what multiprocessing spawns."""
+    found = []
+    for child in children_of(pid):
+        with contextlib.suppress(FileNotFoundError):
+            if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
+                found.append(child)
+    return found
 
 
 def test_the_first_moments_of_a_script_end_it_too(tmp_path: Path, ros_domain: int) -> None:

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from bicycle_common.signals import blocked, unblock
 from bicycle_controller.trainer_service.order import TrainingOrder
 
 NICE = 10
@@ -37,7 +38,9 @@ class TrainerClient:
         self._process = context.Process(
             target=_work, args=(order, self._inbox, child), name="learner", daemon=True
         )
-        self._process.start()
+        # The child has the terminal's Ctrl-C until it has a session of its own.
+        with blocked():
+            self._process.start()
         child.close()
 
     @property
@@ -94,6 +97,8 @@ def _end_with_parent() -> None:
 def _work(order: TrainingOrder, inbox: Any, outbox: Any) -> None:
     """Run the learning process."""
     os.setsid()  # a terminal's Ctrl-C is for the node, which stops this process in its own time
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    unblock()
     os.nice(NICE)
     _end_with_parent()
     from bicycle_controller.trainer_service.worker import work

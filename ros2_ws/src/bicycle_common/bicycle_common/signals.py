@@ -46,6 +46,19 @@ def block() -> None:
     signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
 
 
+def unblock() -> None:
+    """Take the signals that wait."""
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
+
+
+@contextlib.contextmanager
+def blocked() -> Iterator[None]:
+    """Start here, in any thread, a child that calls `unblock` when it can answer signals."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
+    yield
+    signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def run_module(name: str) -> NoReturn:
     """Import a module and run its `main`, which takes nothing and returns an exit status.
 
@@ -54,7 +67,7 @@ def run_module(name: str) -> NoReturn:
     over, its status stands, whatever comes.
     """
     on_signals(_leave)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, ENDING)
+    unblock()
     _check_shared_memory(name)
     main = importlib.import_module(name).main
     try:
