@@ -82,12 +82,12 @@ def add_quiet(parser: argparse.ArgumentParser) -> None:
 
 
 def shows_progress(args: argparse.Namespace) -> bool:
-    """Whether to draw a progress bar on standard error."""
+    """True to draw a progress bar on standard error."""
     return not args.quiet and sys.stderr.isatty()
 
 
 def changes(args: argparse.Namespace, **names: str) -> list[Override]:
-    """What the arguments change in a configuration: options of their own, then `--set`.
+    """Return the arguments' changes of a configuration: separate options, then `--set`.
 
     Args:
         args: the arguments.

@@ -216,7 +216,7 @@ def _json(metadata: dict[str, Any], name: str) -> Any:
 
 
 def _config(metadata: dict[str, Any], name: str, made_of: Callable[[str], Any]) -> Any:
-    """What the metadata of that name make, or PolicyError."""
+    """Build the object in the metadata of that name, or raise PolicyError."""
     try:
         return made_of(metadata[name])
     except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:

@@ -21,7 +21,7 @@ SPEED_TOLERANCE = 0.05
 
 
 def differences(trained: Plant[Any], ridden: Plant[Any]) -> list[str]:
-    """What makes two bicycles different ones, one line each, such as `wheelbase 1.2, not 1.11`.
+    """Return the differences of two bicycles, one line each, such as `wheelbase 1.2, not 1.11`.
 
     Args:
         trained: bicycle that the controller knows.

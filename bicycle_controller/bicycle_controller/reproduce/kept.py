@@ -74,7 +74,7 @@ class Kept:
         return [*rows, *(row for row in mine if (row["rider"], row["variant"]) not in there)]
 
     def _keeps(self, ride: Row) -> bool:
-        """Whether a ride's controller is of a run that is kept; some rows name no seed."""
+        """Return True if a ride's controller is of a kept run; some rows name no seed."""
         seeds = {
             seed
             for arm, variant, seed in self._runs

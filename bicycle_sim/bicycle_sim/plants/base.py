@@ -89,7 +89,7 @@ class Linear:
 
 @dataclass(frozen=True)
 class Geometry:
-    """What is needed to draw a bicycle and to scale a page; m, kg, rad."""
+    """Dimensions to draw a bicycle and to scale a page; m, kg, rad."""
 
     wheelbase: float
     trail: float
@@ -118,7 +118,7 @@ class Plant(ABC, Generic[State]):
     state_type: ClassVar[type[BodyState]]
     """Type of the states that `initial` and `step` return."""
     body_is_all: ClassVar[bool] = False
-    """Whether the numbers of BodyState alone restore a state to the bit, the heading from the
+    """True if the numbers of BodyState alone restore a state to the bit, the heading from the
     two contacts."""
 
     @property
@@ -139,7 +139,7 @@ class Plant(ABC, Generic[State]):
     @property
     @abstractmethod
     def label(self) -> str:
-        """Which of its kind it is, in a word or two."""
+        """Name of this bicycle among its kind, in a word or two."""
 
     @property
     @abstractmethod
@@ -248,7 +248,7 @@ class Plant(ABC, Generic[State]):
     @classmethod
     @abstractmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Plant[State]:
-        """What `to_json` wrote, as plain data, with or without `plant`.
+        """Return the plant that `to_json` wrote, from plain data with or without `plant`.
 
         Raises:
             ValueError: on an unknown or missing key, or on a value that makes no sense.

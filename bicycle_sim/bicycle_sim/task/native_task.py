@@ -247,7 +247,7 @@ class NativeStep:
 
 
 def stepper(scenario: Scenario, plant: Plant[Any]) -> NativeStep | None:
-    """What steps such bicycles in one call; None where nothing does."""
+    """Return a stepper of such bicycles in one call; None if there is none."""
     if type(plant) is not ChoiPlant or load() is None:
         return None
     return NativeStep(scenario, plant.physics)

@@ -64,7 +64,7 @@ class Reorder:
         self._held.append(_Held(epoch, time, self._number, message))
 
     def tick(self) -> list[BagMessage]:
-        """Messages that can be written now, sorted by log time."""
+        """Return the messages that can be written now, sorted by log time."""
         self._held.sort()
         ready = [held for held in self._held if held[:2] <= self._newest]
         del self._held[: len(ready)]
@@ -74,14 +74,14 @@ class Reorder:
         return [held.message for held in ready]
 
     def rest(self) -> list[BagMessage]:
-        """All that is still held, sorted."""
+        """Return all messages still held, sorted."""
         ready = [held.message for held in sorted(self._held)]
         self._held.clear()
         return ready
 
 
 def by_log_time(messages: Iterable[BagMessage], tick_ns: int = TICK_NS) -> Iterator[BagMessage]:
-    """Messages of a bag, put in order of log time where they are out of it by less than a tick.
+    """Yield a bag's messages in order of log time, if they are out of it by less than a tick.
 
     Those of one topic keep their order. One that is older than the newest by more begins anew:
     the clock was set back, or the topic has a clock of its own. At most ``MOST_HELD`` messages of

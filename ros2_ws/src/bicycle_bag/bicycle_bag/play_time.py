@@ -60,11 +60,11 @@ class PlayTime:
         return self._offsets[0] if self._offsets else 0
 
     def due(self, message: BagMessage, clock_stands: bool = False) -> int:
-        """When a message is due, in ns of playing.
+        """Return when a message is due, in ns of playing.
 
         Args:
             message: The next one.
-            clock_stands: Whether its log time says nothing.
+            clock_stands: True if its log time says nothing.
         """
         step = self._publishing_step(message)
         if clock_stands:
@@ -128,7 +128,7 @@ class PlayTime:
 
 
 def span(nanoseconds: int) -> str:
-    """A length of time for a person."""
+    """Return a duration as text."""
     seconds = nanoseconds / SECOND
     for unit, length in (("years", 31_557_600.0), ("days", 86_400.0), ("hours", 3600.0)):
         if seconds >= 2 * length:
@@ -137,7 +137,7 @@ def span(nanoseconds: int) -> str:
 
 
 def with_standing_clocks(messages: Iterable[BagMessage]) -> Iterator[tuple[BagMessage, bool]]:
-    """Each message, and whether it is one of many over which the log time stood still."""
+    """Yield each message, and True if it is one of many with the same log time."""
     run: list[BagMessage] = []
     stands, size = False, 0
     for message in messages:
@@ -154,7 +154,7 @@ def with_standing_clocks(messages: Iterable[BagMessage]) -> Iterator[tuple[BagMe
 
 
 def _published_on(run: list[BagMessage]) -> bool:
-    """Whether a topic was published on and on under one log time."""
+    """Return True if a topic was published on and on under one log time."""
     times = defaultdict(list)
     for message in run:
         times[message.topic].append(message.publish_time_ns)

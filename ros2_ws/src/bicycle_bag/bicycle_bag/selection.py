@@ -1,4 +1,4 @@
-"""Which topics to record or to play."""
+"""Selection of the topics to record or to play."""
 
 from __future__ import annotations
 

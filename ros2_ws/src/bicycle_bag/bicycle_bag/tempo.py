@@ -8,7 +8,7 @@ from collections.abc import Callable
 SLICE = 0.02
 """s between two looks at what a person or another program wants."""
 FASTER = 1.1
-"""What one key press multiplies the speed with."""
+"""Factor of the speed for one key press."""
 SLOWEST, FASTEST = 0.01, 100.0
 """Times the rate that the replay was started with."""
 
@@ -17,7 +17,7 @@ class Tempo:
     """A clock that a replay goes by.
 
     Attributes:
-        paused: whether the clock is held.
+        paused: True if the clock is held.
         factor: seconds of this clock in a second; 1 at first.
     """
 

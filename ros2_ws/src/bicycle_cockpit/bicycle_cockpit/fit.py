@@ -18,7 +18,7 @@ ACTIONS = (("torque", 1.0, "N m"), ("displacement", 100.0, "cm"), ("pedal force"
 
 
 def misfit(path: str, plant: Plant[Any], scenario: Scenario) -> str:
-    """Why a controller is not at home in a ride; empty where it is.
+    """Return why a controller does not suit a ride; empty if it does.
 
     Args:
         path: a controller's name or its file, as `bicycle/load_policy` takes it.

@@ -1,4 +1,4 @@
-"""What steers a replay while it runs: keys of the terminal and services, as in ros2 bag play."""
+"""Control of a running replay: keys of the terminal and services, as in ros2 bag play."""
 
 from __future__ import annotations
 
@@ -64,13 +64,13 @@ class Controls:
             termios.tcsetattr(file, termios.TCSADRAIN, before)
 
     def serve(self) -> None:
-        """Do what is wanted by now."""
+        """Execute the requests that have arrived."""
         self._executor.spin_once(timeout_sec=0.0)
         if self._keyboard:
             self._read_keys()
 
     def close(self) -> None:
-        """Serve no more."""
+        """Stop serving."""
         self._executor.shutdown()
 
     def _read_keys(self) -> None:
@@ -119,7 +119,7 @@ def _answering(
 
 
 def _owns_terminal() -> bool:
-    """Whether keys that are pressed are meant for this process."""
+    """Return True if pressed keys are meant for this process."""
     try:
         file = sys.stdin.fileno()
         return os.isatty(file) and os.tcgetpgrp(file) == os.getpgrp()

@@ -1,4 +1,4 @@
-"""Who else publishes what a replay is going to publish."""
+"""Other publishers of the topics that a replay is going to publish."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ give them publishes them, so that a viewer beside a replay does."""
 
 
 def guarded(topics: Iterable[str]) -> list[str]:
-    """Those of some topics that have one publisher by their nature."""
+    """Return the topics that have one publisher by their nature."""
     return [
         name for name in topics if name not in SHARED and name.rpartition("/")[2] not in INPUTS
     ]
 
 
 def other_publishers(node: Node, topics: Iterable[str], own: int) -> dict[str, list[str]]:
-    """Nodes that publish some topics, but for `node` itself.
+    """Return the nodes that publish some topics, except `node` itself.
 
     Args:
         node: in the graph.
@@ -54,7 +54,7 @@ def _name(namespace: str, name: str) -> str:
 
 
 def told(found: dict[str, list[str]]) -> str:
-    """One line's part that names the nodes and what they publish."""
+    """Return a text that names the nodes and their topics."""
     parts = []
     for name, topics in found.items():
         more = f" and {len(topics) - 1} more" if len(topics) > 1 else ""

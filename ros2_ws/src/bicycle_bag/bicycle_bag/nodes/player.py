@@ -84,7 +84,7 @@ class Player:
         self._clock = node.create_publisher(Clock, CLOCK, LATCHED) if clock else None
 
     def _playable(self, reader: BagReader) -> dict[str, type[Any]]:
-        """The classes of the topics that can be played; warns of the others.
+        """Return the classes of the topics that can be played; warn of the others.
 
         Raises:
             BagError: There is none.
@@ -100,7 +100,7 @@ class Player:
         return kinds
 
     def _class_of(self, topic: Topic) -> type[Any]:
-        """The class of a topic's messages.
+        """Return the class of a topic's messages.
 
         Raises:
             BagError: It cannot be played.
@@ -158,7 +158,7 @@ class Player:
 
     @property
     def remarks(self) -> str:
-        """What was not played, and how often the clock jumped; empty if all was well."""
+        """Return what was not played and how often the clock jumped; empty if all was well."""
         parts = []
         if self.left_out:
             topics = ", ".join(sorted(self.left_out))
@@ -231,7 +231,7 @@ class Player:
 
 
 def _profile(recorded: Sequence[QosProfile], override: QosProfile | None) -> QoSProfile:
-    """What to publish a topic with."""
+    """Return the profile with which to publish a topic."""
     if override is not None:
         return overridden_profile(override, QUEUE)
     return publisher_profile(recorded, QUEUE, LATCHED)
