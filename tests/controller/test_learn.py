@@ -132,9 +132,9 @@ def test_a_candidate_whose_critic_dreams_is_refused(data: Dataset, tmp_path: Pat
         candidate = learner.evaluate(log)
     assert candidate.q_policy is not None
     assert candidate.q_policy > 0
-    assert candidate.dreams
+    assert candidate.overestimates
     assert not candidate.kept
-    assert (learner.refused, learner.best) == (1, None)
+    assert (learner.rejected, learner.best) == (1, None)
     assert files.best.read_bytes() == best
 
 

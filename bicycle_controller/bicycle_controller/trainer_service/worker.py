@@ -216,7 +216,7 @@ class Worker:
     def _try_candidate(self, log: Logger) -> None:
         candidate = self._learner.evaluate(log)
         self._last = candidate.score
-        if candidate.dreams:
+        if candidate.overestimates:
             self._say(note="candidate refused: the mean Q of its actions is above 0")
         if candidate.kept:
             self._best = candidate.policy

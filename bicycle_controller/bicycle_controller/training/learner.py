@@ -42,7 +42,7 @@ class Candidate:
     """True if it is the best so far, in `best.safetensors`."""
 
     @property
-    def dreams(self) -> bool:
+    def overestimates(self) -> bool:
         """True if the critic's mean Q is above 0, the largest possible return."""
         return self.q_policy is not None and self.q_policy > 0
 
@@ -78,7 +78,7 @@ class Learner:
     Attributes:
         updates: critic updates made.
         best: score of the best policy so far.
-        refused: candidates rejected because their critic overestimates.
+        rejected: candidates rejected because their critic overestimates.
         evaluation_due: True if the next candidate must be scored.
     """
 
@@ -87,7 +87,7 @@ class Learner:
         torch.set_num_threads(config.threads)
         self.config, self.files, self.replay = config, files, replay
         self.agent = make_agent(config, usable_device(config.device))
-        self.updates = self.refused = 0
+        self.updates = self.rejected = 0
         self.best: Score | None = None
         self.evaluation_due = False
         self.q_policy: float | None = None
@@ -126,8 +126,8 @@ class Learner:
         self.evaluation_due = False
         better = self.best is None or found.rank > self.best.rank
         candidate = Candidate(policy, found, self.q_policy, better)
-        if candidate.dreams:
-            self.refused += 1
+        if candidate.overestimates:
+            self.rejected += 1
             candidate = Candidate(policy, found, self.q_policy, kept=False)
         if candidate.kept:
             self.best = found
@@ -174,7 +174,7 @@ class Learner:
         return {
             "agent": self.agent.state_dict(),
             "updates": self.updates,
-            "refused": self.refused,
+            "refused": self.rejected,
             "evaluation_due": self.evaluation_due,
             "q_policy": self.q_policy,
             "best": None if self.best is None else asdict(self.best),
@@ -203,7 +203,7 @@ class Learner:
 
     def _load_state_dict(self, state: dict[str, Any]) -> None:
         self.agent.load_state_dict(state["agent"])
-        self.updates, self.refused = state["updates"], state["refused"]
+        self.updates, self.rejected = state["updates"], state["refused"]
         self.evaluation_due, self.q_policy = state["evaluation_due"], state["q_policy"]
         self.best = None if state["best"] is None else Score(**state["best"])
         self.log_bytes = state["log_bytes"]

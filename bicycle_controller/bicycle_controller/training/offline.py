@@ -164,7 +164,7 @@ def _learn(learner: Learner, progress: bool, stop: Callable[[], bool]) -> Learne
         learner.replay.size,
         learner.best,
         None if last is None else last.score,
-        learner.refused,
+        learner.rejected,
         learner.q_policy,
         *learner.time(),
     )
@@ -185,4 +185,4 @@ def _met(config: RunConfig, candidate: Candidate, bar: Progress) -> bool:
     found, limits = candidate.score, config.evaluation
     bar.show(reach=found.reach_rate, falls=found.fall_rate, q=candidate.q_policy or 0.0)
     good = found.reach_rate >= limits.stop_at and found.fall_rate <= limits.stop_falls
-    return limits.stop_at > 0 and good and not candidate.dreams
+    return limits.stop_at > 0 and good and not candidate.overestimates
