@@ -90,7 +90,7 @@ class TrainerNode(Node):
     def _start(self, link: TrainerClient, text: str) -> None:
         self._link = link
         if self._in_charge:
-            link.beat(self._in_charge)
+            link.set_baseline(self._in_charge)
         self._say(text)
 
     def _say(self, text: str) -> None:
@@ -129,7 +129,7 @@ class TrainerNode(Node):
             link.feed(packed(self._batch))
             self._batch = []
         alive = link.alive
-        for news in link.news():
+        for news in link.poll():
             self._take(news)
         if not alive:
             self.close()
@@ -166,7 +166,7 @@ class TrainerNode(Node):
         """Store the policy with which the controller was started."""
         values = future.result().values
         if values and self._link is not None:
-            self._link.beat(values[0].string_value)
+            self._link.set_baseline(values[0].string_value)
 
     def _hand_over(self, path: str, policy: str) -> None:
         """Ask the controller to load a better policy, if it still uses the beaten one."""

@@ -52,15 +52,15 @@ class TrainerClient:
         """Send packed transitions; never blocks."""
         self._inbox.put(("rows", rows))
 
-    def beat(self, name: str) -> None:
+    def set_baseline(self, name: str) -> None:
         """Set the policy that candidates must beat: a file, a shipped policy, or lqr."""
-        self._inbox.put(("beat", name))
+        self._inbox.put(("baseline", name))
 
     def in_charge(self, policy_id: str) -> None:
         """Report that an offered policy has been loaded and is the new baseline."""
         self._inbox.put(("in charge", policy_id))
 
-    def news(self) -> list[dict[str, Any]]:
+    def poll(self) -> list[dict[str, Any]]:
         """Return its reports since the last call."""
         found: list[dict[str, Any]] = []
         try:

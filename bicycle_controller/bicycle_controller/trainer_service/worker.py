@@ -55,7 +55,7 @@ class Worker:
         self._returns: NStepAccumulator
         self._file: ReplayLog
         self._to_beat = ""
-        self._bar: Score | None = None
+        self._baseline: Score | None = None
         self._best: Policy | None = None
         self._last: Score | None = None
         self._offers: dict[str, Score] = {}
@@ -150,10 +150,10 @@ class Worker:
                 return
             if kind == "rows":
                 self._take(value)
-            elif kind == "beat":
+            elif kind == "baseline":
                 self._to_beat = value
             elif kind == "in charge" and value in self._offers:
-                self._bar = self._offers[value]
+                self._baseline = self._offers[value]
 
     def _take(self, rows: np.ndarray) -> None:
         """Put packed transitions into the memory."""
@@ -185,7 +185,7 @@ class Worker:
         try:
             if self._to_beat:
                 with interrupt.at_once():
-                    self._score_bar()
+                    self._score_baseline()
             elif learner.evaluation_due:
                 self._say(phase="evaluating")
                 with interrupt.at_once():
@@ -222,7 +222,7 @@ class Worker:
             self._best = candidate.policy
             self._offer()
 
-    def _score_bar(self) -> None:
+    def _score_baseline(self) -> None:
         """Evaluate the active policy as candidates are evaluated."""
         name, self._to_beat = self._to_beat, ""
         config = self._learner.config
@@ -233,8 +233,8 @@ class Worker:
                 note=f"the policy in charge cannot be scored, so none is handed over: {error}"
             )
             return
-        self._bar = score(controller, config.scenario, config.physics, config.evaluation)
-        found = f"{self._bar.reach_rate:.1%} reached, {self._bar.fall_rate:.1%} fell"
+        self._baseline = score(controller, config.scenario, config.physics, config.evaluation)
+        found = f"{self._baseline.reach_rate:.1%} reached, {self._baseline.fall_rate:.1%} fell"
         self._say(note=f"{controller.policy_id} is to be beaten: {found}")
         self._say(in_charge=controller.policy_id)
         self._offer()
@@ -242,7 +242,12 @@ class Worker:
     def _offer(self) -> None:
         """Offer the best policy if it beats the active one."""
         best, found = self._best, self._learner.best
-        if best is None or found is None or self._bar is None or found.rank <= self._bar.rank:
+        if (
+            best is None
+            or found is None
+            or self._baseline is None
+            or found.rank <= self._baseline.rank
+        ):
             return
         path = self._learner.files.path / "policies" / f"{best.policy_id}.safetensors"
         save_policy(best, path)
