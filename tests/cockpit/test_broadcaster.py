@@ -11,7 +11,7 @@ import pytest
 from bicycle_cockpit.broadcaster import (
     MOST_CLIENTS,
     MOST_FRAMES,
-    MOST_LETTERS,
+    MOST_RELIABLE,
     Broadcaster,
     Outbox,
     TooSlowError,
@@ -49,11 +49,11 @@ def greeted() -> Outbox:
 def test_a_slow_page_gets_what_waits_in_one_go() -> None:
     async def story() -> None:
         box = greeted()
-        box.letter("first")
+        box.reliable("first")
         for number in range(100):
-            box.frame(row(number))
-            box.newest("status", f"status {number}")
-        box.letter("second")
+            box.stream(row(number))
+            box.latest("status", f"status {number}")
+        box.reliable("second")
         *before, frame = await emptied(box)
         assert before == ["hello", "first", "second", "status 99"]
         assert numbers(frame) == list(range(100))
@@ -66,7 +66,7 @@ def test_a_page_that_is_far_behind_loses_the_oldest_frames_and_nothing_else() ->
     async def story() -> None:
         box = greeted()
         for number in range(MOST_FRAMES + 30):
-            box.frame(row(number))
+            box.stream(row(number))
         _, frame = await emptied(box)
         assert numbers(frame) == list(range(30, MOST_FRAMES + 30))
         assert box.dropped == 30
@@ -79,7 +79,7 @@ def test_a_page_that_keeps_up_gets_everything_in_order() -> None:
         box, got = greeted(), []
         assert await box.take() == "hello"
         for number in range(50):
-            box.frame(row(number))
+            box.stream(row(number))
             got += numbers(await box.take())
         assert got == list(range(50))
         assert box.dropped == 0
@@ -90,12 +90,12 @@ def test_a_page_that_keeps_up_gets_everything_in_order() -> None:
 def test_a_page_gets_nothing_before_its_greeting_and_old_rows_last() -> None:
     async def story() -> None:
         box = Outbox()
-        box.letter("event")
-        box.newest("status", "status")
-        box.frame(row(7))  # is in the history that follows
+        box.reliable("event")
+        box.latest("status", "status")
+        box.stream(row(7))  # is in the history that follows
         assert await emptied(box) == []
         box.greet("hello", [Rows(0, 4, ("[4]", "[5]", "[6]", "[7]")), Rows(0, 2, ("[2]", "[3]"))])
-        box.frame(row(8))
+        box.stream(row(8))
         *first, frame, newer, older = await emptied(box)
         assert first == ["hello", "event", "status"]
         assert numbers(frame) == [8]
@@ -108,8 +108,8 @@ def test_a_simulator_that_was_started_anew_ends_what_waits_of_the_old_one() -> N
     async def story() -> None:
         box = Outbox()
         box.greet("hello", [Rows(0, 2, ("[2]", "[3]"))])
-        box.frame(row(4))
-        box.frame(row(0, ride=1))
+        box.stream(row(4))
+        box.stream(row(0, ride=1))
         _, frame = await emptied(box)
         assert json.loads(frame) == {"type": "frame", "ride": 1, "first": 0, "rows": [[0]]}
 
@@ -119,8 +119,8 @@ def test_a_simulator_that_was_started_anew_ends_what_waits_of_the_old_one() -> N
 def test_a_page_that_takes_nothing_is_given_up() -> None:
     async def story() -> None:
         box = Outbox()
-        for _ in range(MOST_LETTERS + 1):
-            box.letter("event")
+        for _ in range(MOST_RELIABLE + 1):
+            box.reliable("event")
         with pytest.raises(TooSlowError):
             await box.take()
 
@@ -136,7 +136,7 @@ def test_one_slow_page_takes_nothing_from_another() -> None:
         got: list[int] = []
         assert await emptied(fast) == ["hello"]
         for number in range(MOST_FRAMES + 10):
-            hub.frame(row(number))
+            hub.stream(row(number))
             got += numbers(await fast.take())
         assert got == list(range(MOST_FRAMES + 10))
         assert slow.dropped == 10
@@ -148,14 +148,14 @@ def test_one_slow_page_takes_nothing_from_another() -> None:
 def test_who_comes_late_gets_what_is_newest_but_no_old_frames() -> None:
     async def story() -> None:
         hub = Broadcaster()
-        hub.frame(row(1))
-        hub.newest("status", "old status")
-        hub.newest("status", "status")
+        hub.stream(row(1))
+        hub.latest("status", "old status")
+        hub.latest("status", "status")
         joined = hub.join()
         assert joined is not None
         number, box = joined
-        hub.letter("for all")
-        hub.letter("for another", number + 1)
+        hub.reliable("for all")
+        hub.reliable("for another", number + 1)
         hub.greet(number, "hello", [])
         assert await emptied(box) == ["hello", "for all", "status"]
 

@@ -135,7 +135,7 @@ def test_many_half_open_connections_keep_nobody_out(desk: Desk) -> None:
             for _ in range(5):
                 async with session.get(f"{desk.url}/web/main.js") as response:
                     assert response.status == 200
-            desk.server.letter({"type": "event"})
+            desk.server.reliable({"type": "event"})
             kinds = {(await page.receive_json())["type"] for _ in range(3)}
             assert kinds == {"hello", "palette", "event"}, "the page's WebSocket lives on"
 
@@ -161,7 +161,7 @@ def test_pages_that_are_open_are_never_put_out_by_new_connections(desk: Desk) ->
             # It is answered after all that came before it were taken in.
             async with session.get(f"{desk.url}/web/main.js") as response:
                 assert response.status == 200
-            desk.server.letter({"type": "event"})
+            desk.server.reliable({"type": "event"})
             for page in pages:
                 kinds = {(await page.receive_json())["type"] for _ in range(3)}
                 assert kinds == {"hello", "palette", "event"}
@@ -226,7 +226,7 @@ def test_a_page_that_leaves_while_it_is_written_to_is_nothing_to_tell(desk: Desk
                 assert transport is not None
                 transport.abort()
                 for _ in range(50):
-                    desk.server.letter({"type": "event", "text": "x" * 1000})
+                    desk.server.reliable({"type": "event", "text": "x" * 1000})
 
     asyncio.run(story())
     until(lambda: desk.server.pages == 0)

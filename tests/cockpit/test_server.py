@@ -117,8 +117,8 @@ def test_requests_come_through_and_answers_go_to_who_asked(desk: Desk) -> None:
             await one.send_str('{"type":"step","id":5}')
             await asyncio.to_thread(until, lambda: desk.requests)
             page, request = desk.requests[0]
-            desk.server.letter({"type": "answer", "id": request.id}, page)
-            desk.server.letter({"type": "event"})
+            desk.server.reliable({"type": "answer", "id": request.id}, page)
+            desk.server.reliable({"type": "event"})
             assert (await one.receive_json())["id"] == 5
             assert (await one.receive_json())["type"] == "event"
             assert (await other.receive_json())["type"] == "event"
@@ -192,7 +192,7 @@ def test_a_page_that_reads_nothing_holds_up_nobody(desk: Desk) -> None:
             page = await opened(session, desk)
             got: list[int] = []
             for number in range(900):
-                desk.server.frame(Rows(0, number * len(wide), wide))
+                desk.server.stream(Rows(0, number * len(wide), wide))
                 got.append((await page.receive_json())["first"])
             return got
 
@@ -215,7 +215,7 @@ def test_rows_that_waited_for_a_slow_line_come_without_a_hole(desk: Desk) -> Non
             history = [Rows(0, 400, (wide,) * 100), Rows(0, 300, (wide,) * 100)]
             desk.server.greet(desk.joined[0], {"type": "hello"}, history)
             for number in range(500, 900):
-                desk.server.frame(Rows(0, number, (wide,)))
+                desk.server.stream(Rows(0, number, (wide,)))
             got: list[int] = []
             while len(got) < 600:
                 message = await page.receive_json()

@@ -13,7 +13,7 @@ from bicycle_cockpit.rows import Rows, joined
 
 MOST_FRAMES = 500
 """Largest number of frames queued for a page: 20 s, sent at once when it reads again."""
-MOST_LETTERS = 1_000
+MOST_RELIABLE = 1_000
 """Largest number of answers and events queued for a page; with more it is disconnected."""
 MOST_CLIENTS = 16
 
@@ -33,8 +33,8 @@ class Outbox:
         self.dropped = 0
         self._frames: deque[Rows] = deque()
         self._history: deque[Rows] = deque()
-        self._letters: deque[str] = deque()
-        self._newest: dict[str, str] = {}
+        self._reliable: deque[str] = deque()
+        self._latest: dict[str, str] = {}
         self._something = asyncio.Event()
         self._full = False
         self._greeted = False
@@ -42,11 +42,11 @@ class Outbox:
     def greet(self, text: str, history: Sequence[Rows]) -> None:
         """Queue the first message of a page, and all rows until now, the newest ones first."""
         self._greeted = True
-        self._letters.appendleft(text)
+        self._reliable.appendleft(text)
         self._history.extend(history)
         self._something.set()
 
-    def frame(self, rows: Rows) -> None:
+    def stream(self, rows: Rows) -> None:
         """Queue new rows; before the greeting they are in the history already."""
         if not self._greeted:
             return
@@ -59,17 +59,17 @@ class Outbox:
         self._frames.append(rows)
         self._something.set()
 
-    def newest(self, kind: str, text: str) -> None:
+    def latest(self, kind: str, text: str) -> None:
         """Queue data of which only the newest matters."""
-        self._newest[kind] = text
+        self._latest[kind] = text
         self._something.set()
 
-    def letter(self, text: str) -> None:
+    def reliable(self, text: str) -> None:
         """Queue data that must not be lost."""
-        if len(self._letters) >= MOST_LETTERS:
+        if len(self._reliable) >= MOST_RELIABLE:
             self._full = True
         else:
-            self._letters.append(text)
+            self._reliable.append(text)
         self._something.set()
 
     async def take(self) -> str:
@@ -88,10 +88,10 @@ class Outbox:
 
     def _next(self) -> str:
         """Return the next data to send; empty if there are none."""
-        if self._letters:
-            return self._letters.popleft()
-        if self._newest:
-            return self._newest.pop(next(iter(self._newest)))
+        if self._reliable:
+            return self._reliable.popleft()
+        if self._latest:
+            return self._latest.pop(next(iter(self._latest)))
         if self._frames:
             waiting = joined(self._frames)
             self._frames.clear()
@@ -125,7 +125,7 @@ class Broadcaster:
         self._next += 1
         self._boxes[number] = box
         for kind, text in self._last.items():
-            box.newest(kind, text)
+            box.latest(kind, text)
         return number, box
 
     def leave(self, number: int) -> None:
@@ -137,19 +137,19 @@ class Broadcaster:
         if number in self._boxes:
             self._boxes[number].greet(text, history)
 
-    def frame(self, rows: Rows) -> None:
+    def stream(self, rows: Rows) -> None:
         """Queue new rows for all pages."""
         for box in self._boxes.values():
-            box.frame(rows)
+            box.stream(rows)
 
-    def newest(self, kind: str, text: str) -> None:
+    def latest(self, kind: str, text: str) -> None:
         """Queue data of which only the newest matters, for all present and later pages."""
         self._last[kind] = text
         for box in self._boxes.values():
-            box.newest(kind, text)
+            box.latest(kind, text)
 
-    def letter(self, text: str, to: int | None = None) -> None:
+    def reliable(self, text: str, to: int | None = None) -> None:
         """Queue data that must not be lost, for one page or for all."""
         for number, box in self._boxes.items():
             if to is None or number == to:
-                box.letter(text)
+                box.reliable(text)

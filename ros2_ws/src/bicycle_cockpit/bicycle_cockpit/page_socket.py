@@ -98,7 +98,7 @@ class PageSocket:
                 refusals += 1
                 self._log(f"{who}: message refused: {error}")
                 answer = {"type": "answer", "id": -1, "ok": False, "message": str(error)}
-                self._hub.letter(json_text(answer), self._number)
+                self._hub.reliable(json_text(answer), self._number)
                 if refusals >= MOST_REFUSALS:
                     self._log(f"{who}: sent away after {refusals} refused messages")
                     code = WSCloseCode.POLICY_VIOLATION

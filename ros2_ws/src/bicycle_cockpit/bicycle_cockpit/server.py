@@ -103,22 +103,22 @@ class Server:
         """Send the first message of a page, and the rows until now."""
         self._loop.call_soon_threadsafe(self._hub.greet, page, json_text(hello), history)
 
-    def frame(self, rows: Rows) -> None:
+    def stream(self, rows: Rows) -> None:
         """Send new rows to all pages."""
-        self._loop.call_soon_threadsafe(self._hub.frame, rows)
+        self._loop.call_soon_threadsafe(self._hub.stream, rows)
 
-    def newest(self, data: dict[str, Any]) -> None:
+    def latest(self, data: dict[str, Any]) -> None:
         """Send data that replace older data of the same `type`."""
-        self._loop.call_soon_threadsafe(self._hub.newest, data["type"], json_text(data))
+        self._loop.call_soon_threadsafe(self._hub.latest, data["type"], json_text(data))
 
-    def letter(self, data: dict[str, Any], to: int | None = None) -> None:
+    def reliable(self, data: dict[str, Any], to: int | None = None) -> None:
         """Send data that must not be lost, to one page or to all."""
-        self._loop.call_soon_threadsafe(self._hub.letter, json_text(data), to)
+        self._loop.call_soon_threadsafe(self._hub.reliable, json_text(data), to)
 
     def colour(self, keys: Sequence[str]) -> None:
         """Assign colours to policies, see `Palette`."""
         if self.palette.add(keys):
-            self.newest(self.palette.message())
+            self.latest(self.palette.message())
 
     @property
     def pages(self) -> int:
@@ -141,7 +141,7 @@ class Server:
             self._loop.close()
 
     async def _serve(self) -> None:
-        self.newest(self.palette.message())
+        self.latest(self.palette.message())
         try:
             async with self._listening():
                 self._ready.set()

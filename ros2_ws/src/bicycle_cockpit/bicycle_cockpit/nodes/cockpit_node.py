@@ -96,7 +96,7 @@ class CockpitNode(Node):
         self._hearing.look()
         rows = self.live.frame()
         if rows is not None and self.server.pages:
-            self.server.frame(rows)
+            self.server.stream(rows)
 
     def _on_status(self) -> None:
         try:
@@ -112,7 +112,7 @@ class CockpitNode(Node):
         left_out = self._room.left_out()
         if left_out:
             words = f"{left_out} more events came at once and are not listed"
-            self.server.letter(self.live.event("info", words))
+            self.server.reliable(self.live.event("info", words))
         controllers = self.count_publishers(topics.COMMAND.name)
         status = self.live.status(
             pages=self.server.pages,
@@ -122,7 +122,7 @@ class CockpitNode(Node):
             misfit=self._asking.suits.misfit(),
             trouble=self._trouble.now(self.live.hears_simulator, controllers),
         )
-        self.server.newest(status)
+        self.server.latest(status)
 
     def _welcome(self, page: int) -> None:
         choices = {"controllers": self._choices.offered(), "largest_push": LARGEST_PUSH}
@@ -132,16 +132,16 @@ class CockpitNode(Node):
     def _replier(self, page: int, number: int) -> Callable[[bool, str], None]:
         def reply(ok: bool, text: str) -> None:
             answer = {"type": "answer", "id": number, "ok": ok, "message": text}
-            self.server.letter(answer, page)
+            self.server.reliable(answer, page)
 
         return reply
 
     def _tell(self, level: str, text: str, **more: Any) -> None:
         """Report an event to all pages, within its rate limit."""
         if self._room.take(str(more.get("kind", ""))):
-            self.server.letter(self.live.event(level, text, **more))
+            self.server.reliable(self.live.event(level, text, **more))
 
     def _newest(self, data: dict[str, Any]) -> None:
         """Send all pages data that replace older data of the type; assign colours to riders."""
         self.server.colour([one["colour"] for one in data.get("riders", ())])
-        self.server.newest(data)
+        self.server.latest(data)
