@@ -54,7 +54,7 @@ class Rider:
 def test_the_bicycle_is_held_until_the_first_command() -> None:
     rider = Rider()
     assert [rider.tick() for _ in range(100)] == [None] * 100
-    assert rider.loop.held
+    assert rider.loop.waiting
     assert rider.answer() is None, "in real time the step waits for its time"
     made = rider.tick()
     assert made is not None
@@ -68,12 +68,12 @@ def test_the_newest_command_is_held_until_the_watchdog_lets_go() -> None:
     rider.answer()
     sources = [made.snapshot.command_source for made in (rider.tick() for _ in range(13)) if made]
     assert sources == [CommandSource.FRESH, *[CommandSource.HELD] * 8, *[CommandSource.ZERO] * 4]
-    assert rider.loop.starved
+    assert rider.loop.timed_out
     rider.answer()
     made = rider.tick()
     assert made is not None
     assert made.snapshot.command_source is CommandSource.FRESH
-    assert not rider.loop.starved
+    assert not rider.loop.timed_out
 
 
 def test_by_parameter_the_watchdog_holds_the_bicycle() -> None:
@@ -81,7 +81,7 @@ def test_by_parameter_the_watchdog_holds_the_bicycle() -> None:
     rider.answer()
     made = [rider.tick() for _ in range(50)]
     assert sum(one is not None for one in made) == 9
-    assert rider.loop.held
+    assert rider.loop.waiting
     rider.answer()
     again = rider.tick()
     assert again is not None

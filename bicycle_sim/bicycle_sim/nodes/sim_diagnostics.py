@@ -60,9 +60,9 @@ class SimReport:
 
     def _commands(self, made: list[StepResult]) -> DiagnosticStatus:
         loop, gate = self._loop, self._loop.gate
-        held = loop.held or loop.paused or loop.snapshot.fallen
+        held = loop.waiting or loop.paused or loop.snapshot.fallen
         level, text = OK, "waiting" if held else f"from {gate.owner!r}"
-        if loop.starved:
+        if loop.timed_out:
             held_now = loop.options.on_timeout == "pause"
             what = "the bicycle is held" if held_now else "zero input is applied"
             level, text = ERROR, f"no valid command for {gate.silence():.2f} s: {what}"
@@ -103,7 +103,7 @@ class SimReport:
             return "fallen"
         if loop.paused:
             return "paused"
-        return "held" if loop.held else "riding"
+        return "held" if loop.waiting else "riding"
 
 
 def _sources(made: list[StepResult]) -> list[str]:

@@ -61,7 +61,7 @@ class SimNode(Node):
         self._joints = visualization.Joints(self._geometry, plant.time_step)
         self._report = SimReport(self.get_fully_qualified_name().lstrip("/"), self._loop)
         self._last_state = self._last_markers = self._fallen_at = -math.inf
-        self._was_starved = self._was_silent = False
+        self._was_timed_out = self._was_silent = False
         refuse_second_simulator(self)
         self._publishers_by_name = advertise(
             self,
@@ -133,13 +133,13 @@ class SimNode(Node):
     # Inputs.
 
     def _on_command(self, message: BicycleCommand) -> None:
-        was_held = self._loop.held
+        was_waiting = self._loop.waiting
         warning, made = self._loop.receive(convert.to_command(message))
         if warning:
             self.get_logger().warning(
                 f"command for step {message.step} from {message.controller!r} ignored: {warning}"
             )
-        if was_held and not self._loop.held:
+        if was_waiting and not self._loop.waiting:
             self._pace_from_now()
             self.get_logger().info(
                 f"episode {message.episode} rides under {message.controller!r} from step "
@@ -207,16 +207,16 @@ class SimNode(Node):
 
     def _on_due(self) -> None:
         self._on_made(self._loop.tick())
-        if self._loop.starved and not self._was_starved:
+        if self._loop.timed_out and not self._was_timed_out:
             what = "zero input" if self._settings.on_timeout == "zero" else "held"
             self.get_logger().warning(
                 f"no valid command for {self._settings.watchdog_timeout:g} s at step "
                 f"{self._loop.snapshot.step}: {what} until the next one; is the controller "
                 "running?"
             )
-        elif self._was_starved and not self._loop.starved:
+        elif self._was_timed_out and not self._loop.timed_out:
             self.get_logger().info(f"commands again at step {self._loop.snapshot.step}")
-        self._was_starved = self._loop.starved
+        self._was_timed_out = self._loop.timed_out
 
     def _on_idle(self) -> None:
         """Repeat the state while nothing moves, reset after a fall, report silence."""
@@ -251,7 +251,7 @@ class SimNode(Node):
     def _begin(self, start: InitialPose | None, seed: int | None) -> None:
         """Start an episode; see `Loop.reset`, which may raise ValueError."""
         self._publish_transitions(self._loop.reset(start, seed))
-        self._was_starved = False
+        self._was_timed_out = False
         simulator, settings = self._loop.simulator, self._settings
         info = EpisodeInfo(
             header=convert.to_header(self._now),

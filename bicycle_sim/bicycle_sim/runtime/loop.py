@@ -83,9 +83,9 @@ class Loop:
     """One bicycle, its command validator and its schedule.
 
     Attributes:
-        held: True while it waits for a command, at the start or after a watchdog's pause.
+        waiting: True while it waits for a command, at the start or after a watchdog's pause.
         paused: True while a user's pause lasts.
-        starved: True if the last step was made without a valid command.
+        timed_out: True if the last step was made without a valid command.
     """
 
     def __init__(
@@ -117,9 +117,9 @@ class Loop:
             max_age=math.ceil((options.watchdog_timeout or 1e6) / simulator.time_step),
             clock=lambda: clock() * 1e-9,
         )
-        self.held = True
+        self.waiting = True
         self.paused = False
-        self.starved = False
+        self.timed_out = False
         self.total_steps = 0
         self._clock = clock
         self._log = TransitionLog(simulator.scenario)
@@ -141,7 +141,7 @@ class Loop:
     @property
     def riding(self) -> bool:
         """True if steps are being made."""
-        return not (self.held or self.paused or self.snapshot.fallen)
+        return not (self.waiting or self.paused or self.snapshot.fallen)
 
     def reset(self, start: InitialPose | None, seed: int | None) -> list[Transition]:
         """Begin a new episode; see `Simulator.reset`, which may raise ValueError.
@@ -151,7 +151,7 @@ class Loop:
         """
         snapshot = self.simulator.reset(start, seed)
         self.gate.begin(snapshot.episode)
-        self.held, self.starved = True, False
+        self.waiting, self.timed_out = True, False
         self._last_step = None
         self._latency = math.nan
         self._pushes.take()
@@ -177,8 +177,8 @@ class Loop:
             return decision.warning, None
         if command.step == step:
             self._latency = (self._clock() - self._published) * 1e-9
-        if self.held:
-            self.held = False
+        if self.waiting:
+            self.waiting = False
             self.pacer.start()
         return "", self._answer() if self.lockstep else None
 
@@ -203,7 +203,7 @@ class Loop:
         self._pushes.add(lean_rate)
 
     def tick(self) -> StepResult | None:
-        """Make the due step in real time, unless the bicycle is held, paused or fallen."""
+        """Make the due step in real time, unless the bicycle is waiting, paused or fallen."""
         if not self.riding:
             return None
         timing = self.pacer.tick()
@@ -211,9 +211,9 @@ class Loop:
         ends = self.gate.silence() + self.pacer.period_ns * 1e-9
         silent = self.patience > 0 and ends > self.patience + ROUNDING
         if silent and self.options.on_timeout == "pause":
-            self.held, self.starved = True, True
+            self.waiting, self.timed_out = True, True
             return None
-        self.starved = silent
+        self.timed_out = silent
         return self._make(None if silent else self.gate.newest, timing)
 
     def single_step(self) -> StepResult | None:
@@ -222,7 +222,7 @@ class Loop:
             return None
         newest = self.gate.newest
         fresh = newest is not None and newest.step == self.snapshot.step
-        self.held = False
+        self.waiting = False
         return self._make(newest if fresh else None, StepTiming(math.nan, math.nan))
 
     def _answer(self) -> StepResult | None:
@@ -233,7 +233,7 @@ class Loop:
         now = self._clock()
         since = math.nan if self._last_step is None else (now - self._last_step) * 1e-9
         self._last_step = now
-        self.starved = False
+        self.timed_out = False
         return self._make(newest, StepTiming(since, math.nan))
 
     def _make(self, command: Command | None, timing: StepTiming) -> StepResult:
