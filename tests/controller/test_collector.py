@@ -246,7 +246,7 @@ def test_a_teacher_rides_its_share() -> None:
 def test_the_memory_holds_what_the_teacher_would_have_done() -> None:
     options = ("bicycles=8", "warm_up=0", "noise.kind=none", "starts.steer=0.3")
     teacher = ("teacher.controller=lqr-20cm", "teacher.share=0.125", "ddpg.bc_to=teacher")
-    replay = ReplayBuffer(100, 2, shown=True)
+    replay = ReplayBuffer(100, 2, expert_action=True)
     collector = Collector(small_run(*options, *teacher), replay)
     seen, speed = collector.observation, collector.task.state.speed
     expected = load_controller("lqr-20cm").act(seen, speed)[:, :2] / (2.0, 0.2)

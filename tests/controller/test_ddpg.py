@@ -228,7 +228,7 @@ SWITCHES: dict[str, dict[str, Any]] = {
 def test_hand_written_gradients_equal_autograd(kind: Kind, name: str) -> None:
     config = small_ddpg(**SWITCHES[name])
     taught = config.bc_to == "teacher"
-    replay = random_replay(2, observations=len(config.critic_scale), shown=taught)
+    replay = random_replay(2, observations=len(config.critic_scale), expert_action=taught)
     first, second = Ddpg(config, 2, 3), kind(config, 2, 3)
     start = [p.detach().clone() for p in first.actor.parameters()]
     for agent in (first, second):
@@ -265,7 +265,7 @@ def test_a_symmetric_actor_answers_the_mirrored_bicycle_mirrored(kind: Kind) -> 
 
 def test_imitation_pulls_towards_what_the_teacher_shows() -> None:
     config = small_ddpg(bc_weight=1.0, bc_alpha=1e-9, bc_to="teacher", reward_scale=1e-3)
-    agent, replay = Ddpg(config, 2, 0), random_replay(2, rows=16, shown=True)
+    agent, replay = Ddpg(config, 2, 0), random_replay(2, rows=16, expert_action=True)
     before = distance(agent, replay)
     agent.update(replay, 400)
     assert distance(agent, replay) < 0.5 * before

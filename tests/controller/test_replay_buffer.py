@@ -183,15 +183,24 @@ def test_pending_returns_go_on_to_the_bit() -> None:
 def test_one_step_returns_are_those_of_the_general_way(absorbing: bool) -> None:
     """To the bit, and with the same pending state."""
     worth = RewardShaping(1, 0.99, 0.3, absorbing, cost_cap=2.0, step_cost=0.1)
-    quick, general = (NStepAccumulator(5, 2, worth, shown=True) for _ in range(2))
+    quick, general = (NStepAccumulator(5, 2, worth, expert_action=True) for _ in range(2))
     rng = np.random.default_rng(1)
     for _ in range(300):
         observation, action, following = (rng.normal(size=(5, width)) for width in (6, 2, 6))
-        reward, shown = -rng.exponential(1.0, 5) * rng.integers(0, 2, 5), rng.normal(size=(5, 2))
+        reward, expert_action = (
+            -rng.exponential(1.0, 5) * rng.integers(0, 2, 5),
+            rng.normal(size=(5, 2)),
+        )
         goal, cut, fall = rng.random((3, 5)) < 0.2
-        made = quick.push(observation, action, reward, following, goal, cut, fall, -0.0, shown)
+        made = quick.push(
+            observation, action, reward, following, goal, cut, fall, -0.0, expert_action
+        )
         worthy, final = general._worth(reward, goal, fall, -0.0)
-        general.observation[0], general.action[0], general.shown[0] = observation, action, shown
+        general.observation[0], general.action[0], general.expert_action[0] = (
+            observation,
+            action,
+            expert_action,
+        )
         wanted = general._push(worthy, final, following, (goal, cut, fall))
         assert made.tobytes() == wanted.tobytes()
         one, other = quick.state_dict(), general.state_dict()

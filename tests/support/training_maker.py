@@ -57,11 +57,15 @@ def batch_of(
 
 
 def random_replay(
-    actions: int, rows: int = 2000, seed: int = 0, observations: int = 6, shown: bool = False
+    actions: int,
+    rows: int = 2000,
+    seed: int = 0,
+    observations: int = 6,
+    expert_action: bool = False,
 ) -> ReplayBuffer:
     """A memory full of random transitions, one in ten final."""
     rng = np.random.default_rng(seed)
-    replay = ReplayBuffer(rows, actions, observations=observations, shown=shown)
+    replay = ReplayBuffer(rows, actions, observations=observations, expert_action=expert_action)
     replay.add(
         np.concatenate(
             [
@@ -71,7 +75,7 @@ def random_replay(
                 -rng.random((rows, 1)),
                 np.where(rng.random((rows, 1)) < 0.1, 0.0, 0.99),
                 np.zeros((rows, 3)),
-                rng.uniform(-1.0, 1.0, (rows, actions * shown)),
+                rng.uniform(-1.0, 1.0, (rows, actions * expert_action)),
             ],
             axis=1,
         )

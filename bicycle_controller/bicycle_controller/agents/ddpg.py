@@ -158,7 +158,7 @@ class Ddpg:
         """Return the batch with scaled observations and rewards, half of it mirrored if asked."""
         observation = batch.observation / self.scale
         next_observation = batch.next_observation / self.scale
-        action, shown = batch.action, batch.shown
+        action, expert_action = batch.action, batch.expert_action
         if self.config.mirror:
             size = (len(action), 1)
             sign = torch.randint(0, 2, size, generator=self.generator, device=self.device)
@@ -167,18 +167,22 @@ class Ddpg:
             next_observation[:, :OBSERVATIONS] *= sign
             # Torque and displacement change sign, the pedal force does not.
             action = torch.cat([action[:, :2] * sign, action[:, 2:]], dim=1)
-            if shown is not None:
-                shown = torch.cat([shown[:, :2] * sign, shown[:, 2:]], dim=1)
+            if expert_action is not None:
+                expert_action = torch.cat(
+                    [expert_action[:, :2] * sign, expert_action[:, 2:]], dim=1
+                )
         rest = (batch.terminated, batch.truncated, batch.fallen)
         reward = batch.reward * self.config.reward_scale
-        return Batch(observation, action, next_observation, reward, batch.discount, *rest, shown)
+        return Batch(
+            observation, action, next_observation, reward, batch.discount, *rest, expert_action
+        )
 
     def _wanted(self, batch: Batch) -> Tensor:
         """Return the actions that imitation aims at, (B, actions)."""
         if self.config.bc_to == "recorded":
             return batch.action
-        assert batch.shown is not None
-        return batch.shown
+        assert batch.expert_action is not None
+        return batch.expert_action
 
     def _update_critics(self, batch: Batch, target: Tensor) -> None:
         """Equation (14): the squared distance of Q to its target."""

@@ -36,7 +36,7 @@ class Batch:
     """(B,), 1 if the step limit was reached."""
     fallen: Tensor
     """(B,), 1 if the bicycle lies afterwards."""
-    shown: Tensor | None = None
+    expert_action: Tensor | None = None
     """(B, actions), the teacher's action, if the memory stores it."""
 
     def parts(self, size: int) -> Iterator[Batch]:
@@ -63,15 +63,17 @@ class ReplayBuffer:
         actions: int,
         device: torch.device | str = "cpu",
         observations: int = OBSERVATIONS,
-        shown: bool = False,
+        expert_action: bool = False,
     ) -> None:
         """Create an empty memory for `capacity` transitions of given widths.
 
-        With `shown` each has a second action to its right, the teacher's.
+        With `expert_action` each has a second action to its right, the teacher's.
         """
         self.capacity = capacity
         self.actions = actions
-        self.columns = [observations, actions, observations, 1, 1, 1, 1, 1] + [actions] * shown
+        self.columns = [observations, actions, observations, 1, 1, 1, 1, 1] + [
+            actions
+        ] * expert_action
         self.table = torch.zeros((capacity, sum(self.columns)), device=device)
         self._rows = self.table.numpy() if self.table.device.type == "cpu" else None
         self.size = 0
@@ -168,6 +170,11 @@ class RewardShaping:
         )
 
 
+_SAVED = {name: name for name in ("observation", "action", "sum", "age", "open")}
+_SAVED["shown"] = "expert_action"
+"""Attributes of `NStepAccumulator` by their keys in a checkpoint, which stay as in 0.1.0."""
+
+
 class NStepAccumulator:
     """Turns the steps of N bicycles into n-step transitions, cut at the end of each episode.
 
@@ -182,7 +189,7 @@ class NStepAccumulator:
         actions: int,
         valuation: RewardShaping,
         observations: int = OBSERVATIONS,
-        shown: bool = False,
+        expert_action: bool = False,
     ) -> None:
         """Start without pending steps.
 
@@ -191,12 +198,14 @@ class NStepAccumulator:
             actions: numbers per action.
             valuation: n, discount and reward shaping.
             observations: numbers per observation.
-            shown: True to store a teacher's action with each.
+            expert_action: True to store a teacher's action with each.
         """
         self.valuation, n_step = valuation, valuation.n_step
         self.observation = np.zeros((n_step, count, observations), dtype=np.float32)
         self.action = np.zeros((n_step, count, actions), dtype=np.float32)
-        self.shown = np.zeros((n_step, count, actions if shown else 0), dtype=np.float32)
+        self.expert_action = np.zeros(
+            (n_step, count, actions if expert_action else 0), dtype=np.float32
+        )
         self.sum = np.zeros((n_step, count))
         self.age = np.zeros((n_step, count), dtype=np.int64)
         self.open = np.zeros((n_step, count), dtype=bool)
@@ -212,7 +221,7 @@ class NStepAccumulator:
         truncated: np.ndarray,
         fallen: np.ndarray,
         shaping: np.ndarray | float = 0.0,
-        shown: np.ndarray | None = None,
+        expert_action: np.ndarray | None = None,
     ) -> np.ndarray:
         """Take one step of every bicycle.
 
@@ -225,21 +234,21 @@ class NStepAccumulator:
             truncated: bool (N,), True at the step limit.
             fallen: bool (N,), True if the bicycle lies afterwards.
             shaping: (N,), added to the reward after `cost_cap`.
-            shown: (N, actions), a teacher's answer to the observation, if stored.
+            expert_action: (N, actions), a teacher's answer to the observation, if stored.
 
         Returns:
             The transitions that are complete now, (M, width) float32, for `ReplayBuffer.add`.
         """
         reward, final = self._worth(reward, terminated, fallen, shaping)
         self.observation[self.slot], self.action[self.slot] = observation, action
-        if shown is not None:
-            self.shown[self.slot] = shown
+        if expert_action is not None:
+            self.expert_action[self.slot] = expert_action
         ends = (terminated, truncated, fallen)
         if self.valuation.n_step == 1:
             self.sum[0], self.age[0] = reward + 0.0, 1
             discount = np.where(final, 0.0, self.valuation.gamma)
             kept = observation, action, next_observation
-            return self._rows(kept, (self.sum[0], discount, *ends), self.shown[0])
+            return self._rows(kept, (self.sum[0], discount, *ends), self.expert_action[0])
         return self._push(reward, final, next_observation, ends)
 
     def _worth(
@@ -277,15 +286,15 @@ class NStepAccumulator:
         self.slot = (self.slot + 1) % n_step
         kept = self.observation[slots, who], self.action[slots, who], next_observation[who]
         columns = (self.sum[slots, who], discount, *(end[who] for end in ends))
-        return self._rows(kept, columns, self.shown[slots, who])
+        return self._rows(kept, columns, self.expert_action[slots, who])
 
     @staticmethod
     def _rows(
-        kept: tuple[np.ndarray, ...], columns: tuple[np.ndarray, ...], shown: np.ndarray
+        kept: tuple[np.ndarray, ...], columns: tuple[np.ndarray, ...], expert_action: np.ndarray
     ) -> np.ndarray:
         """Return transitions as rows, (M, width) float32."""
-        count = len(shown)
-        blocks = [*kept, *columns, shown]
+        count = len(expert_action)
+        blocks = [*kept, *columns, expert_action]
         widths = [1 if block.ndim == 1 else block.shape[1] for block in blocks]
         rows = np.empty((count, sum(widths)), dtype=np.float32)
         at = 0
@@ -296,11 +305,12 @@ class NStepAccumulator:
 
     def state_dict(self) -> dict[str, Any]:
         """Return the pending steps."""
-        names = ("observation", "action", "shown", "sum", "age", "open")
-        return {name: getattr(self, name).copy() for name in names} | {"slot": self.slot}
+        return {key: getattr(self, name).copy() for key, name in _SAVED.items()} | {
+            "slot": self.slot
+        }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore `state`."""
-        for name in ("observation", "action", "shown", "sum", "age", "open"):
-            getattr(self, name)[...] = state[name]
+        for key, name in _SAVED.items():
+            getattr(self, name)[...] = state[key]
         self.slot = int(state["slot"])

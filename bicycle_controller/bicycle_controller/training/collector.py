@@ -70,7 +70,7 @@ class Collector:
         learner, actions = config.learner, len(self.driven)
         self.noise = Noise(config.noise, config.bicycles, actions, noise_rng)
         teacher, spread = config.teacher, np.arange(config.bicycles + 1) * config.teacher.share
-        self.taught = np.flatnonzero(np.diff(np.floor(spread)))
+        self.expert_rows = np.flatnonzero(np.diff(np.floor(spread)))
         self.teacher = (
             load_controller(teacher.controller, config.physics) if teacher.share else None
         )
@@ -93,8 +93,8 @@ class Collector:
 
     def step(self, agent: Chooser) -> None:
         """Step every bicycle once and store the completed transitions."""
-        shown = self._shown()
-        action = self._chosen(agent, shown)
+        expert_action = self._expert_action()
+        action = self._chosen(agent, expert_action)
         physical = np.zeros((self.config.bicycles, 3))
         physical[:, self.driven] = action * self._spread
         before = self._seen(self.observation)
@@ -109,7 +109,7 @@ class Collector:
                 step.truncated,
                 step.fallen,
                 self._progress(step),
-                shown if teaches(self.config.learner) else None,
+                expert_action if teaches(self.config.learner) else None,
             )
         )
         self.steps += self.config.bicycles
@@ -139,14 +139,14 @@ class Collector:
         nearer = self.task.state.speed * np.cos(step.observation[:, 5])
         return self.config.shaping.progress * (nearer / self.top_speed - 1.0)
 
-    def _shown(self) -> np.ndarray | None:
+    def _expert_action(self) -> np.ndarray | None:
         """Return the teacher's actions for all bicycles, normalised, (N, actions)."""
         if self.teacher is None:
             return None
         action = self.teacher.act(self.observation, self.task.state.speed)
         return np.clip(action[:, self.driven] / self._spread, -1.0, 1.0)
 
-    def _chosen(self, agent: Chooser, shown: np.ndarray | None) -> np.ndarray:
+    def _chosen(self, agent: Chooser, expert_action: np.ndarray | None) -> np.ndarray:
         """Return normalised actions (N, actions): random in the warm-up, else the noisy policy's.
 
         A bicycle that the teacher rides gets its action, with the same noise.
@@ -157,8 +157,8 @@ class Collector:
         else:
             noise = self.noise.sample()
             action = agent.act(self.observation) + noise
-        if shown is not None:
-            action[self.taught] = shown[self.taught] + noise[self.taught]
+        if expert_action is not None:
+            action[self.expert_rows] = expert_action[self.expert_rows] + noise[self.expert_rows]
         return self._finite(np.minimum(np.maximum(action, -1.0), 1.0))
 
     def _finite(self, action: np.ndarray) -> np.ndarray:

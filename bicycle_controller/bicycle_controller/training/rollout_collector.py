@@ -16,7 +16,7 @@ class RolloutCollector(Collector):
     limits when it is applied.
     """
 
-    def _chosen(self, agent: Chooser, shown: np.ndarray | None) -> np.ndarray:
+    def _chosen(self, agent: Chooser, expert_action: np.ndarray | None) -> np.ndarray:
         """Return normalised actions (N, actions), drawn and not clipped."""
         assert isinstance(agent, Ppo)
         return self._finite(agent.sample(self.observation))
