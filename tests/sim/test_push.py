@@ -92,7 +92,8 @@ def test_what_is_beyond_reason_is_refused(bad: float) -> None:
 def test_pushes_of_one_step_are_bounded_together() -> None:
     gate = PushGate()
     gate.add(0.75 * LARGEST_PUSH)
-    with pytest.raises(ValueError, match="with those that wait"):
+    said = r"1.5 rad/s \(3 rad/s with those that wait for the same step\) is beyond 2 rad/s"
+    with pytest.raises(ValueError, match=said):
         gate.add(0.75 * LARGEST_PUSH)
     assert gate.take() == 0.75 * LARGEST_PUSH
     assert gate.take() == 0.0

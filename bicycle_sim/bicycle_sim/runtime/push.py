@@ -31,11 +31,9 @@ class PushGate:
             raise ValueError(f"its lean rate is {lean_rate}: send a finite number")
         total = self._waiting + lean_rate
         if abs(total) > self._largest:
-            others = ", with those that wait for the same step" if self._waiting else ""
-            raise ValueError(
-                f"its lean rate {lean_rate:g} rad/s is beyond {self._largest:g} rad/s{others}: "
-                "push less"
-            )
+            also = f" ({total:g} rad/s with those that wait for the same step)"
+            rate = f"{lean_rate:g} rad/s{also if self._waiting else ''}"
+            raise ValueError(f"its lean rate {rate} is beyond {self._largest:g} rad/s: push less")
         self._waiting = total
 
     def take(self) -> float:
