@@ -138,6 +138,16 @@ def test_an_lqr_of_its_own_model_rides_each(plant: Plant[Any]) -> None:
     assert len({tuning_id(controller.config, other) for other in PLANTS.values()}) == len(PLANTS)
 
 
+def test_the_lean_that_is_asked_for_at_every_step_is_that_of_the_plant(plant: Plant[Any]) -> None:
+    law, rng = plant.steady_lean_law(0.7), np.random.default_rng(6)
+    steer, speed = rng.uniform(-0.75, 0.75, 200), rng.uniform(1.0, 6.0, 200)
+    inside = np.clip(steer, -0.7, 0.7) if plant.name == "whipple" else steer
+    exact = plant.steady_lean(inside, speed)
+    np.testing.assert_allclose(law(steer, speed), exact, rtol=0, atol=1e-3)
+    beyond = law(np.array([0.5, -0.6]), np.array([1e3, 0.0]))
+    assert np.isfinite(beyond).all()
+
+
 def test_disturbances_reach_each(plant: Plant[Any]) -> None:
     """A tilt and a kick make another ride of it, and steps still follow from the seed."""
     scenario = replace(NEAR, max_steps=20)

@@ -173,6 +173,7 @@ class LqrController:
             f"no displacement moves the bicycle {self.plant.label}: choose an LQR without, or a "
             "bicycle with a rider who leans",
         )
+        self._steady_lean = self.plant.steady_lean_law(self.config.steer_limit)
         designs = np.array([self._design(float(speed)) for speed in SPEEDS])
         fine = np.arange(SPEEDS[0], SPEEDS[-1] + 0.5 * SPEED_STEP, SPEED_STEP)
         self._schedule = np.array([np.interp(fine, SPEEDS, column) for column in designs.T])
@@ -207,7 +208,7 @@ class LqrController:
 
         share = np.interp(np.abs(error), TURN_ERRORS, config.turn_shape)
         wanted_steer = -_limited(gains[8] * error, gains[9] * share)
-        wanted_tilt = self.plant.steady_lean(wanted_steer, speed)
+        wanted_tilt = self._steady_lean(wanted_steer, speed)
         wanted_displacement, wanted_lean = self._divide(wanted_tilt, gains[10])
         # A turn too far ahead would saturate the torque, so ride a wider one first.
         ahead = _limited(wanted_lean - lean, gains[11])
@@ -273,7 +274,7 @@ class LqrController:
         gain[:inputs] = found[:, [model.states.index(name) for name in STATES]]
 
         steer = np.linspace(0.0, config.steer_limit, 1001)
-        tilt = self.plant.steady_lean(steer, np.full_like(steer, speed))
+        tilt = self._steady_lean(steer, np.full_like(steer, speed))
         tilt_per_steer, tilt_per_metre = tilt[1] / steer[1], 1.0 / self.plant.geometry.mass_height
         # Unknown lean, steering and displacement per heading error: no torque, the regulator's
         # displacement, and the tilt that the turn needs.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -16,6 +16,10 @@ import numpy as np
 
 Array = Any
 """A float or an array of shape (N,)."""
+
+
+SteadyLean = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""(N,) rad of lean from (N,) rad of steering and (N,) m/s."""
 
 
 @dataclass
@@ -236,6 +240,14 @@ class Plant(ABC, Generic[State]):
     @abstractmethod
     def steady_lean(self, steer_angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Return the lean of a balanced steady turn, (N,) rad; arguments (N,), rad and m/s."""
+
+    def steady_lean_law(self, steer_limit: float) -> SteadyLean:
+        """Return `steady_lean` for a caller that needs it at every step.
+
+        Args:
+            steer_limit: rad, the largest steering that is asked for.
+        """
+        return self.steady_lean
 
     @abstractmethod
     def take(self, mask: np.ndarray) -> Plant[State]:

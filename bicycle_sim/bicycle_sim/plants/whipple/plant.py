@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bicycle_sim.plants.base import Array, BodyState, Geometry, Linear, Loads, Plant
+from bicycle_sim.plants.base import Array, BodyState, Geometry, Linear, Loads, Plant, SteadyLean
 from bicycle_sim.plants.whipple import integrate, native, parameters, state_space, steady
 from bicycle_sim.plants.whipple.constants import (
     UNLIMITED,
@@ -197,6 +197,12 @@ class WhipplePlant(Plant[WhippleState]):
     def steady_lean(self, steer_angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """(N,) rad at which a steady turn is balanced; see `steady.lean`."""
         return steady.lean(self.constants, steer_angle, speed)
+
+    def steady_lean_law(self, steer_limit: float) -> SteadyLean:
+        """Return a table of `steady_lean`, within 1e-3 rad of it, for bicycles that are alike."""
+        if self._count is not None:
+            return self.steady_lean
+        return steady.LeanTable(self.constants, steer_limit)
 
     def take(self, mask: np.ndarray) -> WhipplePlant:
         """The plant of those bicycles that `mask` (N,) keeps."""

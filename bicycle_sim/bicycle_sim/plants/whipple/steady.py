@@ -89,6 +89,44 @@ def lean(k: Constants, steer: np.ndarray, speed: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(found), found, guess)
 
 
+TABLE_SPEEDS = np.linspace(0.5, 12.0, 93)
+"""m/s; beyond them the nearest one holds."""
+TABLE_STEERS = 71
+"""Steering angles from zero to the limit."""
+
+
+class LeanTable:
+    """`lean` of bicycles that are alike, interpolated over steering and speed."""
+
+    def __init__(self, k: Constants, steer_limit: float) -> None:
+        """Compute the table.
+
+        Args:
+            k: of the bicycles.
+            steer_limit: rad; beyond it the lean at it holds.
+        """
+        self._steer_step = steer_limit / (TABLE_STEERS - 1)
+        steers, speeds = np.meshgrid(np.linspace(0.0, steer_limit, TABLE_STEERS), TABLE_SPEEDS)
+        self._leans = lean(k, steers.ravel(), speeds.ravel()).reshape(steers.shape)
+
+    def __call__(self, steer: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """Return (N,) rad at steering (N,), rad, and speed (N,), m/s."""
+        spacing = TABLE_SPEEDS[1] - TABLE_SPEEDS[0]
+        row, up = _place((speed - TABLE_SPEEDS[0]) / spacing, len(TABLE_SPEEDS))
+        column, along = _place(np.abs(steer) / self._steer_step, TABLE_STEERS)
+        low = self._leans[row, column] * (1.0 - along) + self._leans[row, column + 1] * along
+        row = row + 1
+        high = self._leans[row, column] * (1.0 - along) + self._leans[row, column + 1] * along
+        return np.sign(steer) * (low * (1.0 - up) + high * up)
+
+
+def _place(at: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the row of a table below `at`, in rows, and the share of the next one."""
+    inside = np.clip(np.nan_to_num(at), 0.0, size - 1.0)
+    row = np.minimum(inside.astype(np.intp), size - 2)
+    return row, inside - row
+
+
 def _guess(k: Constants, steer: np.ndarray, speed: np.ndarray) -> np.ndarray:
     """(N,) rad: a mass point's lean on the circle that the steering makes."""
     curvature = np.tan(steer) * np.cos(k.tilt) / (k.turn_limit / 0.05)
