@@ -21,6 +21,8 @@ from waiting import until
 
 from bicycle_bag.reader import BagReader
 from bicycle_bag.writer import BagWriter
+from bicycle_controller.control.lqr import LqrController
+from bicycle_sim.plants import registry
 from bicycle_tools.nodes import verify
 from bicycle_tools.ride_log import COMMAND, STATE, read_ride
 
@@ -215,6 +217,21 @@ def test_a_policy_that_rides_another_bicycle_than_it_was_trained_on_is_warned_of
     ride.wait_for_line("event .*fixed-speed@.* was made for another ride")
     events = json.loads((tmp_path / "run" / "summary.json").read_text())["events"]
     assert any("gyroscopic_correction true, not false" in event for event in events)
+
+
+def test_a_real_bicycle_is_ridden_and_proved(start_node: Start, tmp_path: Path) -> None:
+    """A Whipple bicycle under an LQR of its own model; the bag gives every bit of its state."""
+    words = ["--goals", "1", "simulator.plant:=whipple", "simulator.bicycle:=browser-rider"]
+    words += ["controller.policy:=lqr", LOCKSTEP]
+    ride = start_node(RIDE, [*words, "--output", tmp_path / "run"])
+    assert ride.wait() == 0, ride.output
+    assert "1 of 1 reached" in ride.output
+    found = json.loads((tmp_path / "run" / "summary.json").read_text())
+    plant = registry.named("whipple", "browser-rider")
+    assert LqrController(None, plant).policy_id in json.dumps(found)
+    assert not any("another ride" in event for event in found["events"])
+    (*_, verdict) = verify.verify(verify.read(tmp_path / "run" / "bag"))
+    assert verdict.proved, verdict
 
 
 def test_without_respawn_a_dead_controller_ends_the_ride(

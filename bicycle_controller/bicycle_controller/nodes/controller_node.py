@@ -34,6 +34,7 @@ from bicycle_common.types import Point2D
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.goals import Event, GoalTracker, Status
+from bicycle_controller.control.lqr import LqrController
 from bicycle_controller.nodes.controller_settings import ControllerSettings
 from bicycle_controller.nodes.messages import from_event, from_hand_over
 from bicycle_controller.nodes.policy_loader import Making, PolicyLoader
@@ -176,6 +177,7 @@ class ControllerNode(Node):
         with self._in_use:
             self._simulator_limits = scenario.action_limits
             self._ridden = plant, scenario
+            self._driver.policy = self._designed(self._driver.policy)
             self._limit()
             self._suit(plant)
             self._compare()
@@ -209,6 +211,20 @@ class ControllerNode(Node):
                 f"{_shown(self._simulator_limits)}: its commands are cut; choose a scenario "
                 "that suits it"
             )
+
+    def _designed(self, policy: Controller) -> Controller:
+        """Return the policy; an LQR for another kind of bicycle is designed for the ridden one."""
+        if self._ridden is None or not isinstance(policy, LqrController):
+            return policy
+        plant, usual = self._ridden[0], registry.default().name
+        if policy.plant == plant or policy.plant.name == plant.name == usual:
+            return policy
+        try:
+            with np.errstate(all="ignore"):
+                return LqrController(policy.config, plant)
+        except (ValueError, ArithmeticError, TypeError) as error:
+            self._warn(f"no LQR for this bicycle, the policy stays as it was: {error}")
+            return policy
 
     def _suit(self, plant: Plant[Any]) -> None:
         """Adapt the fallback and the safety layer to the simulated bicycle."""
@@ -282,6 +298,7 @@ class ControllerNode(Node):
         Returns:
             A warning; empty if there is none.
         """
+        policy = self._designed(policy)
         with self._in_use:
             self._driver.policy = policy
             self._limit()
