@@ -229,7 +229,7 @@ class ControllerNode(Node):
     def _suit(self, plant: Plant[Any]) -> None:
         """Adapt the fallback and the safety layer to the simulated bicycle."""
         settings, limits = self._settings, self._driver.limits
-        # Its gains take long enough to be missed by a bicycle that is riding already.
+        # Computing LQR gains takes longer than one step; do it in a thread.
         self._making.begin(lambda: settings.make_fallback(limits, plant))
         if plant == self._plant:
             return
