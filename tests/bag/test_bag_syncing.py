@@ -100,9 +100,9 @@ def test_a_sync_that_fails_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(os, "fdatasync", broken)
     writer = opened(tmp_path / "bag")
-    writer.flush()
-    assert failed.wait(60.0)
     with pytest.raises(BagError, match=r"Input/output error.*check the disk"):
+        writer.flush()  # which tells it already where the disk was quick to fail
+        assert failed.wait(60.0)
         write_on(writer, 10**6)
 
 
