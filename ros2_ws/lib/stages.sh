@@ -99,7 +99,7 @@ build_inputs() { # The fingerprint of all that decides what colcon builds
   )
   {
     (cd "$ws" && xargs -d '\n' sha256sum -- <<<"$files")
-    (cd "$ws" && find -L src -path '*/config/*' -o -path '*/launch/*' | LC_ALL=C sort)
+    (cd "$ws" && find src/bicycle_bringup/config src/bicycle_bringup/launch -type f | LC_ALL=C sort)
     cat "$ws/requirements/build.lock"
     python_in_use
   } | sha256sum | cut -d' ' -f1

@@ -101,9 +101,14 @@ def test_a_sync_that_fails_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(os, "fdatasync", broken)
     writer = opened(tmp_path / "bag")
     with pytest.raises(BagError, match=r"Input/output error.*check the disk"):
-        writer.flush()  # which tells it already where the disk was quick to fail
-        assert failed.wait(60.0)
-        write_on(writer, 10**6)
+        fail_on(writer, failed)
+
+
+def fail_on(writer: BagWriter, failed: threading.Event) -> None:
+    """Write until the failed sync is told, at the flush where the disk was quick to fail."""
+    writer.flush()
+    assert failed.wait(60.0)
+    write_on(writer, 10**6)
 
 
 def test_a_new_file_begins_while_the_disk_still_takes_the_old_one(

@@ -33,6 +33,13 @@ def ordinary_priority() -> Iterator[None]:
         yield
 
 
+@pytest.fixture(scope="session", autouse=True)
+def interruptible() -> None:
+    """Let programs hear Ctrl-C where whoever started the tests ignores it, as `&` in a script."""
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 @pytest.fixture
 def signals_as_they_were() -> Iterator[None]:
     """Gives the test's process its handlers back from a program that it calls."""

@@ -264,7 +264,7 @@ def test_no_field_of_what_the_trainer_hears_breaks_it(
     node = TrainerNode()
     orders: list[Any] = []
     monkeypatch.setattr(node, "_start", lambda link, text: orders.append(link))
-    monkeypatch.setattr("bicycle_controller.nodes.trainer_node.Link", lambda order: order)
+    monkeypatch.setattr("bicycle_controller.nodes.trainer_node.TrainerClient", lambda order: order)
     for subscription in heard_by(node):
         for message in each_field(sound(subscription.msg_type)):
             subscription.callback(message)

@@ -17,6 +17,15 @@ PROOF = 1.0
 """Time in which a running simulator must be heard (s); a killed one stays listed for seconds."""
 
 
+UNKNOWN = "_NODE_NAME_UNKNOWN_"
+"""Name that ROS gives to a node that is not known yet."""
+
+
+def _publishers(node: Node) -> set[str]:
+    """Return the names of the nodes that publish states."""
+    return {info.node_name for info in node.get_publishers_info_by_topic(STATE.name)}
+
+
 def refuse_second_simulator(node: Node) -> None:
     """Refuse to start if another simulator is heard on this domain and namespace.
 
@@ -36,10 +45,14 @@ def refuse_second_simulator(node: Node) -> None:
             suspected = True
             deadline = time.monotonic() + PROOF
         executor.spin_once(timeout_sec=0.02)
+    others = _publishers(node)
+    deadline = time.monotonic() + PROOF
+    while heard and UNKNOWN in others and time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=0.02)  # a node's name comes after its topics
+        others = _publishers(node)
     executor.remove_node(node)
     executor.shutdown()
     if heard:
-        others = {info.node_name for info in node.get_publishers_info_by_topic(STATE.name)}
         raise UserError(
             f"another simulator ({', '.join(sorted(others)) or 'unknown'}) publishes "
             f"{node.resolve_topic_name(STATE.name)} on ROS_DOMAIN_ID="

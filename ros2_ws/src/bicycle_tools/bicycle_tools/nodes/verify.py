@@ -52,6 +52,8 @@ class Recording:
 
     states: list[tuple[int, bytes]] = field(default_factory=list)
     """Place in the recorded order, and CDR."""
+    added: int = 0
+    """Bytes of each that the reader added, see `BagReader.missing_end`."""
     commands: dict[Key, list[Command]] = field(default_factory=lambda: defaultdict(list))
     episodes: list[tuple[int, EpisodeInfo]] = field(default_factory=list)
     """Place in the recorded order, and message."""
@@ -143,8 +145,9 @@ def read(path: Path) -> Recording:
         _check_kind(path, item.topic, item.type, item.encoding, kind)
         if kind is BicycleState:
             recording.states.append((place, item.data))
+            recording.added = len(reader.missing_end(item.topic))
             continue
-        message = decoded(item.data, kind)
+        message = decoded(item.data, kind, len(reader.missing_end(item.topic)))
         if kind is BicycleCommand:
             command = convert.to_command(message)
             key = command.episode, command.step, command.controller
@@ -188,8 +191,13 @@ def _check_versions(reader: BagReader, topics: list[str]) -> None:
             )
 
 
-def decoded(data: bytes, kind: type[Any]) -> Any:
+def decoded(data: bytes, kind: type[Any], added: int = 0) -> Any:
     """Decode a message from its CDR.
+
+    Args:
+        data: the message as the reader gives it.
+        kind: its class.
+        added: bytes of it that the reader added, see `BagReader.missing_end`.
 
     Raises:
         BagError: if it is not of this kind.
@@ -198,7 +206,7 @@ def decoded(data: bytes, kind: type[Any]) -> Any:
         return deserialize_message(data, kind)
     except Exception as error:  # the middleware's errors have no common base class
         raise BagError(
-            f"a message of {len(data)} bytes is not a {kind.__name__} "
+            f"a message of {len(data) - added} bytes is not a {kind.__name__} "
             f"({' '.join(str(error).split())[:100]}): the bag's recorder was another version or "
             "the message was damaged before it was recorded"
         ) from None
@@ -220,7 +228,7 @@ def verify(recording: Recording) -> Iterator[Verdict]:
     before: BicycleState | None = None
     simulator: Simulator | None = None
     for place, data in recording.states:
-        state = decoded(data, BicycleState)
+        state = decoded(data, BicycleState, recording.added)
         if before is not None and (state.episode, state.step) == (before.episode, before.step):
             yield verdict  # a held bicycle's state, published again
             continue
