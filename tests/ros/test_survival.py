@@ -47,7 +47,7 @@ def test_after_each_strike_it_rides_again(ros_domain: int, tmp_path: Path, seed:
 
 def test_a_long_ride_loses_no_step_and_keeps_nothing(ros_domain: int, tmp_path: Path) -> None:
     """The long form is `tests/tools/soak.py`; its figures are in docs/reliability.md."""
-    steps = 800
+    steps = 2400
     soak = Soak(ros_domain, tmp_path, "lockstep")
     try:
         samples = soak.ride(steps)
@@ -61,7 +61,9 @@ def test_a_long_ride_loses_no_step_and_keeps_nothing(ros_domain: int, tmp_path: 
     assert found["states_missing"] == 0
     assert found["messages_lost_by_the_recorders_count"] == "0"
     assert found["verified"] == f"{found['steps']} states came out again, bit for bit"
-    settled, late = samples[len(samples) // 4 : -10], samples[-10:]
+    assert len(samples) > 3
+    third = len(samples) // 3  # a quick machine has few
+    settled, late = samples[len(samples) // 4 : -third], samples[-third:]
     for name in statuses:
         for what in ("files", "threads"):  # at times one is open for a moment
             least, most = (
