@@ -19,6 +19,7 @@ from torch.nn import functional
 
 from bicycle_controller.agents.answer import Answer
 from bicycle_controller.agents.networks import Actor, Critic, initialise
+from bicycle_controller.agents.running_means import RunningMeans
 from bicycle_controller.config.run import DdpgConfig
 from bicycle_controller.data.replay_buffer import OBSERVATIONS, Batch, ReplayBuffer
 
@@ -84,8 +85,7 @@ class Ddpg:
         )
         self.generator = torch.Generator(self.device).manual_seed(seed + 1)
         self.scale = torch.tensor(config.critic_scale, device=self.device)
-        self._sums: dict[str, Tensor] = {}
-        self._counts: dict[str, int] = {}
+        self.notes = RunningMeans()
 
     def act(self, observation: np.ndarray) -> np.ndarray:
         """Return normalised actions (N, actions) for raw observations (N, 6), without noise."""
@@ -195,8 +195,8 @@ class Ddpg:
             self._clip(critic)
         self.critic_optimiser.step()
         if self.logs:
-            self._note("critic_loss", losses[0])
-            self._note("q_data", values[0].mean())
+            self.notes.add(critic_loss=losses[0])
+            self.notes.add(q_data=values[0].mean())
 
     def _loss(self, value: Tensor, target: Tensor) -> Tensor:
         if self.config.huber > 0:
@@ -222,7 +222,7 @@ class Ddpg:
         self.actor_optimiser.step()
         self.critics.requires_grad_(True)
         if self.logs:
-            self._note("q_policy", value.mean())
+            self.notes.add(q_policy=value.mean())
 
     @torch.no_grad()
     def _update_targets(self) -> None:
@@ -241,26 +241,16 @@ class Ddpg:
         if self.config.grad_clip > 0:
             nn.utils.clip_grad_norm_(network.parameters(), self.config.grad_clip)
 
-    def _note(self, name: str, value: Tensor) -> None:
-        """Add to a mean without waiting for the device."""
-        old = self._sums.get(name)
-        self._sums[name] = value.detach() if old is None else old + value.detach()
-        self._counts[name] = self._counts.get(name, 0) + 1
-
     def metrics(self) -> dict[str, float]:
         """Return the means of the losses and values since the last call."""
-        means = {name: float(total) / self._counts[name] for name, total in self._sums.items()}
-        self._sums, self._counts = {}, {}
-        return means
+        return self.notes.take()
 
     def state_dict(self) -> dict[str, Any]:
         """Return the networks, targets, optimisers, generator and counter."""
         networks = ("actor", "critics", "actor_target", "critic_targets", "actor_average")
-        optimisers = ("actor_optimiser", "critic_optimiser")
-        state = {name: getattr(self, name).state_dict() for name in (*networks, *optimisers)}
-        notes = {name: [value.item(), self._counts[name]] for name, value in self._sums.items()}
-        generator = self.generator.get_state()
-        return state | {"generator": generator, "updates": self.updates, "notes": notes}
+        parts = (*networks, "actor_optimiser", "critic_optimiser", "notes")
+        state = {name: getattr(self, name).state_dict() for name in parts}
+        return state | {"generator": self.generator.get_state(), "updates": self.updates}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore `state`, to the bit."""
@@ -269,9 +259,6 @@ class Ddpg:
                 self.generator.set_state(value.cpu())
             elif name == "updates":
                 self.updates = int(value)
-            elif name == "notes":
-                self._sums = {key: torch.tensor(total) for key, (total, _) in value.items()}
-                self._counts = {key: count for key, (_, count) in value.items()}
             else:
                 getattr(self, name).load_state_dict(value)
 

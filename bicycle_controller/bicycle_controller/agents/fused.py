@@ -156,8 +156,8 @@ class FusedDdpg(Ddpg):
             value = net.forward(batch.observation, batch.action)
             error = value - target.unsqueeze(1)
             if self.logs and index == 0:
-                self._note("critic_loss", self._loss(value.squeeze(1), target))
-                self._note("q_data", value.mean())
+                self.notes.add(critic_loss=self._loss(value.squeeze(1), target))
+                self.notes.add(q_data=value.mean())
             if config.huber > 0:
                 error.clamp_(-config.huber, config.huber).mul_(1.0 / size)
             else:
@@ -180,7 +180,7 @@ class FusedDdpg(Ddpg):
         if config.saturation_penalty > 0:
             slope.add_(raw, alpha=2.0 * config.saturation_penalty / raw.numel())
         if self.logs:
-            self._note("q_policy", value.mean())
+            self.notes.add(q_policy=value.mean())
         self._actor.backward(unfolded(slope) if config.symmetric_actor else slope)
         self._clip_gradient(self._actor)
         self.actor_optimiser.step()

@@ -26,8 +26,47 @@ NATURAL_SCALE = (0.8, 3.0, 0.3, 1.0, 5.0, 2.0)
 """Natural ranges of the six observations, in the order of `task.OBSERVATION_FIELDS`."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class AlgorithmConfig:
+    """What every algorithm has: what a reward is worth to it, and how it sees a state.
+
+    Raises:
+        ValueError: on a value out of range.
+    """
+
+    gamma: float
+    """Discount per step (Table 3)."""
+    fall: str
+    """`frozen`: the fallen bicycle's steps enter the replay up to the step limit (errata row
+    25); `absorbing`: it starts again at once and its fall is worth r_fall / (1 - gamma)."""
+    observation_scale: tuple[float, ...]
+    """What each observation is divided by (errata row 35), see `NATURAL_SCALE`."""
+    reward_scale: float = 1.0
+    """Factor on every reward."""
+    fall_penalty: float = 0.0
+    """Taken from the reward of every step that a bicycle lies, so that a fall costs
+    fall_penalty / (1 - gamma) more; before `reward_scale`."""
+    cost_cap: float = 0.0
+    """Most that one step may cost, before `fall_penalty`; with a fall above it, turning round is
+    never worth a fall. 0 caps nothing."""
+    step_cost: float = 0.0
+    """Taken from every reward, so that sooner is better also where the heading is right; before
+    `reward_scale`."""
+    learning_rate_end: float = 1.0
+    """Share of the learning rates that is left at the last step, reached in a straight line."""
+
+    def __post_init__(self) -> None:
+        require_positive("reward_scale", self.reward_scale)
+        for name in ("fall_penalty", "cost_cap", "step_cost"):
+            require_between(name, getattr(self, name), 0.0, math.inf)
+        require_between("learning_rate_end", self.learning_rate_end, 0.0, 1.0)
+        require(0.0 <= self.gamma < 1.0, f"gamma must lie within 0 and below 1, not {self.gamma}")
+        require_scale("observation_scale", self.observation_scale)
+        require_choice("fall", self.fall, ("frozen", "absorbing"))
+
+
 @dataclass(frozen=True)
-class DdpgConfig:
+class DdpgConfig(AlgorithmConfig):
     """Deep deterministic policy gradient (section 4 of the paper) and its optional extensions.
 
     Raises:
@@ -47,30 +86,13 @@ class DdpgConfig:
     the output layer within 3e-3 (errata row 30); `fan_in`: Lillicrap et al. 2016."""
     tau: float
     """Share of the main network that enters its target at each update (section 4.1)."""
-    gamma: float
-    """Discount per step (Table 3)."""
     batch: int
     """Transitions per update (Table 3)."""
     capacity: int
     """Capacity of the replay memory, in transitions (Table 3)."""
-    fall: str
-    """`frozen`: the fallen bicycle's steps enter the replay up to the step limit (errata row
-    25); `absorbing`: it starts again at once and its fall is worth r_fall / (1 - gamma)."""
-    observation_scale: tuple[float, ...]
-    """Divisor of each observation (errata row 35), see `NATURAL_SCALE`."""
 
     action_layer: int = 2
     """Hidden layer of the critic at which the action enters; 1 is the first."""
-    reward_scale: float = 1.0
-    """Factor on every reward."""
-    fall_penalty: float = 0.0
-    """Subtracted from the reward of every step in which a bicycle lies, so that a fall costs
-    fall_penalty / (1 - gamma) more; before `reward_scale`."""
-    cost_cap: float = 0.0
-    """Largest cost of one step, before `fall_penalty`; if a fall costs more, turning round is
-    never worth a fall. 0 disables the cap."""
-    step_cost: float = 0.0
-    """Subtracted from every reward, so that an early arrival pays even with the right heading."""
     n_step: int = 1
     """Rewards summed before the critic's own estimate is used."""
     critic_sees: tuple[str, ...] = ()
@@ -100,8 +122,6 @@ class DdpgConfig:
     """Error at which the critic's loss changes from square to linear; 0 keeps it square."""
     grad_clip: float = 0.0
     """Largest norm of each network's gradient; 0 disables clipping."""
-    learning_rate_end: float = 1.0
-    """Final share of both learning rates, reached linearly at the last step."""
     actor_average: float = 0.0
     """Share of the actor blended, at each of its updates, into the averaged actor that is scored
     and kept; 0 keeps the actor itself."""
@@ -121,19 +141,19 @@ class DdpgConfig:
     fastest that is available. Their numbers differ by rounding."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name in ("actor_hidden", "critic_hidden"):
             require_layers(name, getattr(self, name))
-        for name in ("actor_learning_rate", "critic_learning_rate", "reward_scale", "bc_alpha"):
+        for name in ("actor_learning_rate", "critic_learning_rate", "bc_alpha"):
             require_positive(name, getattr(self, name))
         for name in ("batch", "capacity", "n_step", "actor_every"):
             value = getattr(self, name)
             require(value >= 1, f"{name} must be at least 1, not {value!r}")
-        not_negative = ("fall_penalty", "smoothing", "smoothing_clip", "huber", "grad_clip")
-        for name in (*not_negative, "saturation_penalty", "bc_weight", "cost_cap", "step_cost"):
+        not_negative = ("smoothing", "smoothing_clip", "huber", "grad_clip")
+        for name in (*not_negative, "saturation_penalty", "bc_weight"):
             require_between(name, getattr(self, name), 0.0, math.inf)
-        for name in ("tau", "learning_rate_end", "actor_average"):
+        for name in ("tau", "actor_average"):
             require_between(name, getattr(self, name), 0.0, 1.0)
-        require(0.0 <= self.gamma < 1.0, f"gamma must lie within 0 and below 1, not {self.gamma}")
         require_between("reward_min", self.reward_min, -math.inf, 0.0)
         require(self.critics in (1, 2), f"critics must be 1 or 2, not {self.critics!r}")
         require(
@@ -146,11 +166,9 @@ class DdpgConfig:
             f"action_layer must lie within 1 and {layers}, the critic's hidden layers,"
             f" not {self.action_layer!r}",
         )
-        require_scale("observation_scale", self.observation_scale)
         for name in self.critic_sees:
             require_choice("critic_sees", name, tuple(CRITIC_EXTRAS))
         require_choice("initialisation", self.initialisation, ("literal", "output", "fan_in"))
-        require_choice("fall", self.fall, ("frozen", "absorbing"))
         require_choice("bc_to", self.bc_to, ("recorded", "teacher"))
         require_choice("backend", self.backend, ("auto", "native", "fused", "autograd"))
 
@@ -167,7 +185,7 @@ class DdpgConfig:
 
 
 @dataclass(frozen=True)
-class NafConfig:
+class NafConfig(AlgorithmConfig):
     """Normalised advantage functions (section 5.2 of the paper; Gu et al. 2016).
 
     Raises:
@@ -182,44 +200,30 @@ class NafConfig:
     """Start of the hidden layers and of mu, as in `DdpgConfig`; V and L start within 3e-3."""
     tau: float
     """Share of the network blended into its target at each update."""
-    gamma: float
-    """Discount per step (Table 3)."""
     batch: int
     """Transitions per update (Table 3)."""
     capacity: int
     """Capacity of the replay memory, in transitions (Table 3)."""
-    fall: str
-    """`frozen` or `absorbing`, as in `DdpgConfig`."""
-    observation_scale: tuple[float, ...]
-    """Divisor of each observation, see `NATURAL_SCALE`."""
 
-    reward_scale: float = 1.0
-    """Factor on every reward."""
-    fall_penalty: float = 0.0
-    """Subtracted from the reward of every step in which a bicycle lies, before `reward_scale`."""
-    cost_cap: float = 0.0
-    """Largest cost of one step, before `fall_penalty`; 0 disables the cap."""
-    step_cost: float = 0.0
-    """Subtracted from the reward of every step, before `reward_scale`."""
     n_step: int = 1
     """Rewards summed before the network's own estimate is used."""
     grad_clip: float = 0.0
     """Largest norm of the gradient; 0 disables clipping."""
-    learning_rate_end: float = 1.0
-    """Final share of the learning rate, reached linearly at the last step."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_layers("hidden", self.hidden)
         for name in ("batch", "capacity", "n_step"):
             value = getattr(self, name)
             require(value >= 1, f"{name} must be at least 1, not {value!r}")
         require_between("tau", self.tau, 0.0, 1.0)
         require_choice("initialisation", self.initialisation, ("literal", "output", "fan_in"))
-        _check_shared(self)
+        require_positive("learning_rate", self.learning_rate)
+        require_between("grad_clip", self.grad_clip, 0.0, math.inf)
 
 
 @dataclass(frozen=True)
-class PpoConfig:
+class PpoConfig(AlgorithmConfig):
     """Proximal policy optimisation (section 5.2 of the paper; Schulman et al. 2017).
 
     Raises:
@@ -241,8 +245,6 @@ class PpoConfig:
     """Number of times that every transition of a rollout is used."""
     batch: int
     """Transitions per update."""
-    gamma: float
-    """Discount per step (Table 3)."""
     gae_lambda: float
     """Weight of longer returns in the advantage (Schulman et al. 2016)."""
     clip: float
@@ -257,23 +259,9 @@ class PpoConfig:
     """Initial logarithm of the policy's standard deviation, in normalised actions."""
     normalise_advantages: bool
     """True to normalise the advantages of each minibatch to mean 0 and deviation 1."""
-    fall: str
-    """`frozen` or `absorbing`, as in `DdpgConfig`."""
-    observation_scale: tuple[float, ...]
-    """Divisor of each observation, see `NATURAL_SCALE`."""
-
-    reward_scale: float = 1.0
-    """Factor on every reward."""
-    fall_penalty: float = 0.0
-    """Subtracted from the reward of every step in which a bicycle lies, before `reward_scale`."""
-    cost_cap: float = 0.0
-    """Largest cost of one step, before `fall_penalty`; 0 disables the cap."""
-    step_cost: float = 0.0
-    """Subtracted from the reward of every step, before `reward_scale`."""
-    learning_rate_end: float = 1.0
-    """Final share of the learning rate, reached linearly at the last step."""
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require_layers("hidden", self.hidden)
         for name in ("rollout", "epochs", "batch"):
             value = getattr(self, name)
@@ -283,21 +271,9 @@ class PpoConfig:
         require_between("log_std", self.log_std, -10.0, 2.0)
         for name in ("value_weight", "entropy_weight"):
             require_between(name, getattr(self, name), 0.0, math.inf)
-        _check_shared(self)
+        require_positive("learning_rate", self.learning_rate)
+        require_between("grad_clip", self.grad_clip, 0.0, math.inf)
 
 
 LearnerConfig: TypeAlias = DdpgConfig | NafConfig | PpoConfig
 """Part of a run that belongs to its algorithm."""
-
-
-def _check_shared(config: NafConfig | PpoConfig) -> None:
-    """Check the fields common to the baselines."""
-    for name in ("learning_rate", "reward_scale"):
-        require_positive(name, getattr(config, name))
-    for name in ("fall_penalty", "cost_cap", "step_cost", "grad_clip"):
-        require_between(name, getattr(config, name), 0.0, math.inf)
-    require_between("learning_rate_end", config.learning_rate_end, 0.0, 1.0)
-    gamma = config.gamma
-    require(0.0 <= gamma < 1.0, f"gamma must lie within 0 and below 1, not {gamma}")
-    require_scale("observation_scale", config.observation_scale)
-    require_choice("fall", config.fall, ("frozen", "absorbing"))

@@ -286,4 +286,4 @@ class Worker:
         if self._order.live:
             self._file.save()
             extra = {"rows": self._file.saved, "returns": self._returns.state_dict()}
-        self._learner.save(log, extra)
+        self._learner.save(log, extra=extra)

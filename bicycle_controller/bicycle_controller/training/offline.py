@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,11 +18,10 @@ from bicycle_controller.data.dataset_report import report
 from bicycle_controller.data.replay_buffer import ReplayBuffer
 from bicycle_controller.evaluation.score import Score
 from bicycle_controller.policy.policy import write_atomically
-from bicycle_controller.training.learner import CHUNK, Candidate, Learner, ddpg_of
+from bicycle_controller.training.learner import Learner, ddpg_of
 from bicycle_controller.training.logger import Logger, Progress
-from bicycle_controller.training.online import usable_device
 from bicycle_controller.training.run_folder import RunFolder
-from bicycle_controller.training.signals import InterruptError, StopRequest
+from bicycle_controller.training.session import usable_device
 
 DATA = "dataset.json"
 """File in the run's folder: the bags, their content, and a digest."""
@@ -132,57 +130,19 @@ def _memory(config: RunConfig, rows: np.ndarray) -> ReplayBuffer:
 
 
 def _learn(learner: Learner, progress: bool, stop: Callable[[], bool]) -> Learned:
-    """Learn until the budget is spent, the goal rate is met or `stop` is requested."""
-    config, budget = learner.config, learner.config.offline_updates
-    status, last, saved = "finished", None, time.monotonic()
+    """Work until the budget is spent, the goal rate is met or somebody stops it."""
+    config = learner.config
     log = Logger(learner.files.path, learner.log_bytes, learner.updates, config.tensorboard)
-    bar = Progress(budget, learner.updates, progress, "update")
-    with log, bar, StopRequest() as interrupt:
-        while learner.evaluation_due or learner.updates < budget:
-            if not learner.evaluation_due:
-                count = min(CHUNK, budget - learner.updates)
-                learner.advance(log, count, learner.updates / budget)
-                learner.evaluation_due |= learner.updates >= budget
-                bar.advance(count)
-            if learner.evaluation_due and not interrupt.signal:
-                candidate = _try_now(learner, log, interrupt)
-                last = candidate or last
-                if candidate is not None and _met(config, candidate, bar):
-                    status = "reached"
-                    break
-            if interrupt.signal or stop():
-                status = "interrupted"
-                break
-            if time.monotonic() - saved >= config.save_every:
-                learner.save(log, {})
-                saved = time.monotonic()
-        learner.save(log, {})
+    bar = Progress(config.offline_updates, learner.updates, progress, "update")
+    status, signal = learner.work(log, bar, stop)
     return Learned(
         status,
-        interrupt.signal,
+        signal,
         learner.updates,
         learner.replay.size,
         learner.best,
-        None if last is None else last.score,
+        learner.last,
         learner.rejected,
         learner.q_policy,
         *learner.time(),
     )
-
-
-def _try_now(learner: Learner, log: Logger, interrupt: StopRequest) -> Candidate | None:
-    """Return the next candidate, or None if a signal came during its rides."""
-    try:
-        with interrupt.at_once():
-            return learner.evaluate(log)
-    except InterruptError:
-        learner.evaluation_due = True
-        return None
-
-
-def _met(config: RunConfig, candidate: Candidate, bar: Progress) -> bool:
-    """Show a candidate; return True if the run may end with it."""
-    found, limits = candidate.score, config.evaluation
-    bar.show(reach=found.reach_rate, falls=found.fall_rate, q=candidate.q_policy or 0.0)
-    good = found.reach_rate >= limits.stop_at and found.fall_rate <= limits.stop_falls
-    return limits.stop_at > 0 and good and not candidate.overestimates

@@ -1,0 +1,170 @@
+"""What a run online and a run offline share: its agent, best policy, log, times, checkpoint."""
+
+from __future__ import annotations
+
+import re
+import sys
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
+
+import torch
+
+from bicycle_controller.agents.networks import policy_tensors
+from bicycle_controller.config.run import RunConfig
+from bicycle_controller.evaluation.score import Score
+from bicycle_controller.policy.policy import Policy, PolicyInfo, save_policy
+from bicycle_controller.training import checkpoint
+from bicycle_controller.training.factory import make_agent
+from bicycle_controller.training.logger import Logger, Progress
+from bicycle_controller.training.run_folder import RunFolder, origin
+from bicycle_controller.training.signals import StopRequest
+
+
+def usable_device(device: str) -> str:
+    """`device`, or the CPU with one line on standard error when there is no CUDA here."""
+    if device == "cuda" and not torch.cuda.is_available():
+        print("no CUDA device was found: training on the CPU", file=sys.stderr)
+        return "cpu"
+    return device
+
+
+class TrainingSession(ABC):
+    """The state of a run, and its loop; subclasses say where transitions come from.
+
+    Attributes:
+        updates: updates made, of the critic where there is one.
+        best: score of the best policy so far.
+        evaluation_due: whether the next thing to do is to score the actor.
+        log_bytes: of the log, as the last checkpoint knows it.
+    """
+
+    def __init__(self, config: RunConfig, files: RunFolder, device: str) -> None:
+        """Draw the networks on `device`."""
+        torch.set_num_threads(config.threads)
+        self.config, self.files = config, files
+        self.agent = make_agent(config, device)
+        self.updates = 0
+        self.best: Score | None = None
+        self.evaluation_due = False
+        self.log_bytes = 0
+        self._spent = (0.0, 0.0)
+        self._origin = origin()
+        self.start_clock()
+
+    @property
+    @abstractmethod
+    def finished(self) -> bool:
+        """Whether all is done that the run was to do, but for a score that is due."""
+
+    @abstractmethod
+    def step(self, log: Logger, bar: Progress) -> None:
+        """Do a little: some steps, some updates; sets `evaluation_due`."""
+
+    @abstractmethod
+    def try_actor(self, log: Logger, bar: Progress, interrupt: StopRequest) -> bool:
+        """Score the actor and keep it where it is the best; whether the run may end with it."""
+
+    def work(self, log: Logger, bar: Progress, stop: Callable[[], bool]) -> tuple[str, int]:
+        """The loop: until all is done, the goal rate is met or somebody stops it.
+
+        Returns:
+            `finished`, `reached` or `interrupted`; the number of the signal that came, or 0.
+        """
+        status, saved = "finished", time.monotonic()
+        with log, bar, StopRequest() as interrupt:
+            while self.evaluation_due or not self.finished:
+                if not self.evaluation_due:
+                    self.step(log, bar)
+                scored = self.evaluation_due and not interrupt.signal
+                if scored and self.try_actor(log, bar, interrupt):
+                    status = "reached"
+                    break
+                if interrupt.signal or stop():
+                    status = "interrupted"
+                    break
+                if time.monotonic() - saved >= self.config.save_every:
+                    self.save(log)
+                    saved = time.monotonic()
+            self.save(log)
+        return status, interrupt.signal
+
+    def crossed(self, every: int, before: int) -> bool:
+        """Whether the updates since `before` passed a multiple of `every`."""
+        return self.updates // every > before // every
+
+    def keep(self, policy: Policy, found: Score, acceptable: bool = True) -> bool:
+        """Write a policy as the last one, and as the best where it is; returns whether it is."""
+        better = acceptable and (self.best is None or found.rank > self.best.rank)
+        if better:
+            self.best = found
+            save_policy(policy, self.files.best)
+        save_policy(policy, self.files.last)
+        return better
+
+    def meets_goal(self, found: Score) -> bool:
+        """Whether the run may end with a policy of this score."""
+        limits = self.config.evaluation
+        good = found.reach_rate >= limits.stop_at and found.fall_rate <= limits.stop_falls
+        return limits.stop_at > 0 and good
+
+    def policy_of(self, kind: str, about: dict[str, Any]) -> Policy:
+        """The actor as it is now.
+
+        Args:
+            kind: the algorithm, for people.
+            about: what else is known of its training.
+        """
+        config = self.config
+        trained = {"algorithm": kind, "preset": config.preset, "seed": config.seed} | about
+        name = f"{config.preset or kind}-{config.scenario.name}-{config.seed}"
+        info = PolicyInfo(
+            name=re.sub(r"[^A-Za-z0-9._-]", "-", name)[:64],
+            scenario=config.scenario,
+            plant=config.physics,
+            observation_scale=config.learner.observation_scale,
+            action_limits=tuple(config.scenario.action_limits.tolist()),
+            trained=trained | {key: self._origin[key] for key in ("command", "commit", "version")},
+        )
+        return Policy(info, policy_tensors(self.agent.deployed))
+
+    def start_clock(self) -> None:
+        """Count time from here on."""
+        self._started = (time.monotonic(), time.process_time())
+
+    def time(self) -> tuple[float, float]:
+        """s of wall and of processor time, over all calls of the run."""
+        wall = self._spent[0] + time.monotonic() - self._started[0]
+        return wall, self._spent[1] + time.process_time() - self._started[1]
+
+    def row(self, values: dict[str, Any]) -> dict[str, Any]:
+        """A row of the log: `values` between the updates and the times."""
+        wall, cpu = self.time()
+        return {"updates": self.updates} | values | {"wall_s": wall, "cpu_s": cpu}
+
+    def save(self, log: Logger, **extra: Any) -> None:
+        """Write the checkpoint; `extra` is the caller's own state."""
+        self.log_bytes = log.sync()
+        checkpoint.save(self.files.checkpoint, self.state_dict() | extra)
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that the numbers to come depend on, of what sessions share."""
+        return {
+            "agent": self.agent.state_dict(),
+            "updates": self.updates,
+            "evaluation_due": self.evaluation_due,
+            "best": None if self.best is None else asdict(self.best),
+            "log_bytes": self.log_bytes,
+            "spent": list(self.time()),
+            "origin": self._origin,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from `state`, to the bit."""
+        self.agent.load_state_dict(state["agent"])
+        self.updates, self.evaluation_due = state["updates"], state["evaluation_due"]
+        self.best = None if state["best"] is None else Score(**state["best"])
+        self.log_bytes = state["log_bytes"]
+        self._spent = (state["spent"][0], state["spent"][1])
