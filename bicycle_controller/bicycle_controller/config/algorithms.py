@@ -28,7 +28,7 @@ NATURAL_SCALE = (0.8, 3.0, 0.3, 1.0, 5.0, 2.0)
 
 @dataclass(frozen=True, kw_only=True)
 class AlgorithmConfig:
-    """What every algorithm has: what a reward is worth to it, and how it sees a state.
+    """Fields of every algorithm: the value of a reward, and the scale of an observation.
 
     Raises:
         ValueError: on a value out of range.
@@ -40,20 +40,20 @@ class AlgorithmConfig:
     """`frozen`: the fallen bicycle's steps enter the replay up to the step limit (errata row
     25); `absorbing`: it starts again at once and its fall is worth r_fall / (1 - gamma)."""
     observation_scale: tuple[float, ...]
-    """What each observation is divided by (errata row 35), see `NATURAL_SCALE`."""
+    """Divisor of each observation (errata row 35), see `NATURAL_SCALE`."""
     reward_scale: float = 1.0
     """Factor on every reward."""
     fall_penalty: float = 0.0
-    """Taken from the reward of every step that a bicycle lies, so that a fall costs
+    """Subtracted from the reward of every step in which a bicycle lies, so that a fall costs
     fall_penalty / (1 - gamma) more; before `reward_scale`."""
     cost_cap: float = 0.0
-    """Most that one step may cost, before `fall_penalty`; with a fall above it, turning round is
-    never worth a fall. 0 caps nothing."""
+    """Largest cost of one step, before `fall_penalty`; if a fall costs more, turning round is
+    never worth a fall. 0 disables the cap."""
     step_cost: float = 0.0
-    """Taken from every reward, so that sooner is better also where the heading is right; before
-    `reward_scale`."""
+    """Subtracted from every reward, so that an early arrival pays even with the right heading;
+    before `reward_scale`."""
     learning_rate_end: float = 1.0
-    """Share of the learning rates that is left at the last step, reached in a straight line."""
+    """Final share of the learning rates, reached linearly at the last step."""
 
     def __post_init__(self) -> None:
         require_positive("reward_scale", self.reward_scale)

@@ -70,17 +70,17 @@ def ddpg_of(config: RunConfig) -> DdpgConfig:
 
 
 class Learner(TrainingSession):
-    """A run whose replay memory is filled by somebody else.
+    """A run whose replay memory is filled by its caller.
 
     Attributes:
         replay: the memory.
-        rejected: candidates that were not kept because their critic overestimates.
+        rejected: candidates rejected because their critic overestimates.
         q_policy: mean Q of the actor's own actions, in scaled reward.
         last: score of the last candidate of this call, kept or not.
     """
 
     def __init__(self, config: RunConfig, files: RunFolder, replay: ReplayBuffer) -> None:
-        """Draw the networks; `replay` may be filled later."""
+        """Initialise the networks; `replay` may be filled later."""
         super().__init__(config, files, usable_device(config.device))
         self.replay = replay
         self.rejected = 0
@@ -89,11 +89,11 @@ class Learner(TrainingSession):
 
     @property
     def finished(self) -> bool:
-        """Whether the budget of updates is spent."""
+        """True if the budget of updates is spent."""
         return self.updates >= self.config.offline_updates
 
     def step(self, log: Logger, bar: Progress) -> None:
-        """Make the next updates of the budget; the last candidate is scored in any case."""
+        """Make the next updates of the budget; the last candidate is always scored."""
         budget = self.config.offline_updates
         count = min(CHUNK, budget - self.updates)
         self.advance(log, count, self.updates / budget)
@@ -101,7 +101,7 @@ class Learner(TrainingSession):
         bar.advance(count)
 
     def advance(self, log: Logger, count: int = CHUNK, progress: float = 0.0) -> None:
-        """Make `count` updates; `progress` is the share of the run that is done."""
+        """Make `count` updates; `progress` is the finished share of the run."""
         before = self.updates
         self.agent.anneal(progress)
         self.agent.update(self.replay, count)
@@ -113,7 +113,7 @@ class Learner(TrainingSession):
             log.write("learn", self.updates, self.row(row))
 
     def try_actor(self, log: Logger, bar: Progress, interrupt: StopRequest) -> bool:
-        """Score the next candidate; whether the run may end with it."""
+        """Score the next candidate; return True if the run may end with it."""
         try:
             with interrupt.at_once():
                 candidate = self.evaluate(log)
@@ -125,10 +125,10 @@ class Learner(TrainingSession):
         return self.meets_goal(found) and not candidate.overestimates
 
     def evaluate(self, log: Logger) -> Candidate:
-        """Ride the actor from the fixed starts, and keep it where it is the best so far.
+        """Evaluate the actor from the fixed starts, and keep it if it is the best so far.
 
         Raises:
-            RuntimeError: when learning has diverged.
+            RuntimeError: if learning has diverged.
         """
         config = self.config
         if not all(torch.isfinite(item).all() for item in self.agent.actor.parameters()):
@@ -147,28 +147,28 @@ class Learner(TrainingSession):
         return Candidate(policy, found, self.q_policy, kept)
 
     def policy(self) -> Policy:
-        """The actor as it is now, with what is known about it."""
+        """Return the current actor with its metadata."""
         kind = "td3+bc" if ddpg_of(self.config).bc_weight > 0 else "ddpg"
         return self.policy_of(kind, {"data": "recorded rides", "updates": self.updates})
 
     def state_dict(self) -> dict[str, Any]:
-        """All that the numbers to come depend on, but for the memory."""
+        """Return everything that future numbers depend on, except the memory."""
         own = {"refused": self.rejected, "q_policy": self.q_policy}
         return super().state_dict() | own | {"extra": {}}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state`, to the bit; the memory is filled by the caller."""
+        """Restore `state`, to the bit; the caller fills the memory."""
         super().load_state_dict(state)
         self.rejected, self.q_policy = state["refused"], state["q_policy"]
 
     def load(self, path: Path) -> dict[str, Any]:
-        """Go on from a checkpoint, to the bit.
+        """Resume from a checkpoint, to the bit.
 
         Returns:
-            What the caller gave to `save` as `extra`.
+            The `extra` that the caller gave to `save`.
 
         Raises:
-            ValueError: when it cannot be read.
+            ValueError: if it cannot be read.
         """
         extra: dict[str, Any] = {}
 

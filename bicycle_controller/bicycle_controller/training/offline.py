@@ -130,7 +130,7 @@ def _memory(config: RunConfig, rows: np.ndarray) -> ReplayBuffer:
 
 
 def _learn(learner: Learner, progress: bool, stop: Callable[[], bool]) -> Learned:
-    """Work until the budget is spent, the goal rate is met or somebody stops it."""
+    """Learn until the budget is spent, the goal rate is met or `stop` is requested."""
     config = learner.config
     log = Logger(learner.files.path, learner.log_bytes, learner.updates, config.tensorboard)
     bar = Progress(config.offline_updates, learner.updates, progress, "update")

@@ -75,8 +75,8 @@ def resume(
     Args:
         folder: of the run.
         overrides: changes, see `run_folder.RESUMABLE`.
-        progress: whether to draw a bar on standard error.
-        stop: asked after every step of all bicycles.
+        progress: True to draw a bar on standard error.
+        stop: checked after every step of all bicycles.
 
     Raises:
         ValueError: if there is no run, it cannot be read or a change is not allowed.
@@ -103,7 +103,7 @@ class Trainer(TrainingSession):
         super().__init__(config, files, device)
 
     def train(self, progress: bool, stop: Callable[[], bool]) -> Result:
-        """Work until all steps are made, the goal rate is met or somebody stops it."""
+        """Train until the steps are made, the goal rate is met or a stop is requested."""
         steps = self.collector.steps
         self.start_clock()
         log = Logger(self.files.path, self.log_bytes, steps, self.config.tensorboard)
@@ -113,7 +113,7 @@ class Trainer(TrainingSession):
 
     @property
     def finished(self) -> bool:
-        """Whether all environment steps are made."""
+        """True if all environment steps are made."""
         return self.collector.steps >= self.config.steps
 
     def step(self, log: Logger, bar: Progress) -> None:
@@ -134,7 +134,7 @@ class Trainer(TrainingSession):
             bar.show(updates=self.updates, ret=row["return"], goals=row["goal_rate"])
 
     def try_actor(self, log: Logger, bar: Progress, interrupt: StopRequest) -> bool:
-        """Score the actor and keep it as the best if it is; whether the run may end."""
+        """Score the actor and keep it if it is the best; return True if the run may end."""
         config, policy = self.config, self.policy()
         try:
             with interrupt.at_once():
@@ -148,17 +148,17 @@ class Trainer(TrainingSession):
         return self.meets_goal(found)
 
     def policy(self) -> Policy:
-        """The actor as it is now, with what is known about it."""
+        """Return the current actor with its metadata."""
         about = {"steps": self.collector.steps, "updates": self.updates}
         return self.policy_of(self.config.algorithm, about | {"backend": self.agent.backend})
 
     def save(self, log: Logger, **extra: Any) -> None:
-        """Write the checkpoint, and the rides that it knows of."""
+        """Write the checkpoint and the rides that belong to it."""
         self.collector.flush(self.files.path)
         super().save(log, **extra)
 
     def state_dict(self) -> dict[str, Any]:
-        """All that the numbers to come depend on."""
+        """Return everything that future numbers depend on."""
         return super().state_dict() | {
             "collector": self.collector.state_dict(),
             "replay": self.replay.state_dict(),
@@ -166,7 +166,7 @@ class Trainer(TrainingSession):
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state`: to the bit, where the same backend goes on."""
+        """Restore `state`: to the bit, if the backend is the same."""
         if state["backend"] != self.agent.backend:
             print(
                 f"{state['backend']} began this run and {self.agent.backend} goes on with it:"

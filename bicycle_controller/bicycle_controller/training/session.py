@@ -1,4 +1,4 @@
-"""What a run online and a run offline share: its agent, best policy, log, times, checkpoint."""
+"""Common part of online and offline runs: agent, best policy, log, times, checkpoint."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from bicycle_controller.training.signals import StopRequest
 
 
 def usable_device(device: str) -> str:
-    """`device`, or the CPU with one line on standard error when there is no CUDA here."""
+    """Return `device`; if it is cuda and there is none, say so and return cpu."""
     if device == "cuda" and not torch.cuda.is_available():
         print("no CUDA device was found: training on the CPU", file=sys.stderr)
         return "cpu"
@@ -32,17 +32,17 @@ def usable_device(device: str) -> str:
 
 
 class TrainingSession(ABC):
-    """The state of a run, and its loop; subclasses say where transitions come from.
+    """State and loop of a run; subclasses define the source of its transitions.
 
     Attributes:
-        updates: updates made, of the critic where there is one.
+        updates: updates made, of the critic if there is one.
         best: score of the best policy so far.
-        evaluation_due: whether the next thing to do is to score the actor.
-        log_bytes: of the log, as the last checkpoint knows it.
+        evaluation_due: True if the actor must be scored next.
+        log_bytes: length of the log at the last checkpoint.
     """
 
     def __init__(self, config: RunConfig, files: RunFolder, device: str) -> None:
-        """Draw the networks on `device`."""
+        """Initialise the networks on `device`."""
         torch.set_num_threads(config.threads)
         self.config, self.files = config, files
         self.agent = make_agent(config, device)
@@ -57,21 +57,21 @@ class TrainingSession(ABC):
     @property
     @abstractmethod
     def finished(self) -> bool:
-        """Whether all is done that the run was to do, but for a score that is due."""
+        """True if the budget is spent; a score may still be due."""
 
     @abstractmethod
     def step(self, log: Logger, bar: Progress) -> None:
-        """Do a little: some steps, some updates; sets `evaluation_due`."""
+        """Make the next steps and updates; set `evaluation_due`."""
 
     @abstractmethod
     def try_actor(self, log: Logger, bar: Progress, interrupt: StopRequest) -> bool:
-        """Score the actor and keep it where it is the best; whether the run may end with it."""
+        """Score the actor and keep it if it is the best; return True if the run may end."""
 
     def work(self, log: Logger, bar: Progress, stop: Callable[[], bool]) -> tuple[str, int]:
-        """The loop: until all is done, the goal rate is met or somebody stops it.
+        """Work until the budget is spent, the goal rate is met or a stop is requested.
 
         Returns:
-            `finished`, `reached` or `interrupted`; the number of the signal that came, or 0.
+            `finished`, `reached` or `interrupted`; the number of the signal received, or 0.
         """
         status, saved = "finished", time.monotonic()
         with log, bar, StopRequest() as interrupt:
@@ -92,11 +92,11 @@ class TrainingSession(ABC):
         return status, interrupt.signal
 
     def crossed(self, every: int, before: int) -> bool:
-        """Whether the updates since `before` passed a multiple of `every`."""
+        """Return True if the updates since `before` passed a multiple of `every`."""
         return self.updates // every > before // every
 
     def keep(self, policy: Policy, found: Score, acceptable: bool = True) -> bool:
-        """Write a policy as the last one, and as the best where it is; returns whether it is."""
+        """Write a policy as the last one, and as the best if it is; return True if it is."""
         better = acceptable and (self.best is None or found.rank > self.best.rank)
         if better:
             self.best = found
@@ -105,17 +105,17 @@ class TrainingSession(ABC):
         return better
 
     def meets_goal(self, found: Score) -> bool:
-        """Whether the run may end with a policy of this score."""
+        """Return True if the run may end with a policy of this score."""
         limits = self.config.evaluation
         good = found.reach_rate >= limits.stop_at and found.fall_rate <= limits.stop_falls
         return limits.stop_at > 0 and good
 
     def policy_of(self, kind: str, about: dict[str, Any]) -> Policy:
-        """The actor as it is now.
+        """Return the current actor with its metadata.
 
         Args:
-            kind: the algorithm, for people.
-            about: what else is known of its training.
+            kind: name of the algorithm, for people.
+            about: further metadata of its training.
         """
         config = self.config
         trained = {"algorithm": kind, "preset": config.preset, "seed": config.seed} | about
@@ -131,26 +131,26 @@ class TrainingSession(ABC):
         return Policy(info, policy_tensors(self.agent.deployed))
 
     def start_clock(self) -> None:
-        """Count time from here on."""
+        """Start to count time."""
         self._started = (time.monotonic(), time.process_time())
 
     def time(self) -> tuple[float, float]:
-        """s of wall and of processor time, over all calls of the run."""
+        """Return wall and processor time in s, summed over all calls of the run."""
         wall = self._spent[0] + time.monotonic() - self._started[0]
         return wall, self._spent[1] + time.process_time() - self._started[1]
 
     def row(self, values: dict[str, Any]) -> dict[str, Any]:
-        """A row of the log: `values` between the updates and the times."""
+        """Return a row of the log: `values` between the updates and the times."""
         wall, cpu = self.time()
         return {"updates": self.updates} | values | {"wall_s": wall, "cpu_s": cpu}
 
     def save(self, log: Logger, **extra: Any) -> None:
-        """Write the checkpoint; `extra` is the caller's own state."""
+        """Write the checkpoint. `extra` is the caller's own state."""
         self.log_bytes = log.sync()
         checkpoint.save(self.files.checkpoint, self.state_dict() | extra)
 
     def state_dict(self) -> dict[str, Any]:
-        """All that the numbers to come depend on, of what sessions share."""
+        """Return everything in this class that future numbers depend on."""
         return {
             "agent": self.agent.state_dict(),
             "updates": self.updates,
@@ -162,7 +162,7 @@ class TrainingSession(ABC):
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Go on from `state`, to the bit."""
+        """Restore `state`, to the bit."""
         self.agent.load_state_dict(state["agent"])
         self.updates, self.evaluation_due = state["updates"], state["evaluation_due"]
         self.best = None if state["best"] is None else Score(**state["best"])
