@@ -21,6 +21,7 @@ from gymnasium.utils.env_checker import check_env  # noqa: E402
 from gymnasium.vector import AutoresetMode  # noqa: E402
 
 from bicycle_sim.task.gym_env import AUTHORS_SCALE, BicycleEnv, BicycleVectorEnv  # noqa: E402
+from bicycle_sim.task.registration import REWARD_THRESHOLDS  # noqa: E402
 
 NEAR = Scenario(
     "near", Region.point(0.0, 0.0), Region.point(0.0, 1.4), heading_spread=0.0, max_steps=30
@@ -197,7 +198,10 @@ def test_observations_stay_inside_however_wild() -> None:
         ({"fall": "stop"}, "fall must be one of freeze, terminate"),
         ({"observation_scale": (1.0, 2.0)}, "six numbers above zero"),
         ({"observation_scale": (1.0,) * 5 + (0.0,)}, "six numbers above zero"),
-        ({"render_mode": "human"}, "render_mode must be None or rgb_array, not 'human'"),
+        ({"render_mode": "ansi"}, "render_mode must be None or rgb_array or human, not 'ansi'"),
+        ({"variant": "train"}, "did you mean 'training'"),
+        ({"observation_scale": "raw"}, "must be 'natural' or 'authors', or six numbers"),
+        ({"discount": 1.0}, "discount must lie in 0..1"),
         (
             {"scenario": replace(FAR, torque_limit=0.0, displacement_limit=0.0)},
             "allows no action at all",
@@ -221,9 +225,9 @@ def test_an_action_that_is_not_finite_is_refused() -> None:
 def test_the_docstring_states_the_spaces() -> None:
     space = BicycleEnv().observation_space
     assert isinstance(space, Box)
-    rows = re.findall(r"\| +(-?[\w.]+) +\| +([\w.]+) +\| rad", BicycleEnv.__doc__ or "")
+    rows = re.findall(r"\| +(-?[\w./]+) +\| +([\w./]+) +\| rad", BicycleEnv.__doc__ or "")
     low, high = zip(*rows, strict=True)
-    known = {"pi": math.pi, "-pi": -math.pi}
+    known = {"pi": math.pi, "-pi": -math.pi, "pi/2": math.pi / 2, "-pi/2": -math.pi / 2}
     np.testing.assert_allclose(space.low, [known.get(text) or float(text) for text in low])
     np.testing.assert_allclose(space.high, [known.get(text) or float(text) for text in high])
 
@@ -232,6 +236,18 @@ def test_every_scenario_has_an_id_of_its_own() -> None:
     for name in SCENARIOS:
         env = gymnasium.make(f"bicycle/{name}-v0")
         assert env.unwrapped.task.scenario == SCENARIOS[name]
+        assert env.spec.max_episode_steps == SCENARIOS[name].max_steps
+        assert env.spec.reward_threshold == REWARD_THRESHOLDS[name]
+        train = gymnasium.make(f"bicycle/{name}-train-v0")
+        assert train.unwrapped.task.scenario.max_steps == train.spec.max_episode_steps <= 600
+
+
+def test_the_step_limit_is_that_of_the_scenario_ridden() -> None:
+    env = gymnasium.make("bicycle_sim:BicycleGoal-v0", scenario=NEAR)
+    assert env.spec.max_episode_steps == 30
+    assert gymnasium.make("BicycleGoal-v0", max_episode_steps=7).spec.max_episode_steps == 7
+    many = gymnasium.make_vec("bicycle/learned-speed-v0", num_envs=2)
+    assert many.scenario == SCENARIOS["learned-speed"]
 
 
 def test_a_picture_shows_the_bicycle() -> None:

@@ -1,132 +1,53 @@
-"""The bicycle as a Gymnasium environment, one at a time or many at once.
+"""The bicycle as a Gymnasium environment; `vector_env.py` has many at once.
 
 After `import gymnasium`:
 
     gymnasium.make("bicycle_sim:BicycleGoal-v0", scenario="learned-speed")
+    gymnasium.make("bicycle/learned-speed-train-v0", observation_scale="natural")
     gymnasium.make_vec("bicycle_sim:BicycleGoal-v0", num_envs=64)
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
 import numpy as np
-from gymnasium.spaces import Box
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
 
-from bicycle_common.observation import ACTION_FIELDS
-from bicycle_common.validation import require
-from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
-from bicycle_sim.task import registration
+from bicycle_sim.task import env_options, registration
+from bicycle_sim.task.env_core import (
+    AUTHORS_SCALE,
+    DISCOUNT,
+    FALLS,
+    METADATA,
+    NATURAL_SCALE,
+    EnvConfig,
+    EnvCore,
+    checked_mode,
+    new_renderers,
+    only,
+)
 from bicycle_sim.task.registration import ENV_ID
-from bicycle_sim.task.scenario import Scenario, named
-from bicycle_sim.task.scene import Scene
-from bicycle_sim.task.task import BicycleTask, Step
+from bicycle_sim.task.scenario import Scenario
+from bicycle_sim.task.task import BicycleTask
+from bicycle_sim.task.training_variant import TrainingVariant
+from bicycle_sim.task.vector_env import BicycleVectorEnv
 
 if TYPE_CHECKING:
+    from bicycle_sim.task.picture_page import PicturePage
     from bicycle_sim.task.render import Renderer
 
-__all__ = ["AUTHORS_SCALE", "ENV_ID", "FALLS", "BicycleEnv", "BicycleVectorEnv"]
-
-AUTHORS_SCALE = (math.pi / 2, 1.0, math.pi / 6, 1.0, 1.0, 1.0)
-"""Divisors of the observation used by the paper's authors (errata row 35)."""
-
-FALLS = ("freeze", "terminate")
-
-WHEEL_RADIUS = 0.34
-"""m, of the wheels in pictures."""
-
-_METADATA: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 40}
-
-
-class _Face:
-    """Spaces, units and information shared by both environments."""
-
-    def __init__(
-        self,
-        scenario: str | Scenario,
-        plant: Plant[Any],
-        fall: str,
-        observation_scale: Sequence[float] | None,
-        count: int,
-    ) -> None:
-        require(fall in FALLS, f"fall must be one of {', '.join(FALLS)}, not {fall!r}")
-        scale = np.ones(6) if observation_scale is None else np.asarray(observation_scale, float)
-        require(
-            scale.shape == (6,) and bool(np.isfinite(scale).all() and (scale > 0).all()),
-            f"observation_scale must be six numbers above zero, not {observation_scale!r}",
-        )
-        chosen = named(scenario) if isinstance(scenario, str) else scenario
-        self.ends_at_fall = fall == "terminate"
-        self.task = BicycleTask(chosen, plant, count, np.random.default_rng(0))
-        self._scale = scale
-        self._driven = np.flatnonzero(self.task.scenario.action_limits)
-        require(len(self._driven) > 0, f"scenario {chosen.name} allows no action at all")
-        self.action_names = tuple(ACTION_FIELDS[index] for index in self._driven)
-        self.action_space = Box(-1.0, 1.0, (len(self._driven),), np.float32)
-        stop = plant.geometry.steer_stop
-        self._bounds = np.array([stop, 1e4, math.pi, 1e3, 1e4, math.pi])
-        high = (self._bounds / scale).astype(np.float32)
-        self.observation_space = Box(-high, high, dtype=np.float32)
-
-    def observe(self, observation: np.ndarray) -> np.ndarray:
-        """Return (N, 6) float32 within the space, from (N, 6) in SI units."""
-        scaled = (np.clip(observation, -self._bounds, self._bounds) / self._scale).astype("f4")
-        high = self.observation_space.high
-        return np.clip(scaled, -high, high)
-
-    def step(self, action: np.ndarray) -> tuple[np.ndarray, Step, np.ndarray]:
-        """Return observation (N, 6), the task's step, and if each episode terminated (N,)."""
-        physical = np.zeros((self.task.count, 3))
-        limits = self.task.scenario.action_limits[self._driven]
-        physical[:, self._driven] = np.clip(action, -1.0, 1.0) * limits
-        step = self.task.step(physical)
-        ended = step.terminated | step.fallen if self.ends_at_fall else step.terminated
-        return self.observe(step.observation), step, ended
-
-    def render(self, renderers: Sequence[Renderer]) -> tuple[np.ndarray, ...]:
-        """Pictures of the first bicycles, one for each renderer, (480, 640, 3) uint8."""
-        state, task = self.task.state, self.task
-        return tuple(
-            renderer.draw(
-                Scene(
-                    rear=(float(state.rear_x[index]), float(state.rear_y[index])),
-                    front=(float(state.front_x[index]), float(state.front_y[index])),
-                    lean_angle=float(state.lean_angle[index]),
-                    steer_angle=float(state.steer_angle[index]),
-                    speed=float(state.speed[index]),
-                    goal=(float(task.goal_x[index]), float(task.goal_y[index])),
-                    goal_radius=task.scenario.goal_radius,
-                    wheel_radius=WHEEL_RADIUS,
-                    fallen=bool(task.fallen[index]),
-                )
-            )
-            for index, renderer in enumerate(renderers)
-        )
-
-    def info(self, step: Step | None = None) -> dict[str, np.ndarray]:
-        """Return information beside the observation, arrays of shape (N,); see `BicycleEnv`."""
-        found = {
-            "is_success": np.zeros(self.task.count, dtype=bool)
-            if step is None
-            else step.terminated.copy(),
-            "fallen": self.task.fallen.copy(),
-            "goal_distance": self.task.goal_distance(),
-            "speed": self.task.state.speed.copy(),
-        }
-        for name in ("lean_angle", "lean_rate", "lean_acceleration", "heading_error"):
-            value = np.zeros(self.task.count) if step is None else step.terms[name] + 0.0
-            found[f"reward_{name}"] = value
-        return found
-
-
-def _plant(plant: str | Plant[Any], bicycle: str | None, physics: str) -> Plant[Any]:
-    return registry.named(plant, bicycle, physics) if isinstance(plant, str) else plant
+__all__ = [
+    "AUTHORS_SCALE",
+    "ENV_ID",
+    "FALLS",
+    "NATURAL_SCALE",
+    "BicycleEnv",
+    "BicycleVectorEnv",
+]
 
 
 class BicycleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -147,15 +68,16 @@ class BicycleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     `Box((6,), float32)`, in the paper's signs: lean and steering positive to the left, the
     heading error positive when the goal lies to the right. With `observation_scale` each
-    number is divided by one of six. Values beyond the bounds are clipped to them.
+    number is divided by one of six: `natural` brings those of ordinary rides into -1..1
+    (attribute `natural_scale`). Values beyond the bounds are clipped to them.
 
     | observation       | symbol         | min     | max    | unit    |
     | ----------------- | -------------- | ------- | ------ | ------- |
     | steer angle       | theta          | -1.3963 | 1.3963 | rad     |
-    | steer rate        | theta dot      | -1e4    | 1e4    | rad/s   |
-    | lean angle        | omega          | -pi     | pi     | rad     |
-    | lean rate         | omega dot      | -1e3    | 1e3    | rad/s   |
-    | lean acceleration | omega dot dot  | -1e4    | 1e4    | rad/s^2 |
+    | steer rate        | theta dot      | -100    | 100    | rad/s   |
+    | lean angle        | omega          | -pi/2   | pi/2   | rad     |
+    | lean rate         | omega dot      | -30     | 30     | rad/s   |
+    | lean acceleration | omega dot dot  | -300    | 300    | rad/s^2 |
     | heading error     | psi_g          | -pi     | pi     | rad     |
 
     ## Reward
@@ -164,14 +86,23 @@ class BicycleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
 
     ## Starting state
 
-    Upright, straight, at the scenario's speed; place, heading and goal drawn as it says.
+    Upright, straight, at the scenario's speed; place, heading and goal drawn as it says, or given
+    by `reset(options={"start": (x, y), "goal": (x, y), "heading": rad, "speed": m/s})`.
 
     ## Episode end
 
     Terminated: the rear contact is within 1 m of the goal, upright. Truncated: the scenario's
-    `max_steps`; do not also wrap it in a `TimeLimit`. A fall, |omega| > pi/6, ends nothing:
-    the state freezes and its reward repeats (errata row 25). With `fall="terminate"` a fall
-    terminates too; since no reward is positive, that invites an agent to fall early.
+    `max_steps` (`spec.max_episode_steps`). A fall, |omega| > pi/6, ends nothing: the state
+    freezes and its reward repeats (errata row 25). With `fall="value"` a fall terminates, and its
+    reward is what repeating it for ever is worth, r / (1 - discount). With `fall="terminate"` it
+    terminates and counts once; since no reward is positive, that invites an agent to fall early.
+
+    ## Training variant
+
+    With `variant="training"`, or an id `bicycle/<scenario>-train-v0`, stock learners can learn:
+    a step costs at most 4, rewards are multiplied by 0.05, a fall ends with its value, half of the
+    goals are within 15 m, bicycles start tilted, and an episode has at most 600 steps. Each is a
+    field of `TrainingVariant`. Evaluate on the scenario itself, with the same observation scale.
 
     ## Information
 
@@ -181,202 +112,169 @@ class BicycleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     | fallen                     | whether the bicycle lies                       | bool |
     | goal_distance              | rear contact to goal                           | m    |
     | speed                      | v                                              | m/s  |
+    | episode_return             | sum of the episode's rewards so far            | -    |
+    | episode_length             | steps of the episode so far                    | -    |
     | reward_lean_angle, ...     | the four terms of the reward; zero after reset | -    |
 
     Version history: v0 is the first.
     """
 
-    metadata: dict[str, Any] = _METADATA
+    metadata: dict[str, Any] = METADATA
+    natural_scale = np.array(NATURAL_SCALE)
+    """(6,) divisors that bring the observation of ordinary rides into -1..1."""
 
     def __init__(
         self,
         scenario: str | Scenario = "random-start-random-goal",
         physics: str = "faithful",
-        fall: str = "freeze",
-        observation_scale: Sequence[float] | None = None,
+        fall: str | None = None,
+        observation_scale: str | Sequence[float] | None = None,
         render_mode: str | None = None,
         plant: str | Plant[Any] = "choi",
         bicycle: str | None = None,
+        variant: str | TrainingVariant = "evaluation",
+        discount: float = DISCOUNT,
+        max_episode_steps: int | None = None,
     ) -> None:
         """Create one bicycle.
 
         Args:
             scenario: a name of `bicycle_sim.task.scenario.SCENARIOS`, or a scenario.
             physics: `faithful` or `corrected`, of the plant choi.
-            fall: `freeze` or `terminate`.
-            observation_scale: six divisors, such as AUTHORS_SCALE; SI units by default.
-            render_mode: None, or `rgb_array` for pictures of (480, 640, 3) uint8.
+            fall: `freeze`, `terminate` or `value`; by default `freeze`, and `value` in training.
+            observation_scale: `natural`, `authors` or six divisors; SI units by default.
+            render_mode: None; `rgb_array` for pictures of (480, 640, 3) uint8; `human` for a page
+                of pictures in the browser, at an address that is printed.
             plant: `choi`, `whipple`, or any plant, which needs no names.
             bicycle: of the plant whipple, a name or a YAML file.
+            variant: `evaluation`, `training`, or a training variant.
+            discount: of the value of a fall, with `fall="value"`.
+            max_episode_steps: step limit in place of the scenario's.
 
         Raises:
             ValueError: on an unknown name or value.
         """
-        self.render_mode = _checked(render_mode)
-        self._face = _Face(scenario, _plant(plant, bicycle, physics), fall, observation_scale, 1)
-        self.action_space = self._face.action_space
-        self.observation_space = self._face.observation_space
+        self.render_mode = checked_mode(render_mode)
+        config = EnvConfig(
+            scenario,
+            physics,
+            fall,
+            observation_scale,
+            plant,
+            bicycle,
+            variant,
+            discount,
+            max_episode_steps,
+        )
+        self._core = EnvCore(config, 1)
+        self.step_one = self._core.step_one
+        self.action_space = self._core.action_space
+        self.observation_space = self._core.observation_space
+        self._spec: Any = None
         self._renderers: list[Renderer] = []
+        self._page: PicturePage | None = None
+
+    @property
+    def spec(self) -> Any:
+        """Gymnasium's specification, with the step limit of this very scenario."""
+        return self._spec
+
+    @spec.setter
+    def spec(self, spec: Any) -> None:
+        limit = self.task.scenario.max_steps
+        self._spec = spec if spec is None else replace_limit(spec, limit)
 
     @property
     def task(self) -> BicycleTask:
         """Underlying task, a batch of one."""
-        return self._face.task
+        return self._core.task
+
+    @property
+    def scenario(self) -> Scenario:
+        """Scenario that is ridden, with the step limit of its variant."""
+        return self.task.scenario
 
     @property
     def action_names(self) -> tuple[str, ...]:
         """Names of the actions that the action space drives, in order."""
-        return self._face.action_names
+        return self._core.action_names
+
+    @property
+    def observation_scale(self) -> np.ndarray:
+        """(6,) divisors of the observation."""
+        return self._core.observation_scale
+
+    @property
+    def goal(self) -> tuple[float, float]:
+        """Goal, m; it may be set between steps."""
+        x, y = self._core.goals()[0].tolist()
+        return x, y
+
+    @goal.setter
+    def goal(self, goal: tuple[float, float]) -> None:
+        self._core.set_goals(np.asarray(goal, float)[None])
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin an episode; there are no options."""
+        """Begin an episode.
+
+        Args:
+            seed: of start, heading, goal and noise.
+            options: `start`, `goal`, `heading`, `speed`; see `env_options.read`.
+
+        Raises:
+            ValueError: on an unknown option or value.
+        """
+        chosen = env_options.read(options, 1, self.task.scenario, many=False)
         super().reset(seed=seed)
-        self.task.rng = self.np_random
-        self.task.reset()
-        self._renderers = []
-        return self._face.observe(self.task.observation())[0], _only(self._face.info())
+        self._core.seed([self.np_random])
+        self._core.begin(np.ones(1, dtype=bool), chosen)
+        for renderer in self._renderers:
+            renderer.clear()
+        self._show()
+        return self._core.observe()[0], only(self._core.info())
 
     def render(self) -> np.ndarray | None:
-        """Return a picture of the bicycle from behind, or None without a render mode."""
-        if self.render_mode is None:
-            return None
-        self._renderers = self._renderers or _renderers(1)
-        return self._face.render(self._renderers)[0]
+        """Return a picture of the bicycle from behind, or None without `rgb_array`."""
+        return self._picture() if self.render_mode == "rgb_array" else None
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Simulate one time step, 0.025 s.
 
         Raises:
-            ValueError: if the action is not finite.
+            ValueError: if the action has a wrong shape or is not finite.
         """
-        observation, step, ended = self._face.step(np.asarray(action)[None])
-        truncated = bool(step.truncated[0] and not ended[0])
-        info = _only(self._face.info(step))
-        return observation[0], float(step.reward[0]), bool(ended[0]), truncated, info
+        if self.render_mode != "human":
+            return self.step_one(action)
+        found = self.step_one(action)
+        self._show()
+        return found
+
+    def close(self) -> None:
+        """Close the page of `human`."""
+        if self._page is not None:
+            self._page.close()
+            self._page = None
+
+    def _picture(self) -> np.ndarray:
+        self._renderers = self._renderers or new_renderers(1)
+        return self._core.render(self._renderers)[0]
+
+    def _show(self) -> None:
+        """Show a picture on the page of `human` and keep to real time."""
+        if self.render_mode != "human":
+            return
+        if self._page is None:
+            from bicycle_sim.task.picture_page import PicturePage
+
+            self._page = PicturePage(self.task.plant.time_step)
+        self._page.show(self._picture)
 
 
-class BicycleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
-    """N bicycles in one array program; each as in `BicycleEnv`.
-
-    An ended episode is restarted by the next step, which ignores its action and returns a reward
-    of zero for it (Gymnasium's next-step autoreset). All bicycles share one seed.
-    """
-
-    metadata: dict[str, Any] = _METADATA | {"autoreset_mode": AutoresetMode.NEXT_STEP}
-
-    def __init__(
-        self,
-        num_envs: int = 1,
-        scenario: str | Scenario = "random-start-random-goal",
-        physics: str = "faithful",
-        fall: str = "freeze",
-        observation_scale: Sequence[float] | None = None,
-        render_mode: str | None = None,
-        plant: str | Plant[Any] = "choi",
-        bicycle: str | None = None,
-    ) -> None:
-        """Create `num_envs` bicycles; see `BicycleEnv` for the other arguments.
-
-        Raises:
-            ValueError: on an unknown name or value.
-        """
-        self.render_mode = _checked(render_mode)
-        self.num_envs = num_envs
-        self._face = _Face(
-            scenario, _plant(plant, bicycle, physics), fall, observation_scale, num_envs
-        )
-        self.single_action_space = self._face.action_space
-        self.single_observation_space = self._face.observation_space
-        self.action_space = batch_space(self.single_action_space, num_envs)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self._ended = np.zeros(num_envs, dtype=bool)
-        self._renderers: list[Renderer] = []
-
-    @property
-    def task(self) -> BicycleTask:
-        """Underlying task, a batch of N."""
-        return self._face.task
-
-    @property
-    def action_names(self) -> tuple[str, ...]:
-        """Names of the actions that an action drives, in order."""
-        return self._face.action_names
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin an episode for every bicycle; there are no options."""
-        super().reset(seed=seed)
-        self.task.rng = self.np_random
-        self._ended = np.zeros(self.num_envs, dtype=bool)
-        self.task.reset()
-        self._renderers = []
-        return self._face.observe(self.task.observation()), _masked(self._face.info())
-
-    def render(self) -> tuple[np.ndarray, ...] | None:
-        """Return one picture for each bicycle, or None without a render mode."""
-        if self.render_mode is None:
-            return None
-        self._renderers = self._renderers or _renderers(self.num_envs)
-        return self._face.render(self._renderers)
-
-    def step(
-        self, actions: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Step every bicycle that rides, restart every one whose episode ended.
-
-        Raises:
-            ValueError: if an action is not finite.
-        """
-        fresh = self._ended
-        observation, step, ended = self._face.step(actions)
-        truncated = step.truncated & ~ended
-        reward, info = step.reward + 0.0, self._face.info(step)
-        if fresh.any():
-            self.task.reset(fresh)
-            for index in np.flatnonzero(fresh[: len(self._renderers)]):
-                self._renderers[index].clear()
-            observation = self._face.observe(self.task.observation())
-            ended, truncated = ended & ~fresh, truncated & ~fresh
-            reward[fresh] = 0.0
-            begun = self._face.info()
-            info = {name: np.where(fresh, begun[name], value) for name, value in info.items()}
-        self._ended = ended | truncated
-        return observation, reward, ended, truncated, _masked(info)
-
-
-def _checked(render_mode: str | None) -> str | None:
-    """Return a render mode that there is.
-
-    Raises:
-        ValueError: on any other.
-    """
-    known = _METADATA["render_modes"]
-    require(
-        render_mode is None or render_mode in known,
-        f"render_mode must be None or {' or '.join(known)}, not {render_mode!r}",
-    )
-    return render_mode
-
-
-def _renderers(count: int) -> list[Renderer]:
-    """Make renderers; matplotlib is imported by who wants pictures only."""
-    from bicycle_sim.task.render import Renderer
-
-    return [Renderer() for _ in range(count)]
-
-
-def _only(info: dict[str, np.ndarray]) -> dict[str, Any]:
-    """Return plain numbers from arrays of length one."""
-    return {name: value[0].item() for name, value in info.items()}
-
-
-def _masked(info: dict[str, np.ndarray]) -> dict[str, Any]:
-    """Return the same with Gymnasium's masks, which mark the bicycles with a value: all."""
-    masks = {f"_{name}": np.ones(len(value), dtype=bool) for name, value in info.items()}
-    return info | masks
+def replace_limit(spec: Any, limit: int) -> Any:
+    """Return a specification with the step limit `limit`; the registered one stays."""
+    return replace(spec, max_episode_steps=limit)
 
 
 registration.register()

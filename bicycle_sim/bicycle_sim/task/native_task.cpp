@@ -37,6 +37,14 @@ struct Arrays {  // rows of N; the states in the order of State's fields
   const double* frozen_reward;
   double* result;  // see ROWS of native_task.py
   bool* ends;      // terminated, truncated, fallen
+  const double* share;  // of an environment's actions: (N, actions)
+  float* observation;   // as it gives it, (N, 6)
+};
+
+struct Face {  // how an environment scales
+  int64_t actions, driven[3];
+  double limit[3], bound[6], scale[6];
+  float high[6];
 };
 
 }  // extern "C"
@@ -65,7 +73,8 @@ void two(const Loop& loop, const double* left, intptr_t step, const double* righ
   loop.call(arrays, &count, strides, loop.data);
 }
 
-inline double clipped(double value, double low, double high) {
+template <typename Number>
+inline Number clipped(Number value, Number low, Number high) {
   return value < low ? low : value > high ? high : value;
 }
 inline double sign(double value) { return value > 0.0 ? 1.0 : value < 0.0 ? -1.0 : value == 0.0 ? 0.0 : value; }
@@ -258,6 +267,26 @@ int task_step(const Model* model, const Arrays* arrays, const long* count) {
     if (!std::isfinite(arrays->action[i])) return 1;
   for (long first = 0; first < all; first += BLOCK) {
     Bicycles(*model, *arrays, all, first).step();
+  }
+  return 0;
+}
+
+// The same from an environment's actions, with its observations.
+int env_step(const Model* model, const Arrays* arrays, const long* count, const Face* face) {
+  const long all = *count;
+  double* physical = const_cast<double*>(arrays->action);
+  for (long i = 0; i < all; i++) {
+    for (int k = 0; k < 3; k++) physical[3 * i + k] = 0.0;
+    for (int64_t k = 0; k < face->actions; k++)
+      physical[3 * i + face->driven[k]] = clipped(arrays->share[i * face->actions + k], -1.0, 1.0) * face->limit[k];
+  }
+  if (task_step(model, arrays, count)) return 1;
+  for (long i = 0; i < all; i++) {
+    for (int k = 0; k < 6; k++) {
+      const double seen = arrays->result[(OBSERVED + k) * all + i];
+      const float scaled = (float)(clipped(seen, -face->bound[k], face->bound[k]) / face->scale[k]);
+      arrays->observation[6 * i + k] = clipped(scaled, -face->high[k], face->high[k]);
+    }
   }
   return 0;
 }

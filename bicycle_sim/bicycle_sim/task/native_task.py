@@ -12,6 +12,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import operator
+from collections.abc import Callable
 from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from typing import Any, Protocol
@@ -98,8 +99,49 @@ class _Model(ctypes.Structure):
 
 
 _ACTION, _NOISE, _STATE, _GOAL_X, _GOAL_Y, _STEPS, _FALLEN, _FROZEN, _RESULT, _ENDS = range(10)
+_SHARE, _OBSERVATION = 10, 11
 """Indices into `Arrays` of native_task.cpp."""
-_ARRAYS = 10
+_ARRAYS = 12
+
+
+class Face(ctypes.Structure):
+    """How an environment scales actions and observations, as `Face` of native_task.cpp."""
+
+    _fields_ = (
+        ("actions", ctypes.c_int64),
+        ("driven", ctypes.c_int64 * 3),
+        ("limit", ctypes.c_double * 3),
+        ("bound", ctypes.c_double * 6),
+        ("scale", ctypes.c_double * 6),
+        ("high", ctypes.c_float * 6),
+    )
+
+    @classmethod
+    def of(
+        cls,
+        driven: np.ndarray,
+        limits: np.ndarray,
+        bounds: np.ndarray,
+        scale: np.ndarray,
+        high: np.ndarray,
+    ) -> Face:
+        """Prepare it.
+
+        Args:
+            driven: (k,) indices of the actions that an environment has.
+            limits: (k,) physical value of an action of 1.
+            bounds: (6,) largest observations in SI units.
+            scale: (6,) divisors of the observations.
+            high: (6,) float32 bounds of the scaled observations.
+        """
+        face = cls(actions=len(driven))
+        face.driven[: len(driven)] = [int(index) for index in driven]
+        face.limit[: len(driven)] = [float(limit) for limit in limits]
+        for name, values in (("bound", bounds), ("scale", scale), ("high", high)):
+            getattr(face, name)[:] = [float(value) for value in values]
+        return face
+
+
 _GIVEN: dict[int, tuple[str, type]] = {
     _GOAL_X: ("goal_x", np.float64),
     _GOAL_Y: ("goal_y", np.float64),
@@ -117,10 +159,16 @@ class NativeStep:
         result: (ROWS, N) float64 of the last step, in memory of its own.
         wholes: the same memory as integers.
         ends: (3, N) bool: terminated, truncated, fallen.
+        observation: (N, 6) float32 of the last `step_shares`.
     """
 
-    def __init__(self, scenario: Scenario, physics: Physics) -> None:
+    def __init__(self, scenario: Scenario, physics: Physics, face: Face | None = None) -> None:
         """Prepare the values that stay constant from step to step.
+
+        Args:
+            scenario: limits and ends.
+            physics: the paper's bicycle.
+            face: how an environment scales, for `step_shares`.
 
         Raises:
             RuntimeError: if the library cannot be used.
@@ -129,6 +177,7 @@ class NativeStep:
         if library is None:
             raise RuntimeError("the native step was not built: call ros2_ws/setup.sh")
         self._made_of = scenario, physics
+        self._face = face
         self._model = _model(scenario, physics)
         self._size = ctypes.c_long(0)
         arrays = np.zeros(_ARRAYS, dtype=np.uintp)
@@ -136,18 +185,20 @@ class NativeStep:
         self._known: tuple[np.ndarray | None, ...]
         self._views: tuple[np.ndarray, ...]
         self._results: np.ndarray
-        self._results_at = self._ends_at = self._next = 0
-        self._call = functools.partial(
-            library.task_step,
-            ctypes.byref(self._model),
-            ctypes.c_void_p(_address(arrays)),
-            ctypes.byref(self._size),
-        )
+        self._observations: np.ndarray
+        self._results_at = self._ends_at = self._observations_at = self._next = 0
+        given = ctypes.byref(self._model), ctypes.c_void_p(_address(arrays))
+        size = ctypes.byref(self._size)
+        self._call = functools.partial(library.task_step, *given, size)
+        if face is not None:
+            shares = functools.partial(library.env_step, *given, size, ctypes.byref(face))
+            self._call_with_shares = shares
         self._resize(0)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return the constructor arguments, so that a stepper can be copied and pickled."""
-        return NativeStep, self._made_of
+        face = None if self._face is None else bytes(self._face)
+        return _remade, (*self._made_of, face)
 
     def state(self) -> BodyState:
         """Bicycles after the last step, as views of its result."""
@@ -174,10 +225,36 @@ class NativeStep:
         """
         if task.count != self._count:
             self._resize(task.count)
+        self._action[:] = action
+        return self._make(self._call, task, state, noise)
+
+    def step_shares(
+        self,
+        task: TaskArrays,
+        state: BodyState | None,
+        shares: np.ndarray,
+        noise: np.ndarray | None,
+    ) -> bool:
+        """The same from an environment's actions (N, k), as its `Face` says."""
+        if task.count != self._count:
+            self._resize(task.count)
+        self._shares[:] = shares
+        if not self._make(self._call_with_shares, task, state, noise):
+            return False
+        self.observation = self._observations[self._next - 1]
+        return True
+
+    def _make(
+        self,
+        call: Callable[[], int],
+        task: TaskArrays,
+        state: BodyState | None,
+        noise: np.ndarray | None,
+    ) -> bool:
+        """Step by one of the library's calls, whose actions are in place."""
         if self._next == len(self._results):
             self._refill()
         at, number, count = self._at, self._next, self._count
-        self._action[:] = action
         if state is not None:
             self._take(state)
         if not self._follows(task):
@@ -185,7 +262,8 @@ class NativeStep:
         at[_NOISE] = 0 if noise is None else _address(noise)
         at[_RESULT] = result = self._results_at + number * 8 * ROWS * count
         at[_ENDS] = ends = self._ends_at + number * 3 * count
-        if self._call():
+        at[_OBSERVATION] = self._observations_at + number * 24 * count
+        if call():
             return False
         self._next = number + 1
         self.result, self.wholes = self._results[number], self._wholes[number]
@@ -232,6 +310,8 @@ class NativeStep:
         self._action, self._input = np.zeros((count, 3)), np.zeros((STATES, count))
         self._rows, self._input_at = list(self._input), _address(self._input)
         self._at[_ACTION] = _address(self._action)
+        self._shares = np.zeros((count, 0 if self._face is None else self._face.actions))
+        self._at[_SHARE] = _address(self._shares)
         self._known, self._views = (None,) * 5, ()
         self._results = np.empty((0, ROWS, count))
         self._next = 0
@@ -243,14 +323,21 @@ class NativeStep:
         self._wholes: np.ndarray = self._results.view(np.int64)
         self._ends: np.ndarray = np.empty((pooled, 3, self._count), dtype=bool)
         self._results_at, self._ends_at = _address(self._results), _address(self._ends)
+        self._observations = np.empty((pooled, self._count, 6), dtype=np.float32)
+        self._observations_at = _address(self._observations)
         self._next = 0
 
 
-def stepper(scenario: Scenario, plant: Plant[Any]) -> NativeStep | None:
+def stepper(scenario: Scenario, plant: Plant[Any], face: Face | None = None) -> NativeStep | None:
     """Return a stepper of such bicycles in one call; None if there is none."""
     if type(plant) is not ChoiPlant or load() is None:
         return None
-    return NativeStep(scenario, plant.physics)
+    return NativeStep(scenario, plant.physics, face)
+
+
+def _remade(scenario: Scenario, physics: Physics, face: bytes | None) -> NativeStep:
+    """Return the stepper that was pickled."""
+    return NativeStep(scenario, physics, None if face is None else Face.from_buffer_copy(face))
 
 
 def _address(array: np.ndarray) -> int:

@@ -6,6 +6,7 @@ last observation of every episode.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +16,7 @@ from bicycle_common.geometry import heading_between, heading_error, wrap_angle
 from bicycle_sim.plants import base, registry
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.task import native_task
-from bicycle_sim.task.native_task import DISTANCE, OBSERVED, REWARD, STEPS, TERMS, NativeStep
+from bicycle_sim.task.native_task import DISTANCE, OBSERVED, REWARD, STEPS, TERMS, Face, NativeStep
 from bicycle_sim.task.reward import reward_terms
 from bicycle_sim.task.scenario import Scenario
 
@@ -43,6 +44,19 @@ class Step:
     """The reward by named term."""
     distance: np.ndarray
     """m from each rear contact to its goal."""
+
+
+def draw_starts(
+    scenario: Scenario, count: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Draw places (count, 2) m, headings (count,) rad and goals (count, 2) m."""
+    start = scenario.start.draw(count, rng)
+    goal = scenario.goal.draw(count, rng)
+    turn = rng.uniform(-scenario.heading_spread, scenario.heading_spread, count)
+    if scenario.facing_away:
+        turn = turn + heading_between(goal[:, 0], goal[:, 1], start[:, 0], start[:, 1])
+    heading: np.ndarray = wrap_angle(turn)
+    return start, heading, goal
 
 
 class BicycleTask:
@@ -80,6 +94,8 @@ class BicycleTask:
         self.scenario = scenario.suited(self.plant.input_names)
         self.count = count
         self.rng = rng if rng is not None else np.random.default_rng()
+        self.noise_rngs: Sequence[np.random.Generator | None] | None = None
+        """Sources of displacement noise in place of `rng`, one a bicycle; None for no noise."""
         self._native = native_task.stepper(self.scenario, self.plant) if native else None
         self._state: Any = None
         self.steps = np.zeros(count, dtype=np.int64)
@@ -109,13 +125,8 @@ class BicycleTask:
         number = int(mask.sum())
         if number == 0:
             return
-        scenario, rng = self.scenario, self.rng
-        start = scenario.start.draw(number, rng)
-        goal = scenario.goal.draw(number, rng)
-        turn = rng.uniform(-scenario.heading_spread, scenario.heading_spread, number)
-        if scenario.facing_away:
-            turn = turn + heading_between(goal[:, 0], goal[:, 1], start[:, 0], start[:, 1])
-        self.place(mask, start[:, 0], start[:, 1], wrap_angle(turn), goal[:, 0], goal[:, 1])
+        start, heading, goal = draw_starts(self.scenario, number, self.rng)
+        self.place(mask, start[:, 0], start[:, 1], heading, goal[:, 0], goal[:, 1])
 
     def place(
         self,
@@ -125,9 +136,14 @@ class BicycleTask:
         heading: np.ndarray,
         goal_x: np.ndarray,
         goal_y: np.ndarray,
+        speed: np.ndarray | None = None,
     ) -> None:
-        """Put the M bicycles of `mask` (N,) upright at (M,) places with (M,) goals; m, rad."""
-        speed = np.full(len(rear_x), self.scenario.start_speed)
+        """Put the M bicycles of `mask` (N,) upright at (M,) places with (M,) goals; m, rad, m/s.
+
+        The scenario's start speed by default.
+        """
+        if speed is None:
+            speed = np.full(len(rear_x), self.scenario.start_speed)
         placed = np.flatnonzero(mask)
         fresh = self.plant.take(mask).initial(rear_x, rear_y, heading, speed)
         self.state = base.put(self.state, placed, fresh)
@@ -158,33 +174,73 @@ class BicycleTask:
         action = np.asarray(action, dtype=np.float64)
         if action.shape != (self.count, 3):
             raise ValueError(f"action must have shape ({self.count}, 3), not {action.shape}")
-        spread = self.plant.displacement_noise
-        noisy = spread > 0
+        noisy = self.plant.displacement_noise > 0
         if (noisy or self._native is None) and not np.isfinite(action).all():
             raise ValueError(NOT_FINITE)
-        noise = None
-        if noisy:
-            noise = self.rng.uniform(-spread, spread, self.count)
+        noise = self._draw_noise() if noisy else None
         if self._native is None:
             return self._step(action, noise)
-        return self._step_natively(self._native, action, noise)
-
-    def _step_natively(
-        self, native: NativeStep, action: np.ndarray, noise: np.ndarray | None
-    ) -> Step:
-        """`_step` in one call."""
-        if not native.step(self, self._state, action, noise):
+        if not self._native.step(self, self._state, action, noise):
             raise ValueError(NOT_FINITE)
+        self._follow(self._native)
+        return self._outcome_of(self._native)
+
+    def scale(self, face: Face) -> bool:
+        """Prepare `advance`; return False where the step is not compiled."""
+        if self._native is not None:
+            state = self.state
+            self._native = native_task.stepper(self.scenario, self.plant, face)
+            self.state = state
+        return self._native is not None
+
+    def advance(self, shares: np.ndarray) -> NativeStep:
+        """`step` from an environment's actions (N, k), after `scale`.
+
+        Returns:
+            The stepper, which has the results and the scaled observations.
+
+        Raises:
+            ValueError: when a value is not finite.
+        """
+        native = self._native
+        assert native is not None
+        noise = None
+        if self.plant.displacement_noise > 0:
+            if not np.isfinite(shares).all():
+                raise ValueError(NOT_FINITE)
+            noise = self._draw_noise()
+        if not native.step_shares(self, self._state, shares, noise):
+            raise ValueError(NOT_FINITE)
+        self._follow(native)
+        return native
+
+    def advanced(self) -> Step:
+        """What the last `advance` gave, as `step` gives it."""
+        assert self._native is not None
+        return self._outcome_of(self._native)
+
+    def _draw_noise(self) -> np.ndarray:
+        """Draw the noise of every bicycle's displacement, (N,) m."""
+        spread = self.plant.displacement_noise
+        if self.noise_rngs is None:
+            return self.rng.uniform(-spread, spread, self.count)
+        draws = (0.0 if rng is None else rng.uniform(-spread, spread) for rng in self.noise_rngs)
+        return np.fromiter(draws, float, self.count)
+
+    def _follow(self, native: NativeStep) -> None:
+        """Take over the arrays that a compiled step made."""
         self._state = None
-        result, ends = native.result, native.ends
-        reward = result[REWARD]
         self.steps = native.wholes[STEPS]
-        self.fallen = ends[2]
-        self._frozen_reward = reward
+        self.fallen = native.ends[2]
+        self._frozen_reward = native.result[REWARD]
         native.follow(self)
+
+    def _outcome_of(self, native: NativeStep) -> Step:
+        """The last compiled step."""
+        result, ends = native.result, native.ends
         return Step(
             result[OBSERVED:REWARD].T,
-            reward,
+            self._frozen_reward,
             ends[0],
             ends[1],
             self.fallen,
