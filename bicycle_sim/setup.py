@@ -26,7 +26,8 @@ setup(
     version=VERSION,
     packages=find_packages(),
     package_data={
-        f"{NAME}.plants.whipple": ["*.cpp", "*.h", "bicycles/*.yaml", "bicycles/licences/*.txt"]
+        f"{NAME}.plants.whipple": ["*.cpp", "*.h", "bicycles/*.yaml", "bicycles/licences/*.txt"],
+        f"{NAME}.sensors": ["presets/*.yaml"],
     },
     ext_modules=[
         # Plain shared libraries, loaded with ctypes by native_task.py and whipple/native.py;

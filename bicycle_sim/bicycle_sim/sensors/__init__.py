@@ -1,0 +1,1 @@
+"""Sensors of a bicycle: what could be measured of its state, when, and how wrongly."""
