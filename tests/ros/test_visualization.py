@@ -21,14 +21,14 @@ pytestmark = pytest.mark.ros
 DT = Constants().time_step
 
 
-def ride(torque: float) -> list[tuple[BicycleState, float]]:
-    """Steer to one side for a second, from a heading that is none of the axes; with yaw rates."""
+def ride(torque: float) -> list[BicycleState]:
+    """Steer to one side for a second, from a heading that is none of the axes."""
     simulator = Simulator(named("random-start-random-goal"))
     simulator.reset(InitialPose(1.0, 2.0, 0.7, 10.0 / 3.6))
-    states = [(simulator.snapshot, simulator.yaw_rate)]
+    states = [simulator.snapshot]
     for _ in range(40):
         command = Command(1, simulator.snapshot.step, torque, 0.0, 0.0)
-        states.append((simulator.step(command), simulator.yaw_rate))
+        states.append(simulator.step(command))
     return states
 
 
@@ -48,10 +48,9 @@ def rotation(turn: Quaternion) -> np.ndarray:
 def test_odometry_turns_the_way_the_bicycle_does(torque: float) -> None:
     """Each component and its sign, from the contacts of the wheels and from the lean."""
     states = ride(torque)
-    last, _ = states[-1]
-    assert abs(last.lean_angle) > 0.05, "the bicycle leans, or the roll would not be tested"
-    for state, rate in states:
-        turned = rotation(odometry(state, 0, rate).pose.pose.orientation)
+    assert abs(states[-1].lean_angle) > 0.05, "the bicycle leans, or the roll would not be tested"
+    for state in states:
+        turned = rotation(odometry(state, 0).pose.pose.orientation)
         along = np.array([state.front_x - state.rear_x, state.front_y - state.rear_y, 0.0])
         along /= np.linalg.norm(along)
         left = np.array([-along[1], along[0], 0.0])
@@ -67,8 +66,8 @@ def test_odometry_turns_the_way_the_bicycle_does(torque: float) -> None:
 @pytest.mark.parametrize("torque", [0.05, -0.05])
 def test_odometrys_rates_are_those_of_its_pose(torque: float) -> None:
     """REP-103: roll to the right and yaw to the left are above zero, in rates as in angles."""
-    for (before, _), (after, rate) in pairwise(ride(torque)[20:]):
-        twist = odometry(after, 0, rate).twist.twist
+    for before, after in pairwise(ride(torque)[20:]):
+        twist = odometry(after, 0).twist.twist
         roll_rate = -(after.lean_angle - before.lean_angle) / DT
         yaw = [convert.yaw_of(state) for state in (before, after)]
         yaw_rate = math.remainder(yaw[1] - yaw[0], 2.0 * math.pi) / DT

@@ -14,7 +14,7 @@ import numpy as np
 
 from bicycle_common import topic_names
 from bicycle_common.conventions import mirror
-from bicycle_common.geometry import heading_between, heading_error
+from bicycle_common.geometry import heading_between, heading_error, yaw_to_heading
 from bicycle_common.observation import OBSERVATION_FIELDS
 from bicycle_common.types import CommandSource
 from bicycle_sim.task.reward import reward_terms
@@ -204,6 +204,8 @@ def _observed(
     rear_x, rear_y = states["rear_contact.x"][rows], states["rear_contact.y"][rows]
     front_x, front_y = states["front_contact.x"][rows], states["front_contact.y"][rows]
     heading = heading_between(rear_x, rear_y, front_x, front_y)
+    if states.get("plant_state", np.empty((0, 0))).size:  # front and rear do not give it
+        heading = yaw_to_heading(states["heading"][rows])
     error = heading_error(heading, rear_x, rear_y, goal_x, goal_y)
     columns = [mirror(name, states[name][rows]) for name in OBSERVATION_FIELDS[:-1]]
     return np.stack([*columns, error], axis=1), np.hypot(goal_x - rear_x, goal_y - rear_y)

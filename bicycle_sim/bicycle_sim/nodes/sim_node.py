@@ -303,10 +303,7 @@ class SimNode(Node):
         if self._settings.publish_clock and self._is_heard(topics.CLOCK):
             self._publish(topics.CLOCK, ClockMessage(clock=convert.to_stamp(now)))
         if self._is_heard(topics.ODOMETRY):
-            self._publish(
-                topics.ODOMETRY,
-                visualization.odometry(snapshot, now, self._loop.simulator.yaw_rate),
-            )
+            self._publish(topics.ODOMETRY, visualization.odometry(snapshot, now))
         if self._is_heard(topics.JOINT_STATES):
             self._publish(topics.JOINT_STATES, self._joints.message(snapshot, now))
         rate = self._settings.marker_rate

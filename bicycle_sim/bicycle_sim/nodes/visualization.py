@@ -25,7 +25,7 @@ _RIDER = ColorRGBA(r=0.1, g=0.3, b=0.8, a=1.0)
 _GOAL = ColorRGBA(r=0.1, g=0.7, b=0.2, a=0.5)
 
 
-def odometry(snapshot: BicycleState, nanoseconds: int, yaw_rate: float) -> Odometry:
+def odometry(snapshot: BicycleState, nanoseconds: int) -> Odometry:
     """Return the rear contact's pose, with the lean as roll, and the twist in its frame."""
     roll = mirror("lean_angle", snapshot.lean_angle)
     pose = Pose(
@@ -34,7 +34,7 @@ def odometry(snapshot: BicycleState, nanoseconds: int, yaw_rate: float) -> Odome
     )
     twist = Twist(
         linear=Vector3(x=float(snapshot.speed)),
-        angular=Vector3(x=-float(snapshot.lean_rate), z=float(yaw_rate)),
+        angular=Vector3(x=-float(snapshot.lean_rate), z=float(snapshot.yaw_rate)),
     )
     return Odometry(
         header=to_header(nanoseconds),

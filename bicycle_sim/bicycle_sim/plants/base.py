@@ -229,6 +229,10 @@ class Plant(ABC, Generic[State]):
     def yaw_rate(self, state: State) -> np.ndarray:
         """(N,) rad/s, counter-clockwise."""
 
+    def pitch(self, state: State) -> np.ndarray:
+        """Return the pitch of the rear frame, (N,) rad, positive with the nose up."""
+        return np.zeros(len(state.speed))
+
     @abstractmethod
     def fallen(self, state: State, limit: float) -> np.ndarray:
         """Return (N,) bool: True if it leans by more than `limit`, rad, or cannot be ridden."""

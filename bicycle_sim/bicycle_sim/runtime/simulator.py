@@ -51,11 +51,6 @@ class Simulator:
         """s (dt)."""
         return self.plant.time_step
 
-    @property
-    def yaw_rate(self) -> float:
-        """rad/s, counter-clockwise."""
-        return float(self.plant.yaw_rate(self._state)[0])
-
     def reset(self, start: InitialPose | None = None, seed: int | None = None) -> BicycleState:
         """Begin the next episode.
 
@@ -140,7 +135,7 @@ class Simulator:
     def _observe(self, episode: int, step: int, command: Command | None) -> BicycleState:
         """The present state as plain numbers, with the goal of the command that led to it."""
         state = self._state
-        numbers = {name: float(getattr(state, name)[0]) for name in _BODY}
+        numbers: dict[str, Any] = {name: float(getattr(state, name)[0]) for name in _BODY}
         goal = command.goal if command else None
         error, distance = goal_bearing(numbers, goal)
         if step == 0:
@@ -163,6 +158,8 @@ class Simulator:
             command_step=command.step if command else -1,
             controller=command.controller if command else "",
             plant_state=inner,
+            yaw_rate=float(self.plant.yaw_rate(state)[0]),
+            pitch=float(self.plant.pitch(state)[0]),
             action=command.action if command else (0.0, 0.0, 0.0),
         )
 

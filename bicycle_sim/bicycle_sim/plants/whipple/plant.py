@@ -185,6 +185,10 @@ class WhipplePlant(Plant[WhippleState]):
         """(N,) rad/s."""
         return state.yaw_rate
 
+    def pitch(self, state: WhippleState) -> np.ndarray:
+        """Return the pitch of the rear frame, (N,) rad, positive with the nose up."""
+        return state.pitch
+
     def fallen(self, state: WhippleState, limit: float) -> np.ndarray:
         """(N,) bool: leans by more than `limit`, rad, or has stopped for good."""
         leans: np.ndarray = np.abs(state.lean_angle) > limit

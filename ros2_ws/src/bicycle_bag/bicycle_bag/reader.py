@@ -14,7 +14,7 @@ from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import NO_START, BagMetadata, FileInformation, Topic
 from bicycle_bag.schemas import Schemas
 from bicycle_bag.summary import Summary
-from bicycle_bag.versions import missing_end
+from bicycle_bag.versions import missing_end, missing_fields
 
 PACKED = ".mcap.zstd"
 """How rosbag2 names files that it has compressed as a whole."""
@@ -147,6 +147,11 @@ class BagReader:
             known = text and missing_end(self._topics[topic].type, text, Schemas())
             self._ends[topic] = known or b""
         return self._ends[topic]
+
+    def missing_fields(self, topic: str) -> list[str]:
+        """Names of fields that a topic's type has got since the bag was recorded."""
+        text = self._definitions.get(topic, "")
+        return missing_fields(self._topics[topic].type, text, Schemas()) if text else []
 
     def check_kind(self, topic: str, type_name: str, encoding: str) -> None:
         """Check that a message can be decoded by its topic's definition.

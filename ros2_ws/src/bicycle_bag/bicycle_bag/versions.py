@@ -14,6 +14,26 @@ _WIDEST = 8
 """Bytes of the widest number, to which it is aligned."""
 
 
+def missing_fields(type_name: str, recorded: str, schemas: Schemas) -> list[str]:
+    """Return the names of the installed type's fields that a recorded definition lacks.
+
+    Args:
+        type_name: as pkg/msg/Type.
+        recorded: the definition in the bag.
+        schemas: of what is installed.
+    """
+    try:
+        installed = schemas.definition(type_name)
+    except BagError:
+        return []
+    old, new = (_names(text) for text in (recorded, installed))
+    return [name for name in new if name not in old]
+
+
+def _names(definition: str) -> list[str]:
+    return [field.name for field in fields(definition.partition(SEPARATOR)[0])]
+
+
 def missing_end(type_name: str, recorded: str, schemas: Schemas) -> bytes:
     """The bytes that complete a recorded message to the installed version of its type.
 

@@ -132,6 +132,12 @@ class BicycleState:
     plant_state: tuple[float, ...] = ()
     """The whole state of the plant in its own order, where the numbers above do not make it up;
     empty for the paper's bicycle."""
+    yaw_rate: float = 0.0
+    """rad/s, counter-clockwise."""
+    pitch: float = 0.0
+    """rad, positive with the nose up; zero upright with straight steering."""
+    estimated: bool = False
+    """True if an estimator made it of what sensors tell."""
     action: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), compare=False)
     """(T, d, F) as commanded, N m, m, N. A state message does not carry it."""
 

@@ -41,6 +41,8 @@ BODY = (
     "steer_angle",
     "steer_rate",
     "speed",
+    "yaw_rate",
+    "pitch",
 )
 """Fields of a state that a message has under the same name, up to sign."""
 UNIT_TOLERANCE = 1e-3
@@ -109,6 +111,7 @@ def from_snapshot(snapshot: BicycleState, nanoseconds: int) -> BicycleStateMessa
         command_step=int(snapshot.command_step),
         controller=str(snapshot.controller),
         plant_state=[float(value) for value in snapshot.plant_state],
+        estimated=bool(snapshot.estimated),
     )
 
 
@@ -141,6 +144,7 @@ def to_snapshot(message: BicycleStateMessage) -> BicycleState:
         command_step=int(message.command_step),
         controller=message.controller,
         plant_state=tuple(message.plant_state),
+        estimated=bool(message.estimated),
     )
 
 
