@@ -23,6 +23,7 @@ from chromium import (
     cockpit,
     drawn,
     expect,
+    inside,
     opened,
     place,
     position,
@@ -138,6 +139,32 @@ def test_push_pause_and_switch(page: BrowserPage) -> None:
         assert re.match(
             rf"policy {name}@[0-9a-f]+$", page.locator("#who").get_attribute("title") or ""
         )
+
+
+def test_in_3d_a_click_sends_it_and_a_drag_of_the_rider_pushes(page: BrowserPage) -> None:
+    page.keyboard.press("r")
+    said(page, "^the bicycle waits at the origin for a goal$")
+    page.keyboard.press("m")
+    expect(page.locator("#ride")).to_have_attribute("data-main", "3d")
+    until(page, "views.stage.bicycle !== null")
+    box = page.locator("#stage").bounding_box()
+    assert box is not None
+    # The chase camera looks along the bicycle: beside the rider lies what is ahead on the left.
+    page.mouse.click(box["x"] + 0.25 * box["width"], box["y"] + 0.45 * box["height"])
+    goal = [float(word) for word in said(page, r"goal \((.+), (.+)\) sent").groups()]
+    assert goal[0] > 2.0
+    expect(page.locator("#mode")).to_have_text("riding")
+    rider = inside(page, "views.stage.whereRider()")
+    page.mouse.move(box["x"] + rider[0], box["y"] + rider[1])
+    page.mouse.down()
+    page.mouse.move(box["x"] + rider[0] + 60, box["y"] + rider[1], steps=3)
+    expect(page.locator("#pull")).to_be_visible()
+    said(page, r"^Let go: a push of 0\.\d+ rad/s to the right$")
+    page.mouse.up()
+    said(page, "^pushed to the right$")
+    shoot(page, "3d")
+    page.locator("#swap").click()
+    expect(page.locator("#ride")).to_have_attribute("data-main", "map")
 
 
 def test_the_keyboard_alone_sends_a_goal(page: BrowserPage) -> None:

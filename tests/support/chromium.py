@@ -47,20 +47,28 @@ LONG = 1000 * PATIENCE
 """ms."""
 expect.set_options(timeout=LONG)
 
+MAIN = "bicycle-cockpit-main"
+"""Where the page remembers which picture is large."""
 WIDE: ViewportSize = {"width": 1280, "height": 800}
 Started = tuple[str, NodeProcess, int]
 """Address, process and domain of a cockpit."""
 
 
 @contextmanager
-def chromium() -> Iterator[BrowserContext]:
-    """A Chromium with a profile of its own."""
-    with sync_playwright() as playwright, another(playwright) as context:
+def chromium(main: str = "map") -> Iterator[BrowserContext]:
+    """A Chromium with a profile of its own.
+
+    Args:
+        main: the picture that pages show large, as a person chose it before; empty for the first
+            visit. The map, unless 3D is what is tested: without a graphics card 3D takes the
+            processor from the ride.
+    """
+    with sync_playwright() as playwright, another(playwright, main) as context:
         yield context
 
 
 @contextmanager
-def another(playwright: Playwright) -> Iterator[BrowserContext]:
+def another(playwright: Playwright, main: str = "map") -> Iterator[BrowserContext]:
     """One more Chromium, which knows nothing of the others."""
     assert CHROMIUM, "CI must have Chromium: .ci/run installs it"
     with tempfile.TemporaryDirectory() as profile:
@@ -68,6 +76,8 @@ def another(playwright: Playwright) -> Iterator[BrowserContext]:
             profile, executable_path=CHROMIUM, args=FLAGS, viewport=WIDE
         )
         context.set_default_timeout(LONG)
+        if main:
+            context.add_init_script(f"localStorage.setItem('{MAIN}', '{main}')")
         yield context
         context.close()
 
@@ -131,8 +141,8 @@ def position(page: BrowserPage) -> tuple[float, float]:
 
 
 def inside(page: BrowserPage, expression: str) -> Any:
-    """A value of the page's own `live`, `view`, `link` and `player`."""
-    script = f"({{ live, view, link, player }}) => {expression}"
+    """A value of the page's own `live`, `view`, `views`, `link` and `player`."""
+    script = f"({{ live, view, views, link, player }}) => {expression}"
     return page.evaluate(f"async () => ({script})(await import('/web/main.js'))")
 
 

@@ -34,7 +34,8 @@ def session(path: Path) -> dict[str, Any]:
     Returns:
         `columns` (names), `data` (one list per column), `marks` (see there), `riders` (the
         policies that the rows name by number), `loop` (figures of the whole bag), `fall_angle`
-        (rad), `goal_radius` (m) and `duration` (s of simulated time).
+        (rad), `goal_radius` (m), `geometry` (of the bicycle, see `Geometry`) and `duration` (s of
+        simulated time).
 
     Raises:
         BagError: if it cannot be read or holds no ride.
@@ -63,6 +64,7 @@ def session(path: Path) -> dict[str, Any]:
         | {"dropped": dropped_steps(ride.timing)},
         "fall_angle": scenario.fall_angle if scenario else None,
         "goal_radius": scenario.goal_radius if scenario else 1.0,
+        "geometry": asdict((plant or registry.default()).geometry),
         "duration": float(time[-1] - time[0]),
     }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any, Protocol
 
 from bicycle_msgs.msg import (
@@ -161,6 +162,9 @@ class Hearing:
             "fall_angle": scenario.fall_angle,
             "limits": [float(limit) for limit in scenario.action_limits],
             "wheelbase": plant.geometry.wheelbase,
+            "geometry": asdict(plant.geometry),
+            "bicycle": plant.label,
+            "plant": plant.name,
             "time_step": plant.time_step,
             "steer_stop": plant.geometry.steer_stop,
         }

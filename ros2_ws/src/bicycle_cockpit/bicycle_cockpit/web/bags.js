@@ -1,18 +1,10 @@
 // A bag instead of the live ride: choose one, play it, scrub through it.
 
 import { Series } from "./series.js";
-import { token } from "./socket.js";
+import { listed, loaded } from "./source.js";
 
 const byId = (id) => document.getElementById(id);
 const ENDS = ["reached", "missed", "given_up", "fallen", "cancelled"];
-
-async function get(path) {
-  const headers = token() ? { Authorization: `Bearer ${token()}` } : {};
-  const response = await fetch(path, { headers });
-  const data = (response.headers.get("Content-Type") ?? "").includes("json") ? await response.json() : {};
-  if (!response.ok) throw new Error(data.error ?? `the cockpit answers ${response.status}`);
-  return data;
-}
 
 const minutes = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
 const element = (name, fields) => Object.assign(document.createElement(name), fields);
@@ -25,6 +17,8 @@ export class Bag {
     this.loop = data.loop;
     this.radius = data.goal_radius;
     this.fallAngle = data.fall_angle;
+    this.slots = data.slots ?? [];
+    this.geometry = data.geometry ?? null;
     this.series = new Series(data.columns);
     this.series.fill(data.data);
     this.riders = data.riders;
@@ -76,7 +70,7 @@ export class BagPlayer {
     list.textContent = "reading the folder…";
     byId("bags").showModal();
     try {
-      const { bags } = await get("bags");
+      const { bags } = await listed();
       list.textContent = bags.length ? "" : "There is no bag yet: press Record here, or use ride.sh or record.sh.";
       for (const bag of bags) list.append(bag.problem ? this.refusal(bag) : this.entry(bag));
       list.querySelector("button")?.focus();
@@ -105,8 +99,7 @@ export class BagPlayer {
   async open(name) {
     byId("bag-list").textContent = `reading ${name}…`;
     try {
-      const path = name.split("/").map(encodeURIComponent).join("/");
-      this.bag = new Bag(await get(`bags/${path}`));
+      this.bag = new Bag(await loaded(name));
     } catch (error) {
       byId("bag-list").textContent = error.message;
       return;

@@ -4,14 +4,19 @@ import { BagPlayer } from "./bags.js";
 import { drawAbove, drawBehind } from "./bike.js";
 import { drawCharts } from "./charts.js";
 import { answer, offer, showControls, toggle } from "./controls.js";
+import { drawHorizon } from "./horizon.js";
 import { listenToKeys } from "./keys.js";
 import { Live } from "./live.js";
 import { drawMap } from "./map.js";
+import { LiveClock, rowAt } from "./motion.js";
 import { addEvent, clearEvents, listenToTabs, showHead, showLegend, showLoop, showReward, showTrainer } from "./panels.js";
 import { listenTo } from "./pointing.js";
+import { listenToStage } from "./scene/pointing.js";
 import { Link } from "./socket.js";
+import { RIDES, listed } from "./source.js";
 import { colours, policyColour, watchTheme } from "./theme.js";
 import { View } from "./view.js";
+import { Views } from "./views.js";
 import { showWho, tellBag, tellLive } from "./who.js";
 
 const PICTURE = 1000 / 31;
@@ -22,10 +27,13 @@ const byId = (id) => document.getElementById(id);
 export const live = new Live();
 export const view = new View();
 const scene = { mark: null, drag: null };
+const clock = new LiveClock();
 let slots = {};
 let ended = "";
 let dirty = true;
-const redraw = () => (dirty = true);
+let stale = true;
+const redraw = () => (dirty = stale = true);
+export const views = new Views(redraw);
 
 // What the cockpit says.
 
@@ -54,7 +62,8 @@ const takers = {
   answer: (message) => answer(message),
 };
 
-export const link = new Link(
+// A page without a cockpit shows recorded rides only.
+export const link = RIDES ? null : new Link(
   (message) => {
     takers[message.type]?.(message);
     redraw();
@@ -75,6 +84,7 @@ export const player = new BagPlayer({
     view.following = false;
     const { xs, ys } = bag.places;
     view.fit(xs, ys);
+    for (const { colour: key, slot } of bag.slots) slots = { ...slots, [key]: slot };
     listEvents(bag.events);
     showSource();
   },
@@ -95,7 +105,7 @@ function listEvents(events) {
 // What the user asks for.
 
 async function ask(type, fields) {
-  answer(await link.ask(type, fields));
+  answer(link ? await link.ask(type, fields) : { ok: false, message: "This page shows recorded rides: the cockpit rides live." });
 }
 
 /** A control that acts on the live ride; in a bag it does nothing. */
@@ -115,11 +125,19 @@ const actions = {
   follow: () => follow(!view.following),
   "zoom-in": () => zoom(1.35),
   "zoom-out": () => zoom(1 / 1.35),
+  swap: () => views.swap(),
+  camera: () => nextCamera(),
   live: () => player.close(),
   bag: () => player.choose(),
   help: () => byId("keys").showModal(),
 };
-for (const [id, action] of Object.entries(actions)) byId(id).addEventListener("click", action);
+for (const [id, action] of Object.entries(actions)) byId(id)?.addEventListener("click", action);
+
+function nextCamera() {
+  const buttons = [...document.querySelectorAll("[data-camera]")];
+  const at = buttons.findIndex((button) => button.getAttribute("aria-pressed") === "true");
+  views.look(buttons[(at + 1) % buttons.length].dataset.camera);
+}
 
 function follow(on) {
   view.following = on;
@@ -128,7 +146,8 @@ function follow(on) {
 }
 
 function zoom(factor) {
-  view.zoom(factor);
+  if (views.main === "3d") views.stage.eye.zoom(factor);
+  else view.zoom(factor);
   redraw();
 }
 
@@ -155,6 +174,30 @@ listenTo(byId("map"), view, {
   },
 });
 
+listenToStage(byId("stage"), () => views.stage, {
+  goal: (x, y) => player.bag || ask("goal", { x, y }),
+  waypoint: (x, y) => player.bag || ask("waypoints", { points: [[x, y]] }),
+  adding: () => byId("waypoints").getAttribute("aria-pressed") === "true",
+  push: (rate) => ask("push", { lean_rate: rate }),
+  pushable: () => !player.bag && !byId("push-left").disabled,
+  pulled: showPull,
+  moved(turned) {
+    if (turned) views.showCamera();
+    redraw();
+  },
+});
+
+/** The arrow of a push that is being drawn by hand. */
+function showPull(pull) {
+  const bar = byId("pull");
+  bar.hidden = !pull;
+  if (!pull) return;
+  const [dx, dy] = [pull.to[0] - pull.from[0], pull.to[1] - pull.from[1]];
+  Object.assign(bar.style, { left: `${pull.from[0]}px`, top: `${pull.from[1]}px`, width: `${Math.hypot(dx, dy)}px`, rotate: `${Math.atan2(dy, dx)}rad` });
+  const side = pull.rate > 0 ? "right" : "left";
+  answer({ ok: true, message: pull.rate ? `Let go: a push of ${Math.abs(pull.rate).toFixed(2)} rad/s to the ${side}` : "Drag farther to push" });
+}
+
 listenToTabs(redraw);
 listenToKeys(actions, () => (player.bag ? player.toggle() : actions.pause()), byId("letters"));
 
@@ -179,7 +222,8 @@ function showStatus() {
 
 const colour = (rider) => policyColour(slots[rider.colour]);
 
-function draw() {
+/** All that pictures need of what is shown now. */
+function told() {
   const { bag } = player;
   const shownNow = bag ?? live;
   const { series, riders, cursor } = shownNow;
@@ -187,35 +231,78 @@ function draw() {
   const { facts } = live;
   const fallAngle = (bag ? bag.fallAngle : facts.fall_angle) ?? FALL;
   const paints = riders.map(colour);
-  const paint = (number) => paints[number] ?? colours.soft;
-  drawMap(byId("map"), view, {
-    ...scene, series, paint, cursor, wheelbase: facts.wheelbase ?? 1.11, whole: Boolean(bag), marks: shownNow.marks,
-    goal: bag ? bag.goal : live.status.goal, ahead: bag ? [] : live.status.ahead,
+  return {
+    series, riders, cursor, row, fallAngle, marks: shownNow.marks, paint: (number) => paints[number] ?? colours.soft,
+    geometry: bag ? bag.geometry : facts.geometry, goal: bag ? bag.goal : live.status.goal, ahead: bag ? [] : live.status.ahead,
     radius: bag ? bag.radius : facts.goal_radius ?? 1,
+  };
+}
+
+function draw() {
+  const { bag } = player;
+  const shown = told();
+  const { series, riders, cursor, row, fallAngle, paint } = shown;
+  const { facts } = live;
+  drawMap(byId("map"), view, {
+    ...scene, ...shown, wheelbase: shown.geometry?.wheelbase ?? facts.wheelbase ?? 1.11, whole: Boolean(bag),
     fallen: Math.abs(row?.lean) > fallAngle,
   });
   drawBehind(byId("behind"), row ?? undefined, fallAngle);
   drawAbove(byId("above"), row ?? undefined);
   drawCharts(byId("charts"), series, row ? row.t : 0, paint, bag ? bag.pedals : facts.limits?.[2] > 0);
   showHead(bag ? "bag" : live.mode, row);
-  showWho(bag ? tellBag(bag) : tellLive(live, ended), colour);
+  const who = bag ? tellBag(bag) : tellLive(live, ended);
+  showWho(who, colour);
+  showAlarm(who);
   showLoop(bag ? bag.loop : live.status.loop, row, bag ? undefined : live.status, facts.time_step);
   showTrainer(live.trainer, live.training);
   showReward(series, cursor);
   showLegend(series.policiesIn(0, bag ? series.length - 1 : cursor).map((number) => riders[number]).filter(Boolean), colour);
 }
 
+/** What the line below the head warns of, large over the picture. */
+function showAlarm({ level, text }) {
+  const box = byId("alarm");
+  box.hidden = !["warn", "bad"].includes(level);
+  box.dataset.level = level;
+  if (box.textContent !== text) box.textContent = text;
+}
+
+/** The bicycle in 3D, between two rows where the moment is. */
+function drawStage(now) {
+  const shown = told();
+  const { series, cursor, paint } = shown;
+  const time = player.bag ? player.bag.time : clock.at(cursor >= 0 ? series.t[cursor] : 0, now, Math.min(0.25, (now - lastStage) / 1000));
+  const row = cursor >= 0 ? rowAt(series, time) : null;
+  views.stage.draw({ ...shown, row, jersey: paint(row?.policy) }, now);
+  drawHorizon(byId("horizon"), row ?? undefined, shown.fallAngle);
+}
+
 let last = 0;
+let lastStage = 0;
 function picture(now) {
   requestAnimationFrame(picture);
-  if (now - last < PICTURE) return;
   player.advance(now);
-  if (!dirty) return;
+  const { stage, main } = views;
+  if (main === "3d" && stage && (stale || (!player.bag && clock.moving)) && now - lastStage >= stage.pace) {
+    stale = false;
+    drawStage(now);
+    lastStage = now;
+  }
+  if (!dirty || now - last < PICTURE) return;
   dirty = false;
   last = now;
   draw();
 }
 
-watchTheme(redraw);
+watchTheme(() => {
+  views.stage?.themed();
+  redraw();
+});
 addEventListener("resize", redraw);
+if (RIDES) {
+  document.body.classList.add("recorded");
+  listed().then(({ bags }) => bags.length && player.open(bags[0].name), (error) => answer({ ok: false, message: error.message }));
+}
+views.start().then(() => views.showCamera());
 requestAnimationFrame(picture);

@@ -2,6 +2,7 @@
 
 const POLICIES = 10;
 const NAMES = ["page", "card", "ink", "soft", "line", "grid", "accent", "good", "warn", "bad", "tyre", "rider", "frame",
+  "ground", "groundline", "groundedge", "skycolour", "skylight", "sunlight",
   ...Array.from({ length: POLICIES }, (_, slot) => `p${slot}`)];
 /** Degrees of the colour circle that the goal's green keeps for itself. */
 const [GREEN_FROM, GREEN_TO] = [125, 180];

@@ -1,0 +1,59 @@
+// Tubes, rings and limbs: the parts that the bicycle and its rider are made of. z is up, as in the messages.
+
+import * as THREE from "../vendor/three.module.min.js";
+
+const UP = new THREE.Vector3(0, 1, 0);
+const along = new THREE.Vector3();
+
+export const vector = (x, y, z) => new THREE.Vector3(x, y, z);
+
+/** Places a cylinder or capsule, made along y with length 1, between two points. */
+export function stretch(mesh, from, to) {
+  along.subVectors(to, from);
+  const length = along.length() || 1e-6;
+  mesh.position.copy(from).addScaledVector(along, 0.5);
+  mesh.quaternion.setFromUnitVectors(UP, along.divideScalar(length));
+  mesh.scale.set(1, length, 1);
+  return mesh;
+}
+
+/** A round tube between two points; `second` is its radius at the end, m. */
+export function tube(from, to, radius, material, second = radius, sides = 12) {
+  const mesh = new THREE.Mesh(new THREE.CylinderGeometry(second, radius, 1, sides), material);
+  mesh.castShadow = true;
+  return stretch(mesh, from, to);
+}
+
+export function ball(at, radius, material, stretched = [1, 1, 1]) {
+  const mesh = new THREE.Mesh(new THREE.SphereGeometry(radius, 18, 14), material);
+  mesh.position.copy(at);
+  mesh.scale.set(...stretched);
+  mesh.castShadow = true;
+  return mesh;
+}
+
+/** A ring about the y axis. */
+export function ring(radius, thickness, material, sides = 8, parts = 56) {
+  const geometry = new THREE.TorusGeometry(radius, thickness, sides, parts);
+  geometry.rotateX(Math.PI / 2);
+  const mesh = new THREE.Mesh(geometry, material);
+  mesh.castShadow = true;
+  return mesh;
+}
+
+/**
+ * The joint between two bones.
+ *
+ * @param from where the first bone begins @param to where the second ends
+ * @param first length of the first, m @param second of the second
+ * @param hint the direction in which the joint bends
+ */
+export function joint(from, to, first, second, hint) {
+  const line = to.clone().sub(from);
+  const apart = Math.min(line.length(), 0.999 * (first + second));
+  line.normalize();
+  const share = (apart * apart + first * first - second * second) / (2 * apart);
+  const out = Math.sqrt(Math.max(0, first * first - share * share));
+  const side = hint.clone().addScaledVector(line, -hint.dot(line)).normalize();
+  return from.clone().addScaledVector(line, share).addScaledVector(side, out);
+}

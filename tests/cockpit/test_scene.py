@@ -1,0 +1,182 @@
+"""The 3D picture, in a browser that draws it in software, over a recorded ride and without ROS."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict
+from typing import Any
+
+import pytest
+from chromium import BrowserContext, BrowserPage, chromium, expect, inside, opened, until
+from made_bag import write_bag
+from served_page import served_page
+
+from bicycle_sim.plants import registry
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(scope="module")
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A page that needs no cockpit."""
+    folder = tmp_path_factory.mktemp("page")
+    with served_page([write_bag(folder / "bag")], folder / "web") as made:
+        yield made
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[BrowserContext]:
+    """A Chromium on its first visit."""
+    with chromium(main="") as context:
+        yield context
+
+
+@pytest.fixture(scope="module")
+def page(browser: BrowserContext, address: str) -> Iterator[BrowserPage]:
+    """The page with its first ride."""
+    with opened(browser, address, "bag") as made:
+        until(made, "player.bag !== null && views.stage !== null")
+        yield made
+
+
+def shown(page: BrowserPage) -> list[int]:
+    """Sums of red, green and blue over the left and the right half of a new 3D picture."""
+    sums: list[int] = inside(
+        page,
+        """(() => {
+            views.stage.renderer.render(views.stage.world.scene, views.stage.eye.camera);
+            const small = new OffscreenCanvas(2, 1).getContext("2d");
+            small.drawImage(views.stage.canvas, 0, 0, 2, 1);
+            return [...small.getImageData(0, 0, 2, 1).data];
+        })()""",
+    )
+    return sums
+
+
+def wheels(page: BrowserPage, geometry: dict[str, float], row: dict[str, float]) -> Any:
+    """The axles and the turns of wheels and crank of a bicycle that is placed somewhere."""
+    return page.evaluate(
+        """async ([geometry, row]) => {
+            const { Bicycle } = await import("/web/scene/bicycle.js");
+            const made = new Bicycle(geometry);
+            const at = (part) => part.getWorldPosition(part.position.clone()).toArray();
+            made.pose({ x: 0, y: 0, heading: 0, lean: 0, steer: 0, displacement: 0 });
+            made.pose({ x: 0, y: 0, heading: 0, lean: 0, steer: 0, displacement: 0, ...row });
+            const [turn, crank] = [made.rear.rotation.y, made.crank.rotation.y];
+            const [rear, front, head] = [made.rear, made.front, made.body.head].map(at);
+            const found = { rear, front, head, turn, crank };
+            made.dispose();
+            return found;
+        }""",
+        [geometry, row],
+    )
+
+
+def test_the_bicycle_in_3d_is_the_main_picture_and_the_map_an_inset(page: BrowserPage) -> None:
+    expect(page.locator("#ride")).to_have_attribute("data-main", "3d")
+    stage, inset = (page.locator(name).bounding_box() for name in ("#stage", "#map"))
+    assert stage is not None
+    assert inset is not None
+    assert inset["width"] * inset["height"] < 0.2 * stage["width"] * stage["height"]
+    until(page, "views.stage.renderer.info.render.triangles > 5000")
+    assert len(set(shown(page))) > 2
+
+
+def test_every_camera_shows_something_else(page: BrowserPage) -> None:
+    places = set()
+    for camera in ("chase", "orbit", "side", "rider", "top"):
+        page.locator(f"[data-camera={camera}]").click()
+        expect(page.locator(f"[data-camera={camera}]")).to_have_attribute("aria-pressed", "true")
+        until(page, f"views.stage.eye.mode === '{camera}' && !views.stage.eye.fresh")
+        places.add(tuple(inside(page, "views.stage.eye.place.toArray()")))
+    assert len(places) == 5
+    page.locator("[data-camera=chase]").click()
+
+
+@pytest.mark.parametrize("bicycle", ["", "benchmark", "browser-rider"])
+def test_it_is_built_from_the_parameters_of_the_bicycle(page: BrowserPage, bicycle: str) -> None:
+    plant = registry.named("whipple", bicycle) if bicycle else registry.default()
+    size = plant.geometry
+    found = wheels(page, asdict(size), {})
+    assert found["rear"] == pytest.approx([0.0, 0.0, size.rear_radius])
+    assert found["front"] == pytest.approx([size.wheelbase, 0.0, size.front_radius])
+    steer = 0.4
+    turned = wheels(page, asdict(size), {"steer": steer})
+    # The front axle goes round the steering axis: its distance from the rear one along it stays.
+    tilt = size.steer_axis_tilt
+    axis = (-math.sin(tilt), 0.0, math.cos(tilt))
+    along = [
+        sum(a * b for a, b in zip(axis, one["front"], strict=True)) for one in (found, turned)
+    ]
+    assert along[0] == pytest.approx(along[1])
+    offset = size.front_radius * math.sin(tilt) - size.trail * math.cos(tilt)
+    assert turned["front"][1] == pytest.approx(offset * math.sin(steer), abs=1e-6)
+
+
+def test_it_leans_and_heads_as_the_messages_say(page: BrowserPage) -> None:
+    size = asdict(registry.default().geometry)
+    right = wheels(page, size, {"lean": 0.2})
+    assert right["head"][1] < -0.2, "lean is positive to the right, and y is to the left"
+    shifted = wheels(page, size, {"displacement": 0.2})
+    assert shifted["head"][1] > 0.1, "displacement is positive to the left"
+    north = wheels(page, size, {"heading": math.pi / 2})
+    assert north["front"][:2] == pytest.approx([0.0, size["wheelbase"]], abs=1e-9)
+
+
+def test_wheels_and_legs_turn_by_the_way_that_is_ridden(page: BrowserPage) -> None:
+    size = asdict(registry.default().geometry)
+    found = wheels(page, size, {"x": 1.0})
+    assert found["turn"] == pytest.approx(1.0 / size["rear_radius"])
+    assert found["crank"] == pytest.approx(found["turn"] * size["crank_ratio"])
+
+
+def test_between_two_rows_it_is_in_between(page: BrowserPage) -> None:
+    found = page.evaluate(
+        """async () => {
+            const { rowAt } = await import("/web/motion.js");
+            const { player } = await import("/web/main.js");
+            const { series } = player.bag;
+            const middle = (series.t[10] + series.t[11]) / 2;
+            return [series.x[10], rowAt(series, middle).x, series.x[11]];
+        }"""
+    )
+    assert found[1] == pytest.approx((found[0] + found[2]) / 2)
+
+
+def test_the_point_under_the_mouse_is_found_on_the_ground(page: BrowserPage) -> None:
+    found = inside(
+        page,
+        """(() => {
+            const { stage } = views;
+            const at = stage.eye.aim.clone().set(4, 1, 0).project(stage.eye.camera);
+            return stage.hit((at.x + 1) / 2 * stage.width, (1 - at.y) / 2 * stage.height).place;
+        })()""",
+    )
+    assert found == pytest.approx([4.0, 1.0], abs=1e-3)
+
+
+def test_the_choice_of_the_main_picture_is_kept(page: BrowserPage) -> None:
+    page.keyboard.press("m")
+    expect(page.locator("#ride")).to_have_attribute("data-main", "map")
+    page.reload()
+    expect(page.locator("#swap")).to_have_text("3D")
+    expect(page.locator("#ride")).to_have_attribute("data-main", "map")
+    page.locator("#swap").click()
+    expect(page.locator("#ride")).to_have_attribute("data-main", "3d")
+
+
+def test_a_browser_without_webgl_shows_the_map(browser: BrowserContext, address: str) -> None:
+    made = browser.new_page()
+    made.add_init_script(
+        """const before = HTMLCanvasElement.prototype.getContext;
+        HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
+            return kind.startsWith("webgl") ? null : before.call(this, kind, ...more);
+        };"""
+    )
+    made.goto(address)
+    expect(made.locator("#mode")).to_have_text("bag")
+    expect(made.locator("#swap")).to_be_disabled()
+    expect(made.locator("#ride")).to_have_attribute("data-main", "map")
+    assert "no WebGL" in (made.locator("#swap").get_attribute("title") or "")
+    made.close()
