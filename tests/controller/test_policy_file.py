@@ -145,7 +145,7 @@ def metadata() -> dict[str, str]:
     ("name", "value", "expected"),
     [
         ("format", "other", "not a bicycle policy"),
-        ("version", "2", "version '2'"),
+        ("version", "3", "version '3'"),
         ("name", "two words", "name"),
         ("observation_fields", json.dumps(["lean_angle"] * 6), "observation_fields"),
         ("observation_fields", "nonsense", "observation_fields"),

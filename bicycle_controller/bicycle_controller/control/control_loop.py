@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +15,10 @@ from bicycle_controller.control.control_output import ControllerSwitch, ControlO
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.exploration_noise import Noise
 from bicycle_controller.control.goals import GoalTracker, Pose
+from bicycle_controller.control.riding import Riding
 from bicycle_controller.control.safety import Reason, Safety, stopping_pedal
 from bicycle_controller.control.standby import Standby
+from bicycle_sim.plants.base import Plant
 
 TIMES_KEPT = 2000
 """Number of answers whose computing times are kept: 50 s at 40 Hz."""
@@ -30,6 +33,7 @@ class ControlLoop:
         policy: active policy; may be replaced between two answers.
         fallback: controls when the policy may not; may be replaced too.
         safety: judges every state; may be replaced too.
+        plant: the ridden bicycle, for a policy that is told about it; may be replaced too.
         limits: (3,) largest |T| (N m), |d| (m), |F| (N) to send; infinite if unknown.
         answered: number of answered states.
         missed: number of steps that were never seen.
@@ -50,6 +54,7 @@ class ControlLoop:
         fallback: Controller | None = None,
         take_over: bool = True,
         safety: Safety | None = None,
+        plant: Plant[Any] | None = None,
     ) -> None:
         """Create the loop before the first state.
 
@@ -63,6 +68,7 @@ class ControlLoop:
             take_over: True to continue a ride that is found in progress, to its goal.
             safety: layer for one bicycle that switches to the fallback in time; without one, the
                 fallback answers only if the policy fails.
+            plant: the ridden bicycle, if it is known.
         """
         self.name = name
         self.policy = policy
@@ -74,6 +80,9 @@ class ControlLoop:
         self._noise = noise
         self.fallback = fallback
         self.safety = safety
+        self.plant = plant
+        self._riding: Riding | None = None
+        self._ridden: Plant[Any] | None = None
         self._judged = policy
         self._asked: tuple[np.ndarray, np.ndarray] | None = None
         self._stopped_for: int | None = None
@@ -122,8 +131,12 @@ class ControlLoop:
         episode, step = self._last
         if snapshot.episode == episode:
             self.missed += max(0, snapshot.step - step - 1)
+            if self._riding is not None:
+                self._riding.missed(snapshot.step - step - 1)
             return max(1, snapshot.step - step)
         self._stopped_for = None
+        if self._riding is not None:
+            self._riding.reset()
         if self._noise is not None:
             self._noise.reset(np.array([True]))
         if self.safety is not None:
@@ -148,6 +161,8 @@ class ControlLoop:
         action = np.clip(action, -self.limits, self.limits)
         if self.safety is not None:
             action = self.safety.limit(action[None], steps)[0]
+        if self._riding is not None:
+            self._riding.acted(seen, np.array([snapshot.speed]), action[None])
         torque, displacement, pedal = action
         goal = self.tracker.active
         command = Command(
@@ -179,7 +194,7 @@ class ControlLoop:
         self.failing = bool(trouble)
         if action is None:
             self.handed_over += 1
-            given = _act(self.fallback, seen, speed)[0] if self.fallback else None
+            given = _answer(self.fallback, seen, speed)[0] if self.fallback else None
             action = np.zeros(3) if given is None else given
             if self._stopped_for is not None:
                 action[2] = stopping_pedal(snapshot.speed)
@@ -190,10 +205,10 @@ class ControlLoop:
         return action, in_charge, "" if told else warning, told
 
     def _ask(self, seen: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray | None, str]:
-        """Return the policy's answer, see `_act`, and record its computing time."""
+        """Return the policy's answer, see `_answer`, and record its computing time."""
         self._asked = seen, speed
         started = time.perf_counter()
-        found = _act(self.policy, seen, speed)
+        found = self._act(seen, speed)
         self.policy_times.append(time.perf_counter() - started)
         return found
 
@@ -204,7 +219,22 @@ class ControlLoop:
         arrives, this makes that answer faster.
         """
         if self._asked is not None and self.policy_times[-1] < QUICK:
-            _act(self.policy, *self._asked)
+            self._act(*self._asked)
+
+    def _act(self, seen: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray | None, str]:
+        """Return the policy's action with its memory of the ride, see `_answer`."""
+        riding = self._riding
+        if (
+            riding is None
+            or riding.controller is not self.policy
+            or self._ridden is not self.plant
+        ):
+            try:
+                riding = Riding(self.policy, 1, self.plant)
+            except ValueError as error:
+                return None, f"cannot ride: {error}"
+            self._riding, self._ridden = riding, self.plant
+        return _answer(riding, seen, speed)
 
     @property
     def driving(self) -> str:
@@ -280,7 +310,9 @@ def _lateness(snapshot: BicycleState) -> float:
     return float(snapshot.step - 1 - snapshot.command_step)
 
 
-def _act(policy: Controller, seen: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray | None, str]:
+def _answer(
+    policy: Controller | Riding, seen: np.ndarray, speed: np.ndarray
+) -> tuple[np.ndarray | None, str]:
     """Return a policy's action, shape (3,), or None and its error."""
     try:
         action = np.asarray(policy.act(seen, speed), dtype=np.float64)

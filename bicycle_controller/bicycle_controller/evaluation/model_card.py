@@ -6,12 +6,11 @@ import json
 from dataclasses import asdict
 from typing import Any
 
-from bicycle_common.observation import ACTION_FIELDS, OBSERVATION_FIELDS
+from bicycle_common.observation import ACTION_FIELDS
 from bicycle_controller.evaluation.table import as_markdown
+from bicycle_controller.policy.inputs import UNITS, parse
 from bicycle_controller.policy.policy import Policy
 from bicycle_sim.plants import registry
-
-UNITS = ("rad", "rad/s", "rad", "rad/s", "rad/s^2", "rad", "N m", "m", "N")
 
 
 def card(policy: Policy, evaluations: list[dict[str, Any]] | None = None) -> str:
@@ -27,7 +26,7 @@ def card(policy: Policy, evaluations: list[dict[str, Any]] | None = None) -> str
     info = policy.info
     parts = [
         f"# {info.name}",
-        f"A bicycle's controller, `{policy.policy_id}`: a network from the six states of the paper"
+        f"A bicycle's controller, `{policy.policy_id}`: a network from {_seen(policy)}"
         f" to its actions, {' - '.join(map(str, widths(policy)))}.",
         "## Use",
         f"```sh\nbicycle evaluate {info.name} --episodes 1000\n```",
@@ -35,7 +34,7 @@ def card(policy: Policy, evaluations: list[dict[str, Any]] | None = None) -> str
         _scaling(policy),
         "## Trained on",
         _facts(asdict(info.scenario)),
-        f"Physics: {info.plant.label}, {info.plant.time_step} s a step.",
+        f"Physics: {info.plant.label}, {info.plant.time_step} s a step.{_plants(policy)}",
         "## Training",
         _facts(info.trained) if info.trained else "Not recorded.",
     ]
@@ -47,19 +46,55 @@ def card(policy: Policy, evaluations: list[dict[str, Any]] | None = None) -> str
 def widths(policy: Policy) -> list[int]:
     """Return the widths of the network's inputs, hidden layers and outputs."""
     count = sum(name.startswith("layer.") for name in policy.tensors) // 2
-    return [6, *(len(policy.tensors[f"layer.{index}.bias"]) for index in range(count))]
+    return [
+        len(policy.info.inputs),
+        *(len(policy.tensors[f"layer.{index}.bias"]) for index in range(count)),
+    ]
+
+
+def _seen(policy: Policy) -> str:
+    """Return what it sees, in words."""
+    inputs = policy.inputs
+    if inputs.plain:
+        return "the six states of the paper"
+    words = "what it sees"
+    if inputs.memory:
+        words += f" and saw in the last {inputs.memory} periods"
+    return words + (f", told {len(inputs.told)} numbers of the bicycle," if inputs.told else "")
+
+
+def _plants(policy: Policy) -> str:
+    """Return on what else it was trained."""
+    info = policy.info
+    told = f" Trained to ride any bicycle of: {', '.join(info.plants)}." if info.plants else ""
+    if info.speeds is not None:
+        told += f" Speeds {info.speeds[0]:g} to {info.speeds[1]:g} m/s."
+    return told
 
 
 def _scaling(policy: Policy) -> str:
-    """Return a table of the observation's scale and the action's limits."""
+    """Return a table of the inputs' scale and the action's limits."""
     info = policy.info
     lines = ["| | divided by | |", "| --- | --- | --- |"]
-    for name, scale, unit in zip(OBSERVATION_FIELDS, info.observation_scale, UNITS, strict=False):
-        lines.append(f"| {name} | {scale:g} | {unit} |")
+    rows: dict[tuple[str, float], list[int]] = {}
+    for name, scale in zip(info.inputs, info.observation_scale, strict=True):
+        field, age = parse(name)
+        rows.setdefault((field, scale), []).append(age)
+    for (field, scale), ages in rows.items():
+        lines.append(f"| {field}{_ages(ages)} | {scale:g} | {UNITS.get(field, '')} |")
     lines += ["", "| | at most | |", "| --- | --- | --- |"]
-    for name, limit, unit in zip(ACTION_FIELDS, info.action_limits, UNITS[6:], strict=True):
-        lines.append(f"| {name} | {limit:g} | {unit} |")
+    for name, limit in zip(ACTION_FIELDS, info.action_limits, strict=True):
+        lines.append(f"| {name} | {limit:g} | {UNITS[name]} |")
     return "\n".join(lines)
+
+
+def _ages(ages: list[int]) -> str:
+    """Return the ages of one input in words; nothing if it is of now."""
+    if ages == [0]:
+        return ""
+    runs = ages == list(range(ages[0], ages[-1] + 1)) and len(ages) > 1
+    shown = f"{ages[0]} to {ages[-1]}" if runs else ", ".join(map(str, ages))
+    return f", {shown} periods ago"
 
 
 def _facts(data: dict[str, Any]) -> str:

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 from bicycle_common.geometry import wrap_angle
 from bicycle_common.observation import OBSERVATION_FIELDS
 from bicycle_common.validation import require
+from bicycle_controller.control.riding import Riding
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Scenario
 from bicycle_sim.task.task import BicycleTask, Step
@@ -182,15 +183,23 @@ class _Batch:
     def ride(self, controller: Controller, bar: Any) -> Rollouts:
         """Step until every ride has ended."""
         observation = self.task.observation()
+        riding = Riding(controller, self.task.count, self.task.plant)
         while self.task.count:
-            observation = self._step(controller, observation, bar)
+            observation = self._step(riding, observation, bar)
         whole = {"reached": bool, "fallen": bool, "steps": np.int64}
         return Rollouts(**{n: v.astype(whole.get(n, float)) for n, v in self.results.items()})
 
-    def _step(self, controller: Controller, observation: np.ndarray, bar: Any) -> np.ndarray:
+    def _step(self, riding: Riding, observation: np.ndarray, bar: Any) -> np.ndarray:
         """Step the running rides; return the next observation of those that continue."""
         task = self.task
-        action = self._delay(controller.act(self._noisy(observation), task.state.speed))
+        limits, seen, speed = (
+            task.scenario.action_limits,
+            self._noisy(observation),
+            task.state.speed,
+        )
+        chosen = riding.act(seen, speed)
+        riding.acted(seen, speed, np.clip(chosen, -limits, limits))
+        action = self._delay(chosen)
         if self.kick_step == task.steps[0] and self.trial.roll_kick > 0:
             task.state = task.plant.pushed(task.state, self.kick)
         before = task.state
@@ -205,6 +214,7 @@ class _Batch:
         task.keep(going)
         self.index, self.kick = self.index[going], self.kick[going]
         self.sums.keep(going)
+        riding.keep(going)
         self.waiting = deque(action[going] for action in self.waiting)
         return outcome.observation[going]
 

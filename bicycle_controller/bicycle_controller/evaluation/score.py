@@ -11,6 +11,7 @@ import numpy as np
 from bicycle_controller.config.run import EvaluationConfig
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.exploration_noise import Noise, NoiseConfig
+from bicycle_controller.control.riding import Riding
 from bicycle_controller.evaluation.evaluate import evaluate
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Region, Scenario
@@ -93,12 +94,16 @@ def shaken(
     noise = Noise(NoiseConfig("ou", sigma, SHAKE_THETA), SHAKEN, 3, source)
     limits = scenario.action_limits
     observation = task.observation()
+    riding = Riding(policy, SHAKEN, plant)
     for _ in range(steps):
-        action = policy.act(observation, task.state.speed) + noise.sample() * limits
+        speed = task.state.speed
+        action = riding.act(observation, speed) + noise.sample() * limits
+        riding.acted(observation, speed, np.clip(action, -limits, limits))
         made = task.step(action)
         observation = made.observation
         if made.terminated.any():
             task.reset(made.terminated)
+            riding.reset(made.terminated)
             observation = task.observation()
     return float(task.fallen.mean())
 

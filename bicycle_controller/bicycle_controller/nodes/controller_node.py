@@ -39,7 +39,7 @@ from bicycle_controller.nodes.controller_settings import ControllerSettings
 from bicycle_controller.nodes.messages import from_event, from_hand_over
 from bicycle_controller.nodes.policy_loader import Making, PolicyLoader
 from bicycle_controller.policy.policy import PolicyError, load_controller
-from bicycle_controller.policy.trained_for import UNLIKE, unlike_training, warning
+from bicycle_controller.policy.trained_for import UNLIKE, rides_any, unlike_training, warning
 from bicycle_sim.nodes.episode_setting import to_setting
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
@@ -112,6 +112,7 @@ class ControllerNode(Node):
             settings.make_fallback(own, self._plant),
             settings.take_over,
             settings.make_safety(self._plant),
+            self._plant,
         )
 
     def close(self) -> None:
@@ -178,6 +179,7 @@ class ControllerNode(Node):
             self._simulator_limits = scenario.action_limits
             self._ridden = plant, scenario
             self._driver.policy = self._designed(self._driver.policy)
+            self._driver.plant = plant
             self._limit()
             self._suit(plant)
             self._compare()
@@ -205,6 +207,8 @@ class ControllerNode(Node):
         policy = self._driver.policy
         own = limits_of(policy)
         self._driver.limits = np.minimum(own, self._simulator_limits)
+        if self._ridden is not None and rides_any(policy, self._ridden[0]):
+            return
         if (own[np.isfinite(own)] > self._simulator_limits[np.isfinite(own)]).any():
             self._warn(
                 f"policy {policy.policy_id} may use {_shown(own)}, the simulator allows "

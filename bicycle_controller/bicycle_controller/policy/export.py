@@ -1,7 +1,7 @@
 """Export of a policy to ONNX, checked against numpy and torch.
 
-The ONNX model includes the scaling: `observation` (N, 6) float32 in SI units to `action` (N, 3)
-float32 in N m, m and N; fields and metadata as in the policy file.
+The ONNX model includes the scaling: `observation` (N, n) float32 in SI units to `action` (N, 3)
+float32 in N m, m and N; inputs and metadata as in the policy file.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def to_onnx(policy: Policy) -> onnx.ModelProto:
     limits = np.array(policy.info.action_limits)
     constants = {"scale": np.array(policy.info.observation_scale), "limits": limits}
     constants |= tensors
-    driven = limits > 0
+    driven, width = limits > 0, len(policy.info.inputs)
     # Rows of zeros give the actions that the policy does not drive.
     for name in (f"layer.{count - 1}.weight", f"layer.{count - 1}.bias"):
         constants[name] = np.zeros((3, *tensors[name].shape[1:]))
@@ -46,7 +46,7 @@ def to_onnx(policy: Policy) -> onnx.ModelProto:
     graph = helper.make_graph(
         nodes,
         policy.info.name,
-        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["N", 6])],
+        [helper.make_tensor_value_info("observation", TensorProto.FLOAT, ["N", width])],
         [helper.make_tensor_value_info("action", TensorProto.FLOAT, ["N", 3])],
         [numpy_helper.from_array(v.astype(np.float32), n) for n, v in constants.items()],
     )
@@ -79,7 +79,7 @@ def save_onnx(
     Args:
         policy: to be written.
         path: of the file; replaced atomically.
-        torch_actor: anything with `act` as in `TorchPolicy`; compared too if given.
+        torch_actor: anything with `answer` as in `TorchPolicy`; compared too if given.
         seed: of the observations compared.
 
     Returns:
@@ -98,7 +98,7 @@ def save_onnx(
 def parity(
     policy: Policy, model: bytes, torch_actor: Any = None, seed: int = 0
 ) -> dict[str, float]:
-    """Compare the runtimes on 4,096 observations, from far inside to far outside the scales.
+    """Compare the runtimes on 4,096 rows of inputs, from far inside to far outside the scales.
 
     Returns:
         Largest difference from numpy by runtime, as a share of the action limit.
@@ -107,14 +107,14 @@ def parity(
         ExportError: if one exceeds TOLERANCE.
     """
     spread = np.geomspace(0.01, 10.0, 4096)[:, None] * np.array(policy.info.observation_scale)
-    observation = np.random.default_rng(seed).normal(size=(4096, 6)) * spread
-    answers = {"onnxruntime": _run_onnx(model, observation)}
+    inputs = np.random.default_rng(seed).normal(size=spread.shape) * spread
+    answers = {"onnxruntime": _run_onnx(model, inputs)}
     if torch_actor is not None:
-        answers["torch"] = torch_actor.act(observation)
+        answers["torch"] = torch_actor.answer(inputs)
     limits = np.array(policy.info.action_limits)
     differences = {}
     for name, answer in answers.items():
-        error = np.abs(answer - policy.act(observation)) / np.where(limits > 0, limits, 1.0)
+        error = np.abs(answer - policy.answer(inputs)) / np.where(limits > 0, limits, 1.0)
         differences[name] = float(error.max())
         if not error.max() <= TOLERANCE:
             raise ExportError(
@@ -124,12 +124,12 @@ def parity(
     return differences
 
 
-def _run_onnx(model: bytes, observation: np.ndarray) -> np.ndarray:
+def _run_onnx(model: bytes, inputs: np.ndarray) -> np.ndarray:
     """Return ONNX Runtime's output, (N, 3)."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
     session = onnxruntime.InferenceSession(model, options, providers=["CPUExecutionProvider"])
-    (answer,) = session.run(["action"], {"observation": observation.astype(np.float32)})
+    (answer,) = session.run(["action"], {"observation": inputs.astype(np.float32)})
     return np.asarray(answer, dtype=np.float64)

@@ -18,7 +18,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bicycle_common.validation import nearest
+from bicycle_controller.control.past import Past
 from bicycle_controller.policy.inference import forward_pass
+from bicycle_controller.policy.inputs import Inputs
 from bicycle_controller.policy.policy_file import (
     MAX_FILE_BYTES,
     PolicyError,
@@ -68,6 +70,7 @@ class Policy:
 
     Attributes:
         info: scenario, plant, scaling and origin.
+        inputs: what it sees.
         tensors: the weights by their names in the file, float32.
     """
 
@@ -83,6 +86,7 @@ class Policy:
             PolicyError: if the tensors do not form a network for `info`.
         """
         self.info = info
+        self.inputs = Inputs(info.inputs)
         self.tensors = tensors
         self._digest = digest
         count = check_tensors(info, tensors)
@@ -92,7 +96,7 @@ class Policy:
         self._layers[-1] = tuple(_rows(array, driven) for array in self._layers[-1])
         self._scale = np.array(info.observation_scale)[:, None]
         self._limits = np.array(info.action_limits)
-        widths = [6, *(layer[0].shape[0] for layer in self._layers)]
+        widths = [len(info.inputs), *(layer[0].shape[0] for layer in self._layers)]
         self._memory = [np.zeros(width * CHUNK, dtype=np.float32) for width in widths]
         self._one = forward_pass(self._layers, self._scale[:, 0], self._limits, NORM_EPSILON)
 
@@ -111,30 +115,50 @@ class Policy:
         digest = self._digest or hashlib.sha256(encode(self.info, self.tensors)).hexdigest()
         return f"{self.info.name}@{digest[:10]}"
 
-    def act(self, observation: np.ndarray, speed: np.ndarray | None = None) -> np.ndarray:
+    @property
+    def memory(self) -> int:
+        """Number of past control periods that it sees, see `Controller`."""
+        return self.inputs.memory
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Names of the bicycle's parameters that it is told, see `Controller`."""
+        return self.inputs.told
+
+    def act(
+        self,
+        observation: np.ndarray,
+        speed: np.ndarray | None = None,
+        past: Past | None = None,
+    ) -> np.ndarray:
         """Choose the actions of N bicycles.
 
         Rows are independent of each other, but their last digits depend on the number of rows.
 
         Args:
             observation: (N, 6) SI units, see OBSERVATION_FIELDS.
-            speed: ignored: the paper's six states leave the speed out.
+            speed: (N,) m/s; ignored by a policy of the paper's six states.
+            past: of the N rides, for a policy with memory; without, they begin now.
 
         Returns:
             (N, 3) N m, m and N, see ACTION_FIELDS; within the limits, or NaN for an observation
             with NaN.
 
         Raises:
-            ValueError: if the shape is not (N, 6).
+            ValueError: if the shape is not (N, 6), or something that it sees is missing.
         """
         if observation.ndim != 2 or observation.shape[1] != 6:
             raise ValueError(f"observation must have shape (N, 6), not {observation.shape}")
-        count = len(observation)
+        return self.answer(self.inputs.gather(observation, speed, past))
+
+    def answer(self, inputs: np.ndarray) -> np.ndarray:
+        """Return the actions (N, 3) for inputs (N, n), both in physical units; see `act`."""
+        count = len(inputs)
         if count == 1:
-            return self._one(observation)
+            return self._one(inputs)
         action = np.empty((count, 3))
         for first in range(0, count, CHUNK):
-            rows = observation[first : first + CHUNK]
+            rows = inputs[first : first + CHUNK]
             action[first : first + CHUNK] = self._forward(rows, self._buffers(len(rows)))
         return action
 
@@ -142,9 +166,9 @@ class Policy:
         """Return buffers for the input and every layer's output, (width, count) each."""
         return [flat[: flat.size // CHUNK * count].reshape(-1, count) for flat in self._memory]
 
-    def _forward(self, observation: np.ndarray, buffers: list[np.ndarray]) -> np.ndarray:
+    def _forward(self, seen: np.ndarray, buffers: list[np.ndarray]) -> np.ndarray:
         """Return (n, 3) actions; bicycles are columns."""
-        inputs = np.divide(observation.T, self._scale, out=buffers[0], casting="same_kind")
+        inputs = np.divide(seen.T, self._scale, out=buffers[0], casting="same_kind")
         for layer, outputs in zip(self._layers, buffers[1:], strict=True):
             np.dot(layer[0], inputs, out=outputs)
             np.add(outputs, layer[1], out=outputs)

@@ -5,13 +5,16 @@ with layer normalisation `norm.{i}.weight` and `norm.{i}.bias` (out,). The metad
 all but the first three hold JSON:
 
     format              "bicycle-policy"
-    version             "1"
+    version             "1", or "2" where something below needs it
     name                a short word, the first half of the policy's id
-    observation_fields  must equal `bicycle_sim.task.task.OBSERVATION_FIELDS`
-    observation_scale   the observation is divided by it, one positive number per field
+    observation_fields  version 1: must equal `bicycle_sim.task.task.OBSERVATION_FIELDS`
+    inputs              version 2: names of the inputs, see `inputs.py`
+    observation_scale   the inputs are divided by it, one positive number per input
     action_fields       must equal `bicycle_sim.task.task.ACTION_FIELDS`
     action_limits       the network's outputs, in -1..1, are multiplied by those above zero
     scenario, physics   what the policy was trained on; the latter is JSON of the plant
+    plants              version 2: kinds of plant of which it rides any bicycle
+    speeds              version 2: m/s, least and largest of its training, or null
     time_step           s between two actions
     trained             algorithm, seed, command, commit, steps, ...
 """
@@ -30,12 +33,13 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from bicycle_common.observation import ACTION_FIELDS, OBSERVATION_FIELDS
+from bicycle_controller.policy.inputs import Inputs
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Scenario
 
 FORMAT = "bicycle-policy"
-VERSION = "1"
+VERSIONS = ("1", "2")
 MAX_HEADER_BYTES = 256 * 1024
 MAX_FILE_BYTES = 64 * 1024 * 1024
 
@@ -61,17 +65,37 @@ class PolicyInfo:
     scenario: Scenario
     plant: Plant[Any]
     observation_scale: tuple[float, ...]
-    """Six numbers above zero in the units of OBSERVATION_FIELDS."""
+    """A number above zero for each of `inputs`, in its unit."""
     action_limits: tuple[float, ...]
     """Largest |T| (N m), |d| (m) and |F| (N); zero for actions that the policy does not use."""
     trained: dict[str, Any] = field(default_factory=dict)
+    inputs: tuple[str, ...] = OBSERVATION_FIELDS
+    """Names, see `inputs.py`; the paper's six states by default."""
+    plants: tuple[str, ...] = ()
+    """Kinds of plant of which it was trained to ride any bicycle, within any limits; without
+    one, it was trained for `plant` alone."""
+    speeds: tuple[float, float] | None = None
+    """m/s, least and largest of its training; None for those of the scenario."""
 
     def __post_init__(self) -> None:
         _check(
             isinstance(self.name, str) and _NAME.fullmatch(self.name) is not None,
             f"name {self.name!r} is not a word of letters, digits, '.', '_' and '-'",
         )
-        for name, size in (("observation_scale", 6), ("action_limits", 3)):
+        for name in ("inputs", "plants"):
+            words = getattr(self, name)
+            good = isinstance(words, (list, tuple)) and all(isinstance(w, str) for w in words)
+            _check(good, f"{name} must be a list of names")
+            object.__setattr__(self, name, tuple(words))
+        try:
+            Inputs(self.inputs)
+        except ValueError as error:
+            raise PolicyError(f"{error}; update bicycle, or train it again") from None
+        if self.speeds is not None:
+            low, high = _numbers("speeds", self.speeds, 2)
+            _check(0 < low <= high, "speeds must be above zero, the least first")
+            object.__setattr__(self, "speeds", (low, high))
+        for name, size in (("observation_scale", len(self.inputs)), ("action_limits", 3)):
             numbers = _numbers(name, getattr(self, name), size)
             object.__setattr__(self, name, numbers)
         _check(min(self.observation_scale) > 0, "observation_scale must be above zero")
@@ -104,11 +128,15 @@ def _numbers(name: str, values: Any, size: int) -> tuple[float, ...]:
 
 def metadata(info: PolicyInfo) -> dict[str, str]:
     """Return the file's metadata, see this module's docstring."""
+    old = info.inputs == OBSERVATION_FIELDS and not info.plants and info.speeds is None
+    inputs = {"observation_fields" if old else "inputs": json.dumps(info.inputs)}
+    if not old:
+        inputs |= {"plants": json.dumps(info.plants), "speeds": json.dumps(info.speeds)}
     return {
         "format": FORMAT,
-        "version": VERSION,
+        "version": VERSIONS[0] if old else VERSIONS[1],
         "name": info.name,
-        "observation_fields": json.dumps(OBSERVATION_FIELDS),
+        **inputs,
         "observation_scale": json.dumps(info.observation_scale),
         "action_fields": json.dumps(ACTION_FIELDS),
         "action_limits": json.dumps(info.action_limits),
@@ -183,14 +211,16 @@ def _info(metadata: Any) -> PolicyInfo:
         "it is a safetensors file, but not a bicycle policy",
     )
     version = metadata.get("version")
-    if version != VERSION:
-        raise PolicyError(f"its format is version {version!r}, not {VERSION!r}; update bicycle")
-    for name, expected in (
-        ("observation_fields", OBSERVATION_FIELDS),
-        ("action_fields", ACTION_FIELDS),
-    ):
+    if version not in VERSIONS:
+        known = " or ".join(map(repr, VERSIONS))
+        raise PolicyError(f"its format is version {version!r}, not {known}; update bicycle")
+    fixed: dict[str, tuple[str, ...]] = {"action_fields": ACTION_FIELDS}
+    if version == "1":
+        fixed["observation_fields"] = OBSERVATION_FIELDS
+    for name, expected in fixed.items():
         found = _json(metadata, name)
         _check(found == list(expected), f"its {name} are {found}, not {list(expected)}")
+    new = {} if version == "1" else {n: _json(metadata, n) for n in ("inputs", "plants", "speeds")}
     trained = _json(metadata, "trained")
     _check(isinstance(trained, dict), "its 'trained' is not a mapping")
     info = PolicyInfo(
@@ -200,6 +230,7 @@ def _info(metadata: Any) -> PolicyInfo:
         observation_scale=_json(metadata, "observation_scale"),
         action_limits=_json(metadata, "action_limits"),
         trained=trained,
+        **new,
     )
     step = info.plant.time_step
     _check(_json(metadata, "time_step") == step, f"its time_step is not its plant's {step} s")
@@ -234,7 +265,7 @@ def check_tensors(info: PolicyInfo, tensors: Tensors) -> int:
     """
     count = sum(name.startswith("layer.") and name.endswith(".weight") for name in tensors)
     _check(count > 0, "it has no layer.0.weight")
-    width, expected = 6, {}
+    width, expected = len(info.inputs), {}
     for index in range(count):
         weight = tensors.get(f"layer.{index}.weight")
         good = weight is not None and weight.ndim == 2 and weight.shape[1] == width

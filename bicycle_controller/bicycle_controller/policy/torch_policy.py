@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from bicycle_controller.control.past import Past
 from bicycle_controller.policy.policy import NORM_EPSILON, Policy
 
 
@@ -15,6 +16,8 @@ class TorchPolicy:
     def __init__(self, policy: Policy, device: str = "cpu") -> None:
         """Copy the weights to `device`."""
         self.policy_id = policy.policy_id
+        self.memory, self.told = policy.memory, policy.told
+        self._inputs = policy.inputs
         self.device = torch.device(device)
         self.network = network(policy).to(self.device)
         limits = np.array(policy.info.action_limits)
@@ -22,12 +25,21 @@ class TorchPolicy:
         self._limits = limits[self._driven]
         self._scale = np.array(policy.info.observation_scale)
 
-    def act(self, observation: np.ndarray, speed: np.ndarray | None = None) -> np.ndarray:
+    def act(
+        self,
+        observation: np.ndarray,
+        speed: np.ndarray | None = None,
+        past: Past | None = None,
+    ) -> np.ndarray:
         """Return the same actions as `Policy.act`."""
-        scaled = torch.as_tensor(observation / self._scale, dtype=torch.float32)
+        return self.answer(self._inputs.gather(observation, speed, past))
+
+    def answer(self, inputs: np.ndarray) -> np.ndarray:
+        """Return the same actions as `Policy.answer`."""
+        scaled = torch.as_tensor(inputs / self._scale, dtype=torch.float32)
         with torch.inference_mode():
             outputs = self.network(scaled.to(self.device)).cpu().numpy()
-        action = np.zeros((len(observation), 3))
+        action = np.zeros((len(inputs), 3))
         action[:, self._driven] = outputs * self._limits
         return action
 

@@ -51,6 +51,12 @@ def _shown(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value).lower()
 
 
+def rides_any(controller: Controller, plant: Plant[Any]) -> bool:
+    """Return True for an actor that was trained to ride any bicycle of that kind of plant."""
+    info = getattr(controller, "info", None)
+    return info is not None and plant.name in info.plants
+
+
 def unlike_training(
     controller: Controller, plant: Plant[Any], scenario: Scenario | None = None
 ) -> list[str]:
@@ -63,9 +69,9 @@ def unlike_training(
     """
     info = getattr(controller, "info", None)
     known = getattr(controller if info is None else info, "plant", None)
-    found = [] if known is None else differences(known, plant)
+    found = [] if known is None or rides_any(controller, plant) else differences(known, plant)
     if info is not None and scenario is not None:
-        low, high = _speeds(info.scenario)
+        low, high = info.speeds or _speeds(info.scenario)
         slack = SPEED_TOLERANCE * info.scenario.start_speed
         if not low - slack <= scenario.start_speed <= high + slack:
             range_ = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bicycle_common.observation import ACTION_FIELDS, OBSERVATION_FIELDS
+from bicycle_controller.control.riding import Riding
 from bicycle_controller.evaluation.evaluate import evaluate
 from bicycle_controller.policy.policy import load_controller
 from bicycle_controller.reproduce.experiment import Experiment, Variant
@@ -122,9 +123,11 @@ def trace(
     fallen = np.zeros(count, dtype=bool)
     kept: list[tuple[np.ndarray, ...]] = []
     observation = task.observation()
+    riding = Riding(controller, count, plant)
     while True:
-        action = np.clip(controller.act(observation, task.state.speed), -limits, limits)
         state = task.state
+        action = np.clip(riding.act(observation, state.speed), -limits, limits)
+        riding.acted(observation, state.speed, action)
         kept.append((state.rear_x, state.rear_y, state.speed, observation, action))
         if not going.any():
             break

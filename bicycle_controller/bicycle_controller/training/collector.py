@@ -74,6 +74,11 @@ class Collector:
         self.teacher = (
             load_controller(teacher.controller, config.physics) if teacher.share else None
         )
+        if getattr(self.teacher, "memory", 0) or getattr(self.teacher, "told", ()):
+            raise ValueError(
+                f"teacher.controller {teacher.controller} remembers the past, which this training"
+                " does not keep: choose another one"
+            )
         self.absorbing = learner.fall == "absorbing"
         self.returns = NStepAccumulator(
             config.bicycles,

@@ -9,7 +9,7 @@ from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_cockpit.ride_state import RideState
 from bicycle_controller.control.lqr import TUNED
 from bicycle_controller.policy.policy import PolicyError, load_policy
-from bicycle_controller.policy.trained_for import unlike_training
+from bicycle_controller.policy.trained_for import rides_any, unlike_training
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Scenario
 
@@ -36,12 +36,12 @@ def misfit(path: str, plant: Plant[Any], scenario: Scenario) -> str:
             policy = load_policy(path)
         except PolicyError:
             return ""  # the controller reports the error
-        wanted = policy.info.action_limits
+        wanted = () if rides_any(policy, plant) else policy.info.action_limits
         unlike = unlike_training(policy, plant, scenario)
     reasons = [
         f"it uses {factor * most:g} {unit} of {name} and {factor * limit:g} {unit} are allowed"
         for (name, factor, unit), most, limit in zip(
-            ACTIONS, wanted, scenario.action_limits, strict=True
+            ACTIONS, wanted, scenario.action_limits, strict=False
         )
         if most > limit * (1.0 + 1e-9)
     ]
