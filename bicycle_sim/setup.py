@@ -58,7 +58,11 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
     ],
     install_requires=[sibling("bicycle_common"), "numpy"],
-    extras_require={"gym": ["gymnasium", "matplotlib"], "test": ["pytest"]},
+    extras_require={
+        "gym": ["gymnasium", "matplotlib"],
+        "sb3": ["gymnasium", "matplotlib", "stable-baselines3"],
+        "test": ["pytest"],
+    },
     python_requires=">=3.10",
     zip_safe=False,
     maintainer="Self-driving bicycle maintainers",

@@ -7,7 +7,7 @@
 #   --with foxglove   also Foxglove's WebSocket server, for foxglove.sh
 #   --with sbom       also what sbom.sh lists all packages with
 #   --with dev        also what tests and checks need (holds train, foxglove and sbom)
-#   --with bench      also stable-baselines3, which tests/benchmarks compares with (holds train)
+#   --with bench      also sb3-contrib and SBX, which tests/benchmarks compares with (holds train)
 #   --force           do every stage again, done or not
 #   --quiet           say nothing when there is nothing to do
 #

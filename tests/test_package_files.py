@@ -38,6 +38,7 @@ ON_PYPI = {
     "onnxruntime": "onnxruntime",
     "ray": "ray",
     "gymnasium": "gymnasium",
+    "stable_baselines3": "stable-baselines3",
     "foxglove": "foxglove-sdk",
 }
 """Names on PyPI of what has no key of rosdep."""

@@ -30,6 +30,12 @@ def scenario_id(name: str, training: bool = False) -> str:
     return f"bicycle/{name}{'-train' if training else ''}-v0"
 
 
+def env_ids() -> list[str]:
+    """Return every id."""
+    ids = [scenario_id(name, training) for name in SCENARIOS for training in (False, True)]
+    return [ENV_ID, *ids]
+
+
 def register() -> None:
     """Register `ENV_ID` and two ids for each scenario, once."""
     if ENV_ID in gymnasium.registry:
