@@ -26,7 +26,7 @@ STARTED = {"bicycle_bringup": {"bicycle_sim"}}
 ROSDEP = {
     name: f"python3-{name}"
     for name in ("numpy", "scipy", "matplotlib", "tqdm", "lz4", "zstandard", "aiohttp")
-} | {"yaml": "python3-yaml"}
+} | {"yaml": "python3-yaml", "PIL": "python3-pil"}
 """Keys of rosdep for what is imported."""
 
 ON_PYPI = {
@@ -90,7 +90,7 @@ def test_setup_py_names_what_is_imported_without_ros(package: str) -> None:
         check=True,
     )
     named = {line.replace("-", "_").lower() for line in done.stdout.split()}
-    pip_names = {"yaml": "pyyaml", **ON_PYPI}
+    pip_names = {"yaml": "pyyaml", "PIL": "pillow", **ON_PYPI}
     used = {name for name in imports(package, nodes=False) if not is_ros(name)}
     needed = {pip_names.get(name, name).replace("-", "_").lower() for name in used}
     assert needed - named == set()

@@ -30,6 +30,8 @@ setup(
         "aiohttp",
         "mcap",
         "numpy",
+        "pillow",
+        "tqdm",
     ],
     extras_require={"test": ["pytest"]},
     python_requires=">=3.10",

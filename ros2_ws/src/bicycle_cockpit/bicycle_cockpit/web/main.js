@@ -4,19 +4,20 @@ import { BagPlayer } from "./bags.js";
 import { drawAbove, drawBehind } from "./bike.js";
 import { drawCharts } from "./charts.js";
 import { answer, offer, showControls, toggle } from "./controls.js";
+import { Film, save } from "./film.js";
 import { drawHorizon } from "./horizon.js";
 import { listenToKeys } from "./keys.js";
 import { Live } from "./live.js";
 import { drawMap } from "./map.js";
 import { LiveClock, rowAt } from "./motion.js";
-import { addEvent, clearEvents, listenToTabs, showHead, showLegend, showLoop, showReward, showTrainer } from "./panels.js";
+import { addEvent, clearEvents, listenToTabs, showHead, showLegend, showLoop, showReward, showTrainer, shown } from "./panels.js";
 import { listenTo } from "./pointing.js";
 import { listenToStage } from "./scene/pointing.js";
 import { Link } from "./socket.js";
 import { RIDES, listed } from "./source.js";
 import { colours, policyColour, watchTheme } from "./theme.js";
 import { View } from "./view.js";
-import { Views } from "./views.js";
+import { Views, asked } from "./views.js";
 import { showWho, tellBag, tellLive } from "./who.js";
 
 const PICTURE = 1000 / 31;
@@ -127,6 +128,7 @@ const actions = {
   "zoom-out": () => zoom(1 / 1.35),
   swap: () => views.swap(),
   camera: () => nextCamera(),
+  film: () => makeFilm(),
   live: () => player.close(),
   bag: () => player.choose(),
   help: () => byId("keys").showModal(),
@@ -240,11 +242,11 @@ function told() {
 
 function draw() {
   const { bag } = player;
-  const shown = told();
-  const { series, riders, cursor, row, fallAngle, paint } = shown;
+  const moment = told();
+  const { series, riders, cursor, row, fallAngle, paint } = moment;
   const { facts } = live;
   drawMap(byId("map"), view, {
-    ...scene, ...shown, wheelbase: shown.geometry?.wheelbase ?? facts.wheelbase ?? 1.11, whole: Boolean(bag),
+    ...scene, ...moment, wheelbase: moment.geometry?.wheelbase ?? facts.wheelbase ?? 1.11, whole: Boolean(bag),
     fallen: Math.abs(row?.lean) > fallAngle,
   });
   drawBehind(byId("behind"), row ?? undefined, fallAngle);
@@ -270,18 +272,65 @@ function showAlarm({ level, text }) {
 
 /** The bicycle in 3D, between two rows where the moment is. */
 function drawStage(now) {
-  const shown = told();
-  const { series, cursor, paint } = shown;
+  const moment = told();
+  const { series, cursor, paint } = moment;
   const time = player.bag ? player.bag.time : clock.at(cursor >= 0 ? series.t[cursor] : 0, now, Math.min(0.25, (now - lastStage) / 1000));
   const row = cursor >= 0 ? rowAt(series, time) : null;
-  views.stage.draw({ ...shown, row, jersey: paint(row?.policy) }, now);
-  drawHorizon(byId("horizon"), row ?? undefined, shown.fallAngle);
+  views.stage.draw({ ...moment, row, jersey: paint(row?.policy) }, now);
+  drawHorizon(byId("horizon"), row ?? undefined, moment.fallAngle);
+}
+
+// Films.
+
+/** What a film says of the moment. */
+function caption() {
+  const { bag } = player;
+  const { row, series, cursor, riders, paint } = told();
+  const number = cursor >= 0 ? series.policy[cursor] : NaN;
+  const { level, text } = bag ? tellBag(bag) : tellLive(live, ended);
+  return {
+    who: riders[number] ? riders[number].label ?? riders[number].name : "", colour: paint(number), level,
+    facts: row ? `${shown(row.t, 1)} s   ${shown(row.speed, 1)} m/s   lean ${shown((row.lean * 180) / Math.PI, 0)}°` : "",
+    alarm: ["warn", "bad"].includes(level) ? text : "",
+  };
+}
+
+const film = new Film(() => ({ stage: byId("stage"), map: byId("map"), main: views.main }), caption);
+
+function makeFilm() {
+  if (film.running) return stopFilm();
+  if (!Film.type) return answer({ ok: false, message: "This browser makes no films: use report.sh --video on a bag." });
+  const box = byId("ride").getBoundingClientRect();
+  film.start(Math.round(1.5 * box.width), Math.round(1.5 * box.height), (file, ending) => {
+    save(file, `bicycle-${new Date().toISOString().slice(0, 19).replaceAll(":", "-")}.${ending}`);
+    answer({ ok: true, message: "The film is among your downloads." });
+  });
+  byId("film").setAttribute("aria-pressed", "true");
+  byId("film").textContent = "Save film";
+}
+
+function stopFilm() {
+  film.stop();
+  byId("film").setAttribute("aria-pressed", "false");
+  byId("film").textContent = "Film";
+}
+
+/** One picture of a film of a bag, for `report.sh --video`: a data URL. */
+export function frame(time, camera, kind = "image/jpeg") {
+  const { stage } = views;
+  if (stage.eye.mode !== camera) stage.eye.choose(camera);
+  if (camera === "orbit") stage.eye.azimuth = 0.35 * time - 2.3;
+  player.seek(time);
+  draw();
+  drawStage(1000 * time);
+  return film.compose(innerWidth, innerHeight).toDataURL(kind, 0.92);
 }
 
 let last = 0;
 let lastStage = 0;
 function picture(now) {
   requestAnimationFrame(picture);
+  if (asked("film")) return;
   player.advance(now);
   const { stage, main } = views;
   if (main === "3d" && stage && (stale || (!player.bag && clock.moving)) && now - lastStage >= stage.pace) {
@@ -289,6 +338,7 @@ function picture(now) {
     drawStage(now);
     lastStage = now;
   }
+  film.take();
   if (!dirty || now - last < PICTURE) return;
   dirty = false;
   last = now;
@@ -300,9 +350,13 @@ watchTheme(() => {
   redraw();
 });
 addEventListener("resize", redraw);
+if (asked("film")) {
+  document.body.classList.add("film");
+  views.choose("3d", false);
+}
 if (RIDES) {
   document.body.classList.add("recorded");
   listed().then(({ bags }) => bags.length && player.open(bags[0].name), (error) => answer({ ok: false, message: error.message }));
 }
-views.start().then(() => views.showCamera());
+if (!asked("film")) views.start();
 requestAnimationFrame(picture);

@@ -4,6 +4,9 @@
 const STORED = "bicycle-cockpit-main";
 const byId = (id) => document.getElementById(id);
 
+/** What the address asks for: `quality=high|low`, `film=1`. */
+export const asked = (name) => new URLSearchParams(location.search).get(name) ?? "";
+
 function stored() {
   try {
     return localStorage.getItem(STORED);
@@ -48,6 +51,7 @@ export class Views {
     } catch {
       // forbidden, see above
     }
+    this.showCamera();
     this.changed();
   }
 
@@ -55,7 +59,7 @@ export class Views {
   async open() {
     try {
       const { Stage } = await import("./scene/stage.js");
-      this.stage = new Stage(byId("stage"), new URLSearchParams(location.search).get("quality") ?? "");
+      this.stage = new Stage(byId("stage"), asked("film") ? "film" : asked("quality"));
       return true;
     } catch (error) {
       this.refused = "This browser has no WebGL 2: the bicycle is not drawn in 3D here";
