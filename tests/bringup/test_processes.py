@@ -12,7 +12,14 @@ import pytest
 from waiting import until
 
 from bicycle_common import processes
-from bicycle_common.processes import Exit, ManagedProcess, ProcessGroup, Vigil
+from bicycle_common.processes import (
+    MOST_DEATHS,
+    Exit,
+    ManagedProcess,
+    ProcessGroup,
+    Supervisor,
+    Vigil,
+)
 
 STUBBORN = (
     "import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); "
@@ -163,3 +170,37 @@ def test_it_dies_with_a_ride_that_is_killed(tmp_path: Path) -> None:
             return True
 
     until(gone)
+
+
+def test_what_dies_is_started_again_but_not_for_ever(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(processes, "BACK_OFF", 0.0)
+    commands = {name: [sys.executable, "-c", "raise SystemExit(5)"] for name in ("one", "two")}
+    group = ProcessGroup(commands, tmp_path)
+    supervisor = Supervisor(group)
+    assert supervisor.death() is None
+    group.start("one")
+    for _ in range(MOST_DEATHS):
+        until(lambda: supervisor.death() == Exit("one", 5))
+        assert supervisor.retry("one")
+        assert supervisor.death() is None, "it is told once"
+        until(lambda: supervisor.restarted() == "one")
+    until(lambda: supervisor.death() is not None)
+    assert not supervisor.retry("one")
+    assert supervisor.death() == Exit("one", 5), "nothing was done about it"
+    supervisor.forgive()
+    assert supervisor.retry("one")
+    group.stop("one", "two")
+
+
+def test_a_death_waits_before_the_next_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(processes, "BACK_OFF", 3600.0)
+    group = ProcessGroup({"one": [sys.executable, "-c", "pass"]}, tmp_path)
+    supervisor = Supervisor(group)
+    group.start()
+    until(lambda: supervisor.death() is not None)
+    assert supervisor.retry("one")
+    assert supervisor.restarted() is None

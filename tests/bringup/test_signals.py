@@ -1,4 +1,4 @@
-"""How a program of ours begins and ends, tried with small ones."""
+"""Start and end of programs under signals, and the one handler of signals."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from waiting import finish
+
+from bicycle_common.signals import ENDING, InterruptError, StopRequest
 
 BEGIN = """
 if __name__ == "__main__":
@@ -73,3 +77,76 @@ def test_what_is_said_at_the_end_is_said_and_the_status_stands(tmp_path: Path) -
     assert process.stdout.read() == "last\n"
     assert finish(process)[1] == ""
     assert process.returncode == 5
+
+
+@pytest.fixture
+def handlers_as_before() -> Iterator[None]:
+    before = {number: signal.getsignal(number) for number in ENDING}
+    # A test run in a shell's background ignores SIGINT.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.mark.parametrize("number", ENDING)
+def test_a_listening_program_is_ended_by_no_signal(
+    number: signal.Signals, handlers_as_before: None
+) -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup has it ignored
+    stop = StopRequest().listen()
+    assert stop.signal == 0
+    for _ in range(3):
+        signal.raise_signal(number)
+    assert stop.requested
+    assert stop.wait(60.0)
+    assert stop.signal == number
+    assert stop.interrupts == (3 if number == signal.SIGINT else 0)
+    signal.raise_signal(signal.SIGINT)
+    assert stop.signal == number, "the first signal decides the exit status"
+
+
+def test_nohup_keeps_a_program_alive(handlers_as_before: None) -> None:
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    stop = StopRequest().listen()
+    signal.raise_signal(signal.SIGHUP)
+    with stop:
+        signal.raise_signal(signal.SIGHUP)
+    assert not stop.requested
+
+
+def test_the_second_signal_acts_as_if_nothing_caught_it(handlers_as_before: None) -> None:
+    with StopRequest() as stop:
+        signal.raise_signal(signal.SIGTERM)
+        assert stop.signal == signal.SIGTERM
+        with pytest.raises(KeyboardInterrupt):
+            signal.raise_signal(signal.SIGINT)
+
+
+def test_a_context_gives_the_signals_back(handlers_as_before: None) -> None:
+    with StopRequest():
+        pass
+    with pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(signal.SIGINT)
+
+
+def test_at_once_raises_when_a_signal_comes_and_when_it_has_come(handlers_as_before: None) -> None:
+    with StopRequest() as stop:
+        with pytest.raises(InterruptError), stop.at_once():
+            signal.raise_signal(signal.SIGTERM)
+        assert stop.signal == signal.SIGTERM
+        with pytest.raises(InterruptError), stop.at_once():
+            pytest.fail("it had been asked to end")
+
+
+def test_another_thread_catches_nothing_and_says_nothing() -> None:
+    found = []
+
+    def work() -> None:
+        with StopRequest() as stop:
+            found.append(stop.requested)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert found == [False]

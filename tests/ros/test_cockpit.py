@@ -15,8 +15,8 @@ from domains import claimed_domain
 from node_process import NodeProcess
 from probe import Probe
 
-from bicycle_cockpit.nodes.cockpit import MOST_DEATHS
 from bicycle_common.nodes import topics
+from bicycle_common.processes import MOST_DEATHS
 from bicycle_tools.nodes import verify
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]

@@ -7,7 +7,6 @@ block a callback; only that process imports torch.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import multiprocessing
 import os
 import signal
@@ -15,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from bicycle_common.processes import end_with_parent
 from bicycle_common.signals import blocked, unblock
 from bicycle_controller.trainer_service.order import TrainingOrder
 
@@ -22,9 +22,6 @@ NICE = 10
 """Added to the learning process's niceness: the loop and the controller come first."""
 PATIENCE = 60.0
 """Time for the learning process to save and end (s)."""
-
-SET_PARENT_DEATH_SIGNAL = 1
-"""PR_SET_PDEATHSIG of Linux' prctl(2)."""
 
 
 class TrainerClient:
@@ -89,7 +86,7 @@ class TrainerClient:
 def _end_with_parent() -> None:
     """Ask the kernel to send SIGTERM when the node ends, for example while torch loads."""
     parent = multiprocessing.parent_process()
-    ctypes.CDLL(None).prctl(SET_PARENT_DEATH_SIGNAL, signal.SIGTERM)
+    end_with_parent()
     if parent is not None and os.getppid() != parent.pid:
         os._exit(1)  # the node ended before the kernel was asked
 

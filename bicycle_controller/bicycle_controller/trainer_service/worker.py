@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from bicycle_common.signals import InterruptError, StopRequest
 from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.data import dataset
@@ -26,7 +27,6 @@ from bicycle_controller.training import offline
 from bicycle_controller.training.learner import CHUNK, Learner, ddpg_of
 from bicycle_controller.training.logger import Logger
 from bicycle_controller.training.run_folder import RunFolder
-from bicycle_controller.training.signals import InterruptError, StopRequest
 
 TELL = 0.5
 """Period of reports (s)."""

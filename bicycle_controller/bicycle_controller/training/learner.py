@@ -12,6 +12,7 @@ from typing import Any
 
 import torch
 
+from bicycle_common.signals import InterruptError, StopRequest
 from bicycle_controller.config.algorithms import DdpgConfig
 from bicycle_controller.config.run import RunConfig, ShapingConfig
 from bicycle_controller.data.replay_buffer import ReplayBuffer
@@ -21,7 +22,6 @@ from bicycle_controller.training import checkpoint
 from bicycle_controller.training.logger import Logger, Progress
 from bicycle_controller.training.run_folder import RunFolder
 from bicycle_controller.training.session import TrainingSession, usable_device
-from bicycle_controller.training.signals import InterruptError, StopRequest
 
 CHUNK = 10
 """Updates between two checks of the clock and of signals; their batches are drawn at once."""

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from bicycle_common.signals import InterruptError, StopRequest
 from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.evaluation.score import Score, score
@@ -17,7 +18,6 @@ from bicycle_controller.training.factory import make_collector, make_memory
 from bicycle_controller.training.logger import Logger, Progress
 from bicycle_controller.training.run_folder import RunFolder
 from bicycle_controller.training.session import TrainingSession, usable_device
-from bicycle_controller.training.signals import InterruptError, StopRequest
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import Any
 
 import torch
 
+from bicycle_common.signals import StopRequest
 from bicycle_controller.agents.networks import policy_tensors
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.evaluation.score import Score
@@ -20,7 +21,6 @@ from bicycle_controller.training import checkpoint
 from bicycle_controller.training.factory import make_agent
 from bicycle_controller.training.logger import Logger, Progress
 from bicycle_controller.training.run_folder import RunFolder, origin
-from bicycle_controller.training.signals import StopRequest
 
 
 def usable_device(device: str) -> str:

@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+from bicycle_common.signals import StopRequest
 from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.policy.policy import load_policy, write_atomically
 from bicycle_controller.training.run_folder import RunFolder
-from bicycle_controller.training.signals import StopRequest
 
 STORE_BYTES = 100 * 1024 * 1024
 """Size of Ray's shared memory: results are small, and containers have little of it."""

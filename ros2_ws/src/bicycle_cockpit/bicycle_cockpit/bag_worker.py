@@ -13,7 +13,6 @@ if __name__ == "__main__":
 
     run_module("bicycle_cockpit.bag_worker")
 
-import ctypes
 import gzip
 import json
 import os
@@ -27,13 +26,13 @@ from typing import Any, BinaryIO
 from bicycle_bag.errors import BagError
 from bicycle_cockpit.bags import session
 from bicycle_cockpit.shelf import BagShelf, Signature, entry, signature
+from bicycle_common.processes import end_with_parent
 
 MOST_MEMORY = 4 * 1024**3
 """Address space that the process may use beyond its size at the start (bytes)."""
 MOST_KEPT = 64 * 1024**2
 """Size of the cache of compressed bags (bytes)."""
 NICENESS = 10
-_PR_SET_PDEATHSIG = 1
 
 
 class Worker:
@@ -130,7 +129,7 @@ def _bound() -> None:
     """Limit the process's use of the machine, and end it with its parent."""
     # A terminal's Ctrl-C is for the cockpit.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    end_with_parent(signal.SIGKILL)
     os.nice(NICENESS)
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     most = pages * resource.getpagesize() + MOST_MEMORY

@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +23,10 @@ ASKED = (-signal.SIGINT, -signal.SIGTERM, 128 + signal.SIGINT, 128 + signal.SIGT
 """Exit statuses that are clean for a process with nothing to save, such as one starting up."""
 LOOK = 0.05
 """Polling period while waiting for a process (s)."""
+BACK_OFF = 1.0
+"""Delay between a process's death and its restart (s)."""
+MOST_DEATHS = 5
+"""Deaths of one process after which it is given up."""
 
 _LIBC = ctypes.CDLL(None)
 _PR_SET_PDEATHSIG = 1
@@ -115,7 +120,7 @@ class ManagedProcess:
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                preexec_fn=_begin_early if self._early else _die_with_parent,
+                preexec_fn=_begin_early if self._early else end_with_parent,
             )
         if self._registry is not None:
             self._registry.mkdir(parents=True, exist_ok=True)
@@ -259,15 +264,53 @@ class ProcessGroup:
         return any(child.running for child in self._children.values())
 
 
-def _die_with_parent() -> None:
-    """Ask the kernel to send SIGTERM when the parent ends, even by SIGKILL."""
-    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+class Supervisor:
+    """Restarts dead processes of a group, each at most `MOST_DEATHS` times.
+
+    Args:
+        group: of the processes; a process that the group stopped is not dead.
+    """
+
+    def __init__(self, group: ProcessGroup) -> None:
+        self._group = group
+        self._deaths: Counter[str] = Counter()
+        self._due: dict[str, float] = {}
+
+    def death(self) -> Exit | None:
+        """Return a death for which no restart is due; None without one."""
+        return next((one for one in self._group.ended() if one.name not in self._due), None)
+
+    def retry(self, name: str) -> bool:
+        """Schedule a restart after `BACK_OFF`; return False if the process is given up."""
+        if self._deaths[name] >= MOST_DEATHS:
+            return False
+        self._deaths[name] += 1
+        self._due[name] = time.monotonic() + BACK_OFF
+        return True
+
+    def restarted(self) -> str | None:
+        """Start a process whose restart is due; return its name, or None without one."""
+        now = time.monotonic()
+        name = next((name for name, due in self._due.items() if now > due), None)
+        if name is not None:
+            del self._due[name]
+            self._group.start(name)
+        return name
+
+    def forgive(self) -> None:
+        """Count deaths anew, after progress."""
+        self._deaths.clear()
+
+
+def end_with_parent(number: signal.Signals = signal.SIGTERM) -> None:
+    """Ask the kernel to send this process a signal when its parent ends, even by SIGKILL."""
+    _LIBC.prctl(_PR_SET_PDEATHSIG, number)
 
 
 def _begin_early() -> None:
-    """As `_die_with_parent`, for a program that unblocks signals once it can handle them."""
+    """As `end_with_parent`, for a program that unblocks signals once it can handle them."""
     signals.block()
-    _die_with_parent()
+    end_with_parent()
 
 
 def _start_time(pid: int) -> str:

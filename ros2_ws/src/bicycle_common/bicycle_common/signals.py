@@ -23,22 +23,111 @@ import importlib
 import os
 import signal
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator
-from types import FrameType
-from typing import NoReturn
+from types import FrameType, TracebackType
+from typing import Any, NoReturn
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 """Signals that ask a program to end."""
 AGAIN = 1.0
-"""s after which an interrupt that had no effect strikes again."""
+"""Time after which an interrupt without effect is repeated (s)."""
+LOOK = 0.05
+"""Longest delay until `StopRequest.wait` notices a signal (s)."""
 
 
-def on_signals(handler: Callable[[int, FrameType | None], object]) -> None:
-    """Call `handler` when the program is asked to end, or its terminal is closed."""
-    for number in ENDING:
-        # nohup ignores SIGHUP; keep that.
-        if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
-            signal.signal(number, handler)
+class InterruptError(Exception):
+    """Raised inside `StopRequest.at_once` when a signal comes."""
+
+
+class StopRequest:
+    """Flag that the first signal that asks the program to end sets.
+
+    A program that ends in its own time calls `listen` once: from then on no signal ends it. A
+    piece of work uses it as a context: the first signal asks for its end, and a second one acts
+    as if nothing caught it. Only the main thread can catch signals; in another a context does
+    nothing.
+
+    Attributes:
+        signal: number of the first signal; 0 until then.
+        interrupts: number of SIGINTs so far; may be reset to 0 to count those after a message.
+    """
+
+    def __init__(self) -> None:
+        self.signal = self.interrupts = 0
+        self._raises = False
+        self._old: dict[int, Any] = {}
+
+    @property
+    def requested(self) -> bool:
+        """True if a signal has come."""
+        return self.signal != 0
+
+    def listen(self) -> StopRequest:
+        """Catch all signals from now on; return itself."""
+        _on_signals(self._take)
+        return self
+
+    def __enter__(self) -> StopRequest:
+        if threading.current_thread() is threading.main_thread():
+            self._old = _on_signals(self._take)
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._restore()
+
+    @contextlib.contextmanager
+    def at_once(self) -> Iterator[None]:
+        """Let a signal raise `InterruptError` in this context instead of waiting for a check.
+
+        Raises:
+            InterruptError: if a signal comes, or has come.
+        """
+        self._raises = True
+        try:
+            if self.requested:
+                raise InterruptError
+            yield
+        finally:
+            self._raises = False
+
+    def wait(self, seconds: float) -> bool:
+        """Wait until a signal comes or the time is over; return True if a signal has come."""
+        # No Event: its lock could be held by the very code that the signal's handler interrupts.
+        until = time.monotonic() + seconds
+        while not self.requested and (left := until - time.monotonic()) > 0.0:
+            time.sleep(min(left, LOOK))
+        return self.requested
+
+    def _take(self, number: int, frame: FrameType | None) -> None:
+        self.signal = self.signal or number
+        self.interrupts += number == signal.SIGINT
+        self._restore()
+        if self._raises:
+            raise InterruptError
+
+    def _restore(self) -> None:
+        for number, old in self._old.items():
+            signal.signal(number, old)
+        self._old = {}
+
+
+def _on_signals(handler: Callable[[int, FrameType | None], object]) -> dict[int, Any]:
+    """Call `handler` when the program is asked to end, or its terminal is closed.
+
+    Returns:
+        The former handlers, by the signal's number.
+    """
+    # nohup ignores SIGHUP; keep that.
+    ignored = signal.getsignal(signal.SIGHUP) == signal.SIG_IGN
+    numbers = [number for number in ENDING if not (number == signal.SIGHUP and ignored)]
+    return {number: signal.signal(number, handler) for number in numbers}
 
 
 def block() -> None:
@@ -66,7 +155,7 @@ def run_module(name: str) -> NoReturn:
     There SIGINT raises KeyboardInterrupt; a second SIGINT ends the program at once. When `main` is
     over, its status stands, whatever comes.
     """
-    on_signals(_leave)
+    _on_signals(_leave)
     unblock()
     _check_shared_memory(name)
     main = importlib.import_module(name).main

@@ -9,8 +9,8 @@ import time
 
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import BagMetadata
-from bicycle_bag.nodes.session import Stop
 from bicycle_bag.writer import BagWriter
+from bicycle_common.signals import StopRequest
 
 # s after which a wait is told for the first time, and from then on.
 FIRST_WORD = 1.0
@@ -40,7 +40,7 @@ class Closing(threading.Thread):
             self.error = error
 
 
-def close(writer: BagWriter, stop: Stop, name: str) -> BagMetadata:
+def close(writer: BagWriter, stop: StopRequest, name: str) -> BagMetadata:
     """Close the bag, for as long as the disk takes.
 
     Args:

@@ -19,11 +19,12 @@ from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import Topic
 from bicycle_bag.nodes.controls import Controls
 from bicycle_bag.nodes.others import guarded, other_publishers, told
-from bicycle_bag.nodes.session import Stop, message_class, overridden_profile, publisher_profile
+from bicycle_bag.nodes.session import message_class, overridden_profile, publisher_profile
 from bicycle_bag.playback import CLOCK, ClockTick, Playback
 from bicycle_bag.qos import QosProfile
 from bicycle_bag.reader import BagMessage, BagReader
 from bicycle_bag.tempo import SLICE, Tempo
+from bicycle_common.signals import StopRequest
 
 QUEUE = 1000
 LATCHED = 10
@@ -114,7 +115,7 @@ class Player:
             raise BagError(f"rename it with --remap ({reason})") from None
         return message_class(topic.type)
 
-    def play(self, stop: Stop, controls: Controls) -> None:
+    def play(self, stop: StopRequest, controls: Controls) -> None:
         """Publish everything once, each message when it is due; ends early on a signal.
 
         Raises:

@@ -19,7 +19,7 @@ from tqdm import tqdm
 from bicycle_bag.errors import BagError
 from bicycle_bag.nodes.controls import Controls
 from bicycle_bag.nodes.player import Player
-from bicycle_bag.nodes.session import Stop, ros_node
+from bicycle_bag.nodes.session import ros_node
 from bicycle_bag.playback import LONGEST_GAP, Playback, PlayOptions
 from bicycle_bag.qos_overrides import read_overrides
 from bicycle_bag.reader import BagReader
@@ -27,6 +27,7 @@ from bicycle_bag.selection import absolute
 from bicycle_bag.tempo import Tempo
 from bicycle_common.command_line import RULES, OneLineParser
 from bicycle_common.nodes.runner import UserError
+from bicycle_common.signals import StopRequest
 
 NAME = re.compile(r"/?[A-Za-z_~][\w~]*(/[A-Za-z_][\w]*)*")
 
@@ -112,7 +113,7 @@ def play(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
         BagError: The bag is broken or has nothing to play, an option is wrong, or others publish
             the same topics.
     """
-    stop = Stop()
+    stop = StopRequest().listen()
     chosen = PlayOptions(
         options.rate,
         options.start_offset,

@@ -23,12 +23,13 @@ from bicycle_bag.mcap_file import COMPRESSIONS
 from bicycle_bag.nodes.closing import LeftError, close, say
 from bicycle_bag.nodes.lease import long_lease
 from bicycle_bag.nodes.recorder import DISCOVERY_SECONDS, REST, Recorder
-from bicycle_bag.nodes.session import Stop, ros_node
+from bicycle_bag.nodes.session import ros_node
 from bicycle_bag.qos_overrides import read_overrides
 from bicycle_bag.selection import TopicFilter
 from bicycle_bag.writer import BagWriter
 from bicycle_common.command_line import OneLineParser
 from bicycle_common.nodes.runner import UserError, made_heartbeat
+from bicycle_common.signals import StopRequest
 
 # s; beyond this a power cut would have cost more than a second.
 SLOW_SYNC = 0.4
@@ -87,7 +88,7 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
         LeftError: The user did not wait for the disk.
         UserError: The heartbeat's file cannot be written.
     """
-    stop = Stop()
+    stop = StopRequest().listen()
     chosen = TopicFilter(
         options.topics,
         options.regex,

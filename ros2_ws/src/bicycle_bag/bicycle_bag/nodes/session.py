@@ -1,13 +1,10 @@
-"""What the recorder and the player share: starting ROS, ending on a signal, types and QoS."""
+"""What the recorder and the player share: starting ROS, types and QoS."""
 
 from __future__ import annotations
 
 import contextlib
 import importlib
-import signal
-import time
 from collections.abc import Iterator, Sequence
-from types import FrameType
 from typing import Any
 
 import rclpy
@@ -24,41 +21,6 @@ from rclpy.qos import (
 from bicycle_bag import qos
 from bicycle_bag.errors import BagError
 from bicycle_common.nodes.runner import UserError, start_ros
-from bicycle_common.signals import on_signals
-
-LOOK_SECONDS = 0.05
-"""How late a signal may be noticed."""
-
-
-class Stop:
-    """Set by SIGINT, SIGTERM or SIGHUP; rclpy's own handlers would end the context with messages.
-
-    Attributes:
-        interrupts: SIGINTs that came after the first signal.
-    """
-
-    def __init__(self) -> None:
-        self.interrupts = 0
-        self._requested = False
-        on_signals(self._handle)
-
-    def _handle(self, number: int, frame: FrameType | None) -> None:
-        if self._requested and number == signal.SIGINT:
-            self.interrupts += 1
-        self._requested = True
-
-    @property
-    def requested(self) -> bool:
-        """Whether a signal has come."""
-        return self._requested
-
-    def wait(self, seconds: float) -> bool:
-        """Wait at most so long; returns whether a signal has come."""
-        # No Event: its lock could be held by the very code that the signal's handler interrupts.
-        until = time.monotonic() + seconds
-        while not self._requested and (left := until - time.monotonic()) > 0.0:
-            time.sleep(min(left, LOOK_SECONDS))
-        return self._requested
 
 
 @contextlib.contextmanager

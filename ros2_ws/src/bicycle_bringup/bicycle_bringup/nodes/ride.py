@@ -13,11 +13,9 @@ if __name__ == "__main__":
 
 import math
 import os
-import signal
 import sys
 import time
 from collections.abc import Callable
-from types import FrameType
 
 import rclpy
 
@@ -26,8 +24,8 @@ from bicycle_bringup.display import Display
 from bicycle_bringup.ride_options import RideOptions, parse
 from bicycle_common.node_commands import MODULES, workspace
 from bicycle_common.nodes.runner import start_tool
-from bicycle_common.processes import ProcessGroup, Vigil, registry_of
-from bicycle_common.signals import on_signals
+from bicycle_common.processes import ProcessGroup, Supervisor, Vigil, registry_of
+from bicycle_common.signals import StopRequest
 from bicycle_controller.control.goals import Status
 from bicycle_tools.nodes.ride_client import RECORDER, RideClient, progress_text
 from bicycle_tools.plan import Plan
@@ -40,10 +38,6 @@ GHOSTS = 4.0
 """Time until a killed node disappears from the list of nodes (s)."""
 READY_TIMEOUT = 30.0
 """Longest start of a node (s)."""
-BACK_OFF = 1.0
-"""Delay between a controller's death and its restart (s)."""
-MOST_DEATHS = 5
-"""Deaths without a goal decided in between after which a controller is given up."""
 STALL = 20.0
 """Time without a step after which a ride is given up (s)."""
 ECHO = 2.0
@@ -63,13 +57,13 @@ class Ride:
 
     Attributes:
         events: lines about what happened to processes.
-        interrupted: set by SIGINT, SIGTERM or SIGHUP.
+        stop: set by SIGINT, SIGTERM or SIGHUP.
         begun: True once goals have been sent.
     """
 
     def __init__(self, options: RideOptions, rider: RideClient) -> None:
         self.events: list[str] = []
-        self.interrupted = False
+        self.stop = StopRequest().listen()
         self.begun = False
         self._options = options
         self._rider = rider
@@ -79,9 +73,9 @@ class Ride:
         commands["recorder"] += ["--ros-args", "-r", f"__node:={self._recorder}"]
         saves = {"recorder": str(options.folder / "bag")}
         self._crew = ProcessGroup(commands, options.folder, registry_of(workspace()), saves, True)
-        self._ctrl_c = 0
+        self._supervisor = Supervisor(self._crew)
         self._plan = Plan(options.draw_goals())
-        self._deaths = self._warned = 0
+        self._warned = 0
         self._last_step = (0, 0)
         self._stepped = time.monotonic()
         self._sent = math.inf
@@ -90,11 +84,6 @@ class Ride:
         self._batch = 1 if options.minutes else options.goals
         goals = 0 if options.minutes else options.goals
         self._display = Display(goals, 60.0 * options.minutes)
-
-    def on_signal(self, number: int, frame: FrameType | None) -> None:
-        """Ask the ride to end."""
-        self.interrupted = True
-        self._ctrl_c += number == signal.SIGINT
 
     def run(self) -> None:
         """Start everything and ride until the goals are decided or the time is over.
@@ -110,7 +99,7 @@ class Ride:
         self._send()
         self.begun = True
         self._stepped = time.monotonic()
-        while not (self.interrupted or self._over()):
+        while not (self.stop.requested or self._over()):
             self._rider.spin()
             self._check_processes()
             self._take_changes()
@@ -126,7 +115,7 @@ class Ride:
             A line about each that did not end well.
         """
         self._display.close()
-        vigil = Vigil(_tell, lambda: self._ctrl_c)
+        vigil = Vigil(_tell, lambda: self.stop.interrupts)
         return self._crew.stop("simulator", "controller", "recorder", vigil=vigil)
 
     @property
@@ -153,7 +142,7 @@ class Ride:
         """
         self._display.waiting("others to show themselves")
         began = time.monotonic()
-        while not self.interrupted:
+        while not self.stop.requested:
             self._rider.spin()
             waited = time.monotonic() - began
             others = self._rider.others()
@@ -174,7 +163,7 @@ class Ride:
         """
         self._display.waiting(f"the {name}")
         deadline = time.monotonic() + READY_TIMEOUT
-        while not (ready() or self.interrupted):
+        while not (ready() or self.stop.requested):
             self._rider.spin()
             for ended in self._crew.ended():
                 last = self._crew.log_tail(ended.name)
@@ -200,7 +189,7 @@ class Ride:
             number = self._plan.take(position, Status(change.status))
             if number is None:
                 continue
-            self._deaths = 0
+            self._supervisor.forgive()
             self._display.say(
                 f"goal {number} at ({position[0]:.1f}, {position[1]:.1f}): {change.message}"
             )
@@ -212,7 +201,7 @@ class Ride:
     def _hear_out(self) -> None:
         """Wait for the controller's diagnostics: a short ride may end before the first."""
         deadline = time.monotonic() + TOLD
-        while not self.interrupted and not self._rider.policy_judged:
+        while not self.stop.requested and not self._rider.policy_judged:
             if time.monotonic() > deadline:
                 break
             self._rider.spin()
@@ -230,18 +219,17 @@ class Ride:
         Raises:
             RideError: in that case.
         """
-        for ended in self._crew.ended():
-            respawn = self._options.respawn and self._deaths < MOST_DEATHS
-            if ended.name != "controller" or not respawn:
+        while (ended := self._supervisor.death()) is not None:
+            respawn = ended.name == "controller" and self._options.respawn
+            if not (respawn and self._supervisor.retry(ended.name)):
                 last = self._crew.log_tail(ended.name)
                 raise RideError(f"{ended} at t = {self._rider.time:.1f} s: {last}")
-            self._deaths += 1
             self._rider.controller_died()
             self._note(f"{ended} at t = {self._rider.time:.1f} s")
-            until = time.monotonic() + BACK_OFF
-            while time.monotonic() < until and not self.interrupted:
+            while not self._supervisor.restarted():
                 self._rider.spin()
-            self._crew.start("controller")
+                if self.stop.requested:
+                    return
             self._wait("controller", self._rider.controller_listens)
             self._note(f"controller started again, ready at t = {self._rider.time:.1f} s")
             self._stepped = time.monotonic()
@@ -291,7 +279,6 @@ def ride(options: RideOptions) -> int:
     start_tool("ride.sh")
     rider = RideClient("bicycle_ride")
     one = Ride(options, rider)
-    on_signals(one.on_signal)
     failures = []
     try:
         one.run()
@@ -323,11 +310,11 @@ def _sum_up(options: RideOptions, one: Ride, failed: bool) -> int:
         summary, text = report(options.folder / "bag", options.folder, one.events)
     except BagError as error:
         print(f"ride.sh: {error}", file=sys.stderr)
-        return 130 if one.interrupted else 1
+        return 130 if one.stop.requested else 1
     print(f"\n{text}\n\n  {options.folder}: bag, ride.png, summary.json, logs")
     if failed:
         return 1
-    if one.interrupted:
+    if one.stop.requested:
         return 130
     if summary.falls:
         return 3

@@ -8,7 +8,6 @@ if __name__ == "__main__":
     run_module("bicycle_cockpit.nodes.cockpit")
 
 import os
-import signal
 import sys
 import time
 from pathlib import Path
@@ -20,13 +19,9 @@ from bicycle_cockpit.trouble import Line
 from bicycle_common.node_commands import config_folder, node_command, workspace
 from bicycle_common.nodes import topics
 from bicycle_common.nodes.runner import UserError, run
-from bicycle_common.processes import ProcessGroup, Vigil, registry_of
-from bicycle_common.signals import on_signals
+from bicycle_common.processes import ProcessGroup, Supervisor, Vigil, registry_of
+from bicycle_common.signals import StopRequest
 
-BACK_OFF = 1.0
-"""Delay between a process's death and its restart (s)."""
-MOST_DEATHS = 5
-"""Deaths of one process after which it is given up."""
 MISUSED = 2
 """Exit status of a process that was started with invalid settings."""
 READY = 20.0
@@ -42,12 +37,11 @@ class Ride:
         """Start the processes, if they are requested."""
         self._options = options
         self._crew: ProcessGroup | None = None
-        self._deaths = dict.fromkeys(RIDE, 0)
-        self._again: dict[str, float] = {}
         if not options.ride:
             return
         commands = {name: node_command(name, config_folder(), options.parameters) for name in RIDE}
         self._crew = ProcessGroup(commands, logs, registry_of(workspace()), early=True)
+        self._supervisor = Supervisor(self._crew)
         self._crew.start()
 
     def look(self) -> Line | None:
@@ -59,23 +53,17 @@ class Ride:
         crew = self._crew
         if crew is None:
             return None
-        for name, due in list(self._again.items()):
-            if time.monotonic() > due:
-                del self._again[name]
-                crew.start(name)
-                return Line("info", f"{name} started again", name)
-        for ended in crew.ended():
-            if ended.name in self._again:
-                continue
-            words = f"{ended}: {crew.log_tail(ended.name)}"
-            if ended.status == MISUSED or self._deaths[ended.name] >= MOST_DEATHS:
-                raise UserError(words)
-            self._deaths[ended.name] += 1
-            self._again[ended.name] = time.monotonic() + BACK_OFF
-            # A killed process has left no message.
-            death = str(ended) if ended.status < 0 else f"{ended}, {crew.log_tail(ended.name)}"
-            return Line("bad", words, ended.name, death)
-        return None
+        if (name := self._supervisor.restarted()) is not None:
+            return Line("info", f"{name} started again", name)
+        ended = self._supervisor.death()
+        if ended is None:
+            return None
+        words = f"{ended}: {crew.log_tail(ended.name)}"
+        if ended.status == MISUSED or not self._supervisor.retry(ended.name):
+            raise UserError(words)
+        # A killed process has left no message.
+        death = str(ended) if ended.status < 0 else f"{ended}, {crew.log_tail(ended.name)}"
+        return Line("bad", words, ended.name, death)
 
     def close(self) -> list[str]:
         """Stop the processes, the simulator first: it would complain without the controller.
@@ -141,10 +129,9 @@ def _end(ride: Ride, recording: Recording) -> list[str]:
     Returns:
         A line, already reported, about each process that did not end well.
     """
-    interrupts: list[int] = []
-    on_signals(lambda number, _: interrupts.append(number))
+    stop = StopRequest().listen()
     failures = ride.close()
-    recording.close(Vigil(_tell, lambda: interrupts.count(signal.SIGINT)))
+    recording.close(Vigil(_tell, lambda: stop.interrupts))
     failures += recording.failures
     for failure in failures:
         _tell(failure)

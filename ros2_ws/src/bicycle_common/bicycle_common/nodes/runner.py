@@ -7,7 +7,6 @@ import sys
 from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
-from types import FrameType
 from typing import Any, Protocol
 
 import rclpy
@@ -25,7 +24,7 @@ from bicycle_common import yaml_text
 from bicycle_common.nodes import dds_security
 from bicycle_common.nodes.heartbeat import VARIABLE, Heartbeat
 from bicycle_common.nodes.log_lines import bound_log_lines
-from bicycle_common.signals import on_signals
+from bicycle_common.signals import StopRequest
 
 WAKE_PERIOD = 0.1
 """Longest delay until a signal is noticed (s): the executor sleeps in C code."""
@@ -49,16 +48,6 @@ class Closing(Protocol):
         """Publish or save the rest."""
 
 
-class _Stop:
-    """Flag that the first signal sets."""
-
-    def __init__(self) -> None:
-        self.asked = False
-
-    def __call__(self, number: int, frame: FrameType | None) -> None:
-        self.asked = True
-
-
 def run(
     name: str,
     make: Callable[[], Any],
@@ -79,11 +68,11 @@ def run(
         The exit status: 0 after SIGINT, SIGTERM or `--help`, 2 for a user's mistake.
     """
     words = list(sys.argv if args is None else args)
-    stop = _Stop()
+    stop = StopRequest()
     try:
         if not _understood(words, usage):
             return 0
-        on_signals(stop)
+        stop.listen()
         _spin(words, make, executor, stop)
     except UserError as error:
         print(f"{name}: {error}", file=sys.stderr, flush=True)
@@ -199,7 +188,7 @@ def _spin(
     words: list[str],
     make: Callable[[], Any],
     make_executor: Callable[[], Executor],
-    stop: _Stop,
+    stop: StopRequest,
 ) -> None:
     """Create the node and spin it until `stop` is set."""
     start_ros(words)
@@ -213,7 +202,7 @@ def _spin(
     steady = Clock(clock_type=ClockType.STEADY_TIME)
     node.create_timer(WAKE_PERIOD, heart.beat, clock=steady)
     try:
-        while not stop.asked:
+        while not stop.requested:
             executor.spin_once(timeout_sec=WAKE_PERIOD)
         node.close()
     finally:

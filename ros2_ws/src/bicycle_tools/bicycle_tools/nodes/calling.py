@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Sequence
-from types import FrameType
 from typing import Any
 
 import rclpy
@@ -14,7 +13,7 @@ from rclpy.node import Node
 
 from bicycle_common.nodes.runner import start_tool
 from bicycle_common.nodes.topics import Service
-from bicycle_common.signals import on_signals
+from bicycle_common.signals import StopRequest
 
 PATIENCE = 10.0
 """Time for a service to appear, and again for its answer (s)."""
@@ -42,16 +41,12 @@ class Caller:
     """Hidden node that calls services."""
 
     def __init__(self, name: str) -> None:
-        self.stopped = False
+        self.stop = StopRequest().listen()
         self.node: Node = rclpy.create_node(
             name, start_parameter_services=False, enable_rosout=False
         )
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
-
-    def on_signal(self, number: int, frame: FrameType | None) -> None:
-        """Ask the tool to end."""
-        self.stopped = True
 
     def spin_until(self, condition: Callable[[], Any], seconds: float) -> bool:
         """Spin until a condition holds or the time is over; return True if it held.
@@ -61,7 +56,7 @@ class Caller:
         """
         deadline = time.monotonic() + seconds
         while not condition():
-            if self.stopped:
+            if self.stop.requested:
                 raise CallError(130, "interrupted")
             if time.monotonic() > deadline:
                 return False
@@ -108,7 +103,6 @@ def run_tool(name: str, ros: Sequence[str], act: Callable[[Caller], int]) -> int
     """
     start_tool(name, ros)
     caller = Caller(f"_bicycle_{name.partition('.')[0]}")
-    on_signals(caller.on_signal)
     try:
         return act(caller)
     except CallError as error:

@@ -13,14 +13,13 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
 
 import rclpy
 from tqdm import tqdm
 
 from bicycle_common.command_line import OneLineParser
 from bicycle_common.nodes.runner import start_tool
-from bicycle_common.signals import on_signals
+from bicycle_common.signals import StopRequest
 from bicycle_common.types import Point2D
 from bicycle_controller.control.goals import Status
 from bicycle_tools.course import read_waypoints
@@ -63,16 +62,12 @@ class GoalClient:
     """Sends goals to the controller, and can wait for their end."""
 
     def __init__(self, rider: RideClient, goals: list[Point2D], timeout: float) -> None:
-        self.stopped = False
+        self.stop = StopRequest().listen()
         self._rider = rider
         self._plan = Plan(goals)
         self._timeout = timeout
         self._taken_away = (math.inf, "")
         self._missing: dict[str, float] = {}
-
-    def on_signal(self, number: int, frame: FrameType | None) -> None:
-        """Ask the client to end."""
-        self.stopped = True
 
     def send(self) -> None:
         """Send the goals and wait until the controller has accepted them.
@@ -86,7 +81,7 @@ class GoalClient:
         self._spin_until(lambda: False, SETTLE)
         self._rider.changes.clear()
         deadline = time.monotonic() + patience
-        while not self.stopped:
+        while not self.stop.requested:
             self._rider.send(self._plan.goals)
             if self._spin_until(self._heard, min(REPEAT, deadline - time.monotonic())):
                 if self._rider.state is not None and self._rider.state.fallen:
@@ -109,7 +104,7 @@ class GoalClient:
             lambda: rider.state is not None and (rider.state.fallen or rider.controller_listens()),
             patience,
         )
-        if self.stopped:
+        if self.stop.requested:
             raise ErrandError(130, "interrupted; no goal was sent")
         if rider.state is not None and rider.state.fallen:
             raise ErrandError(LYING, f"{LIES}; no goal was sent")
@@ -141,7 +136,7 @@ class GoalClient:
                     deadline = time.monotonic() + self._timeout
                 if self._plan.finished:
                     return worst
-                if self.stopped:
+                if self.stop.requested:
                     raise ErrandError(130, f"interrupted; {self._rider.condition()}")
                 self._check()
                 if time.monotonic() > deadline:
@@ -220,7 +215,7 @@ class GoalClient:
     def _spin_until(self, condition: Callable[[], bool], seconds: float) -> bool:
         deadline = time.monotonic() + seconds
         while not condition():
-            if self.stopped or time.monotonic() > deadline:
+            if self.stop.requested or time.monotonic() > deadline:
                 return False
             self._rider.spin()
         return True
@@ -263,7 +258,6 @@ def main() -> int:
     start_tool("goal.sh", ros)
     rider = RideClient("bicycle_goal")
     errand = GoalClient(rider, given.goals, given.timeout)
-    on_signals(errand.on_signal)
     try:
         errand.send()
         if given.wait:

@@ -11,6 +11,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from bicycle_common.signals import StopRequest
 from bicycle_tools.nodes.filling import FillingError, filled
 
 MATCH = 3.0
@@ -25,7 +26,7 @@ class Graph(Protocol):
     """Interface of the node that inspects the graph."""
 
     node: Node
-    stopped: bool
+    stop: StopRequest
 
     def spin(self, seconds: float, until: Callable[[], bool] = ...) -> bool:
         """Spin for some time, or until a condition holds."""
@@ -101,7 +102,7 @@ def publish(graph: Graph, given: argparse.Namespace) -> int:
 def _send(graph: Graph, publisher: Any, message: Any, count: int, period: float) -> int:
     """Publish `count` times, or without end for 0; return the number of messages."""
     due, sent = time.monotonic(), 0
-    while not graph.stopped and not 0 < count <= sent:
+    while not graph.stop.requested and not 0 < count <= sent:
         publisher.publish(message)
         sent += 1
         due += period

@@ -12,7 +12,6 @@ import importlib
 import sys
 import time
 from collections.abc import Callable, Iterable
-from types import FrameType
 from typing import Any
 
 import rclpy
@@ -22,7 +21,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from bicycle_common.command_line import OneLineParser
 from bicycle_common.nodes.runner import start_tool
-from bicycle_common.signals import on_signals
+from bicycle_common.signals import StopRequest
 from bicycle_common.validation import nearest
 from bicycle_tools.nodes import publishing
 from bicycle_tools.nodes.filling import FillingError
@@ -43,17 +42,13 @@ class Watcher:
     """Node that inspects the graph and messages of any type."""
 
     def __init__(self) -> None:
-        self.stopped = False
+        self.stop = StopRequest().listen()
         # A hidden node, without parameters or rosout.
         self.node: Node = rclpy.create_node(
             "_bicycle_topic", start_parameter_services=False, enable_rosout=False
         )
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self.node)
-
-    def on_signal(self, number: int, frame: FrameType | None) -> None:
-        """Ask the tool to end."""
-        self.stopped = True
 
     def close(self) -> None:
         """Leave the graph."""
@@ -63,7 +58,7 @@ class Watcher:
     def spin(self, seconds: float, until: Callable[[], bool] = lambda: False) -> bool:
         """Spin for some time, or until a condition holds; return True if it held."""
         deadline = time.monotonic() + seconds
-        while not (until() or self.stopped) and time.monotonic() < deadline:
+        while not (until() or self.stop.requested) and time.monotonic() < deadline:
             self._executor.spin_once(timeout_sec=min(0.05, seconds))
         return until()
 
@@ -183,9 +178,9 @@ def echo(watcher: Watcher, given: argparse.Namespace) -> int:
         seen += 1
 
     watcher.subscribe(given.topic, on_message)
-    if not watcher.spin(LONGEST_WAIT, lambda: seen > 0) and not watcher.stopped:
+    if not watcher.spin(LONGEST_WAIT, lambda: seen > 0) and not watcher.stop.requested:
         raise TopicError(f"no message of {given.topic} within {LONGEST_WAIT:g} s")
-    while not (given.once or watcher.stopped):
+    while not (given.once or watcher.stop.requested):
         watcher.spin(1.0)
     return 0
 
@@ -195,7 +190,7 @@ def show_rate(watcher: Watcher, given: argparse.Namespace) -> int:
     rate = Rate()
     watcher.subscribe(given.topic, lambda data: rate.add(time.monotonic(), len(data)), raw=True)
     began = time.monotonic()
-    while not watcher.stopped and not 0 < given.seconds <= time.monotonic() - began:
+    while not watcher.stop.requested and not 0 < given.seconds <= time.monotonic() - began:
         watcher.spin(min(1.0, given.seconds or 1.0))
         print(rate, flush=True)
     return 0 if rate.count else 1
@@ -244,7 +239,6 @@ def main() -> int:
     given, ros = parse(sys.argv[1:])
     start_tool("topic.sh", ros)
     watcher = Watcher()
-    on_signals(watcher.on_signal)
     try:
         status: int = given.action(watcher, given)
         return status
