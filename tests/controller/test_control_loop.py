@@ -14,9 +14,12 @@ from bicycle_controller.control import control_loop as driving
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.exploration_noise import Noise, NoiseConfig
 from bicycle_controller.control.goals import GoalTracker, Status
-from bicycle_controller.control.lqr import LqrController
+from bicycle_controller.control.lqr import LqrController, fitting
 from bicycle_controller.control.safety import Safety
 from bicycle_controller.policy.policy import load_policy
+from bicycle_sim.plants.whipple import catalogue
+from bicycle_sim.plants.whipple.parameters import Motor
+from bicycle_sim.plants.whipple.plant import WhipplePlant
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_sim.task.scenario import named
 
@@ -307,3 +310,21 @@ def test_a_bicycle_that_waits_for_a_dead_controller_is_answered(simulator: Simul
     command = rider.answer(state, 0.2).command
     assert command is not None
     assert rider.answer(state, 0.2).command is command
+
+
+def test_the_fallback_knows_the_commands_that_are_under_way() -> None:
+    """At 2 m/s and 75 ms of delay the LQR holds the bicycle only because it remembers."""
+    known = catalogue.load("browser-rider").parameters
+    plant = WhipplePlant(replace(known, delay=0.075, motor=Motor(lag=0.03, limit=7.0)))
+    simulator = Simulator(SCENARIO.with_motor(plant.torque_limit), plant)
+    simulator.reset(InitialPose(0.0, 0.0, 0.0, 2.0))
+    limits = simulator.scenario.action_limits
+    lqr = fitting(limits, plant)
+    loop = ControlLoop("me", Fixed(broken), GoalTracker(), limits, fallback=lqr, plant=plant)
+    loop.tracker.replace([(0.0, 400.0)])
+    for step in range(400):
+        command = loop.answer(simulator.snapshot, 0.025 * step).command
+        assert command is not None
+        assert command.policy == lqr.policy_id
+        simulator.step(command, 0.2 * (step == 40))
+    assert abs(simulator.snapshot.lean_angle) < 0.02

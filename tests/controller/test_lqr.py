@@ -9,11 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bicycle_controller.control.lqr import SPEEDS, TUNED, LqrConfig, LqrController
+from bicycle_controller.control.lqr import SPEEDS, TUNED, LqrConfig, LqrController, tuned
 from bicycle_controller.evaluation.evaluate import evaluate
 from bicycle_controller.policy.policy import LQR
+from bicycle_sim.plants import registry
 from bicycle_sim.plants.choi.linear import discrete
 from bicycle_sim.plants.choi.plant import ChoiPlant
+from bicycle_sim.plants.whipple import catalogue
+from bicycle_sim.plants.whipple.parameters import Motor
+from bicycle_sim.plants.whipple.plant import WhipplePlant
 from bicycle_sim.task.scenario import Region, Scenario, named
 from bicycle_sim.task.task import BicycleTask
 
@@ -203,3 +207,21 @@ def test_an_impossible_tuning_is_refused(changes: dict[str, Any], words: str) ->
 def test_a_wrong_shape_is_refused(shape: tuple[int, ...], speeds: int) -> None:
     with pytest.raises(ValueError, match=r"observation must have shape \(N, 6\)"):
         LqrController().act(np.zeros(shape), np.ones(speeds))
+
+
+@pytest.mark.parametrize("bicycle", ["browser-rider", "steer-by-wire"])
+def test_a_bicycle_with_trail_is_held_in_turns_and_circles_no_goal(bicycle: str) -> None:
+    plant = registry.named("whipple", bicycle)
+    controller = LqrController.named("lqr", plant)
+    scenario = named("random-start-random-goal")
+    for speed in (10.0 / 3.6, 5.0):
+        assert score(controller, replace(scenario, start_speed=speed), 100, plant=plant) == (1, 0)
+
+
+def test_a_motor_s_limit_is_the_lqr_s() -> None:
+    known = catalogue.load("benchmark").parameters
+    plant = WhipplePlant(replace(known, motor=Motor(limit=7.0)))
+    assert tuned("lqr", plant).torque_limit == 7.0
+    assert tuned("lqr", plant, 3.0).torque_limit == 3.0
+    assert tuned("lqr", registry.named("whipple")).torque_limit == 2.0
+    assert tuned("lqr", ChoiPlant()) is TUNED["lqr"]

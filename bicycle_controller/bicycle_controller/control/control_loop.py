@@ -82,6 +82,7 @@ class ControlLoop:
         self.safety = safety
         self.plant = plant
         self._riding: Riding | None = None
+        self._fallback_riding: Riding | None = None
         self._ridden: Plant[Any] | None = None
         self._judged = policy
         self._asked: tuple[np.ndarray, np.ndarray] | None = None
@@ -131,12 +132,12 @@ class ControlLoop:
         episode, step = self._last
         if snapshot.episode == episode:
             self.missed += max(0, snapshot.step - step - 1)
-            if self._riding is not None:
-                self._riding.missed(snapshot.step - step - 1)
+            for riding in self._ridings():
+                riding.missed(snapshot.step - step - 1)
             return max(1, snapshot.step - step)
         self._stopped_for = None
-        if self._riding is not None:
-            self._riding.reset()
+        for riding in self._ridings():
+            riding.reset()
         if self._noise is not None:
             self._noise.reset(np.array([True]))
         if self.safety is not None:
@@ -161,8 +162,9 @@ class ControlLoop:
         action = np.clip(action, -self.limits, self.limits)
         if self.safety is not None:
             action = self.safety.limit(action[None], steps)[0]
-        if self._riding is not None:
-            self._riding.acted(seen, np.array([snapshot.speed]), action[None])
+        self._follow_fallback()
+        for riding in self._ridings():
+            riding.acted(seen, np.array([snapshot.speed]), action[None])
         torque, displacement, pedal = action
         goal = self.tracker.active
         command = Command(
@@ -194,7 +196,9 @@ class ControlLoop:
         self.failing = bool(trouble)
         if action is None:
             self.handed_over += 1
-            given = _answer(self.fallback, seen, speed)[0] if self.fallback else None
+            self._follow_fallback()
+            riding = self._fallback_riding
+            given = _answer(riding, seen, speed)[0] if riding else None
             action = np.zeros(3) if given is None else given
             if self._stopped_for is not None:
                 action[2] = stopping_pedal(snapshot.speed)
@@ -235,6 +239,18 @@ class ControlLoop:
                 return None, f"cannot ride: {error}"
             self._riding, self._ridden = riding, self.plant
         return _answer(riding, seen, speed)
+
+    def _follow_fallback(self) -> None:
+        """Remember the ride for the present fallback, too, so that it knows what is under way."""
+        riding = self._fallback_riding
+        if self.fallback is None:
+            self._fallback_riding = None
+        elif riding is None or riding.controller is not self.fallback:
+            self._fallback_riding = Riding(self.fallback, 1, self.plant)
+
+    def _ridings(self) -> list[Riding]:
+        """Return the rides that are remembered, of the policy and of the fallback."""
+        return [one for one in (self._riding, self._fallback_riding) if one is not None]
 
     @property
     def driving(self) -> str:

@@ -1,7 +1,9 @@
 """A classical controller: LQR on lean and steering inside, a heading loop around it.
 
-It sees what a learned actor sees, the six observations and the speed, and nothing else: no
-distance to the goal, no memory. It is the yardstick that learned actors must beat.
+It sees what a learned actor sees, the six observations and the speed, and no distance to the
+goal. It is the yardstick that learned actors must beat. Where commands reach the bicycle late or
+through a motor that lags, the plant's model says so: then it also remembers its last commands, of
+which the motor's torque and the commands under way follow.
 
 The heading loop turns the heading error into a wanted turn: a handlebar angle and the lean at
 which that turn is steady. The LQR rides it. Two facts shape the wanted turn:
@@ -11,6 +13,9 @@ which that turn is steady. The LQR rides it. Two facts shape the wanted turn:
   the turn is tightest at 60 degrees and widens steeply through 90.
 - The error jumps from +180 to -180 degrees, and a bicycle countersteers over that edge before
   it turns. So the wanted turn is small there, or it would flip from side to side.
+
+A turn that only a torque holds (a bicycle with trail) gets that torque, so the turn that is wanted
+is the turn that is ridden.
 """
 
 from __future__ import annotations
@@ -19,17 +24,19 @@ import hashlib
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from bicycle_common.validation import require
+from bicycle_controller.control.past import Past
+from bicycle_controller.control.unseen import settled_in, through_commands
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
 
-SPEEDS = np.linspace(1.0, 5.0, 33)
+SPEEDS = np.linspace(1.0, 8.0, 57)
 """m/s, for which gains are computed; between them they are interpolated, beyond them held."""
 
 STATES = ("lean_angle", "lean_rate", "steer_angle", "steer_rate", "heading_error")
@@ -68,6 +75,8 @@ class LqrConfig:
     """Cost of squared torque."""
     displacement_weight: float = 1.0
     """Cost of squared displacement as a share of its limit."""
+    hold_share: float = 0.6
+    """Share of `torque_limit` that the tightest wanted turn may take to be held."""
     tilt_limit: float = 0.35
     """rad, the steepest tilt of the centre of mass wanted in a turn."""
     steer_limit: float = 0.7
@@ -122,20 +131,46 @@ TUNED = {
 }
 """Tunings by name; `lqr-20cm` needs a scenario that allows its displacement of 20 cm."""
 
+REAL: dict[str, Any] = {
+    "state_weights": (10.0, 1.0, 1.0, 0.1, 5.0),
+    "torque_weight": 0.1,
+    "lean_lead": 5.0,
+}
+"""What differs on other bicycles than the paper's, which has neither trail nor delay: these
+weights catch larger kicks, above all under a long delay."""
+
+
+def tuned(name: str, plant: Plant[Any], torque_limit: float | None = None) -> LqrConfig:
+    """Return the tuning of a name for a bicycle.
+
+    Args:
+        name: one of TUNED.
+        plant: the bicycle.
+        torque_limit: N m; the motor's by default, or the tuning's if the plant has none.
+    """
+    config = TUNED[name]
+    if plant.name == registry.default().name:
+        return config
+    limit = torque_limit or plant.torque_limit or config.torque_limit
+    return replace(config, **REAL, torque_limit=limit)
+
 
 def tuning_id(config: LqrConfig, plant: Plant[Any]) -> str:
     """`lqr-` and a digest of tuning and plant: the controller's `policy_id`."""
     bicycle = json.loads(plant.to_json())
     if bicycle["plant"] == registry.default().name:
         del bicycle["plant"]  # ids from before there were others stay as they were
-    tuning = json.dumps([asdict(config), bicycle])
+    values = asdict(config)
+    if values["hold_share"] == LqrConfig.hold_share:
+        del values["hold_share"]  # likewise
+    tuning = json.dumps([values, bicycle])
     return "lqr-" + hashlib.sha256(tuning.encode()).hexdigest()[:8]
 
 
 @cache
-def _tuned(name: str, plant: Plant[Any]) -> LqrController:
+def _tuned(name: str, plant: Plant[Any], torque_limit: float | None) -> LqrController:
     """The controller of a tuning's name; its gains take a moment, so it is kept."""
-    return LqrController(TUNED[name], plant)
+    return LqrController.named(name, plant, torque_limit)
 
 
 def fitting(limits: Sequence[float] | np.ndarray, plant: Plant[Any]) -> LqrController:
@@ -143,17 +178,38 @@ def fitting(limits: Sequence[float] | np.ndarray, plant: Plant[Any]) -> LqrContr
 
     What is not known to be allowed, for its limit is infinite, is not used.
     """
-    _, displacement, pedal = limits
+    torque, displacement, pedal = map(float, limits)
     name = "lqr"
     if math.inf > displacement >= TUNED["lqr-displacement"].displacement_limit:
         name += "-displacement"
     if math.inf > pedal >= TUNED["lqr-pedal"].pedal_limit:
         name += "-pedal"
-    return _tuned(name, plant)
+    return _tuned(name, plant, torque if math.isfinite(torque) else None)
 
 
 class LqrController:
-    """The classical controller, gain-scheduled on speed; it holds no state between calls."""
+    """The classical controller, gain-scheduled on speed; it holds no state between calls.
+
+    Attributes:
+        memory: control periods whose commands it wants to be told; 0 without delay or lag.
+        tuning: name of its tuning in TUNED; empty if it has one of its own.
+    """
+
+    tuning = ""
+
+    @classmethod
+    def named(
+        cls, name: str, plant: Plant[Any] | None = None, torque_limit: float | None = None
+    ) -> LqrController:
+        """Return the controller of a tuning's name, see `tuned`; by default for the paper's.
+
+        Raises:
+            ValueError: when the tuning moves what the plant has not.
+        """
+        ridden = plant if plant is not None else registry.default()
+        made = cls(tuned(name, ridden, torque_limit), ridden)
+        made.tuning = name
+        return made
 
     def __init__(self, config: LqrConfig | None = None, plant: Plant[Any] | None = None) -> None:
         """Compute the gains for every speed of SPEEDS.
@@ -174,6 +230,12 @@ class LqrController:
             "bicycle with a rider who leans",
         )
         self._steady_lean = self.plant.steady_lean_law(self.config.steer_limit)
+        self._steady_torque = self.plant.steady_torque_law(self.config.steer_limit)
+        self._inputs = INPUTS[: 2 if self.config.use_displacement else 1]
+        self._limits = self.config.torque_limit, self.config.displacement_limit
+        held = self._steady_torque(np.full(len(SPEEDS), 0.1), SPEEDS)
+        self._holds = bool(held.any()) and not self.config.use_displacement
+        self.memory = settled_in(self.plant.linearize(float(SPEEDS[0]), discrete=True), STATES)
         designs = np.array([self._design(float(speed)) for speed in SPEEDS])
         fine = np.arange(SPEEDS[0], SPEEDS[-1] + 0.5 * SPEED_STEP, SPEED_STEP)
         self._schedule = np.array([np.interp(fine, SPEEDS, column) for column in designs.T])
@@ -184,12 +246,16 @@ class LqrController:
         return self._policy_id
 
     @np.errstate(over="ignore", invalid="ignore")  # whoever drives looks at what comes out
-    def act(self, observation: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    def act(
+        self, observation: np.ndarray, speed: np.ndarray, past: Past | None = None
+    ) -> np.ndarray:
         """The action for each bicycle.
 
         Args:
             observation: (N, 6), see `bicycle_sim.task.task.OBSERVATION_FIELDS`.
             speed: (N,) m/s.
+            past: of `memory` periods or more; without it, the last commands are taken for those
+                that hold the turn.
 
         Returns:
             (N, 3): N m of torque, m of displacement, N of pedal force, within the limits.
@@ -214,15 +280,32 @@ class LqrController:
         ahead = _limited(wanted_lean - lean, gains[11])
         wanted_steer = wanted_steer - (wanted_lean - lean - ahead) * gains[12]
         state = (-ahead, lean_rate, steer - wanted_steer, steer_rate)
-
-        action = np.zeros((len(speed), 3))
-        action[:, 0] = _limited(-_dot(gains[0:4], state), config.torque_limit)
+        answers = [-_dot(gains[0:4], state)]
+        steady: list[np.ndarray | float] = [0.0]
+        if self._holds:
+            steady[0] = self._steady_torque(wanted_steer, speed)
+            answers[0] = answers[0] + steady[0]
         if config.use_displacement:
-            displacement = wanted_displacement - _dot(gains[4:8], state)
-            action[:, 1] = _limited(displacement, config.displacement_limit)
+            answers.append(wanted_displacement - _dot(gains[4:8], state))
+            steady.append(wanted_displacement)
+        if past is not None and self.memory:
+            for index, answer in enumerate(self._late(past, steady, gains[13:])):
+                answers[index] = answers[index] + answer
+        action = np.zeros((len(speed), 3))
+        for index, (answer, limit) in enumerate(zip(answers, self._limits, strict=False)):
+            action[:, index] = _limited(answer, limit)
         if config.use_pedal:
             action[:, 2] = self._pedal(error, speed)
         return action
+
+    def _late(self, past: Past, steady: list[np.ndarray | float], gains: np.ndarray) -> np.ndarray:
+        """Answer to what is on its way beside the turn's `steady` inputs, (inputs, N)."""
+        inputs, count = len(steady), gains.shape[-1]
+        sent = past.action[:, : self.memory, :inputs].transpose(1, 2, 0)
+        beside = sent - np.array([np.broadcast_to(value, count) for value in steady])
+        shares = gains.reshape(2, self.memory, inputs, count)[:inputs]
+        answer: np.ndarray = -(shares * beside).sum(axis=(1, 2))
+        return answer
 
     def _divide(
         self, tilt: np.ndarray, share: np.ndarray
@@ -235,7 +318,7 @@ class LqrController:
         return displacement, tilt - np.arctan(displacement / height)
 
     def _gains(self, speed: np.ndarray) -> np.ndarray:
-        """The numbers of `_design` at each speed, (13, N)."""
+        """The numbers of `_design` at each speed, (13 or more, N)."""
         index = np.rint((speed - SPEEDS[0]) / SPEED_STEP).astype(np.intp)
         return self._schedule.take(index, axis=1, mode="clip")
 
@@ -257,38 +340,50 @@ class LqrController:
             Four gains of torque and four of displacement on lean, lean rate, steering and
             steering rate; wanted steering per heading error; the largest wanted steering, rad;
             the displacement's share of a steady tilt; rad that the wanted lean may be ahead;
-            steering per tilt of a steady turn.
+            steering per tilt of a steady turn; gains of torque, then of displacement, on the last
+            commands, the newest first.
         """
         config, model = self.config, self.plant.linearize(speed, discrete=True)
         costs = [config.torque_weight, config.displacement_weight / config.displacement_limit**2]
         weights = dict(zip(STATES, config.state_weights, strict=True))
-        inputs = 2 if config.use_displacement else 1
+        inputs = len(self._inputs)
         gain = np.zeros((2, len(STATES)))
         found = _regulator(
             model.a,
-            model.b[:, [model.inputs.index(name) for name in INPUTS[:inputs]]],
+            model.b[:, [model.inputs.index(name) for name in self._inputs]],
             [weights.get(name, 0.0) for name in model.states],
             costs[:inputs],
         )
-        # What no observation shows (a motor's torque, commands under way) is left out.
         gain[:inputs] = found[:, [model.states.index(name) for name in STATES]]
+        # What no observation shows, a motor's torque and commands under way, the commands do.
+        late = np.zeros((2, self.memory, inputs))
+        late[:inputs] = through_commands(model, found, STATES, self._inputs, self.memory)
 
         steer = np.linspace(0.0, config.steer_limit, 1001)
         tilt = self._steady_lean(steer, np.full_like(steer, speed))
+        hold = np.zeros_like(steer)
+        if self._holds:
+            hold = self._steady_torque(steer, np.full_like(steer, speed))
         tilt_per_steer, tilt_per_metre = tilt[1] / steer[1], 1.0 / self.plant.geometry.mass_height
-        # Unknown lean, steering and displacement per heading error: no torque, the regulator's
-        # displacement, and the tilt that the turn needs.
+        hold_per_steer = hold[1] / steer[1]
+        # Unknown lean, steering and displacement per heading error: the torque that holds the
+        # turn, the regulator's displacement, and the tilt that the turn needs.
         balance = [
-            [gain[0, 0], gain[0, 2], 0.0],
+            [gain[0, 0], gain[0, 2] + hold_per_steer * (1.0 + late[0, :, 0].sum()), 0.0],
             [gain[1, 0], gain[1, 2], 1.0],
             [1.0, -tilt_per_steer, tilt_per_metre],
         ]
         _, turn, moved = np.linalg.solve(balance, [-gain[0, 4], -gain[1, 4], 0.0])
         share = moved * tilt_per_metre / (turn * tilt_per_steer)
+        rideable = (tilt <= config.tilt_limit) & (
+            np.abs(hold) <= config.hold_share * config.torque_limit
+        )
         tightest = np.interp(config.tilt_limit, tilt, steer)
+        if self._holds and not rideable.all():
+            tightest = min(tightest, steer[max(1, int(rideable.argmin()) - 1)])
         lead = config.lean_lead * config.torque_limit / abs(gain[0, 0])
         turns = (-float(turn), float(tightest), float(share), float(lead), 1.0 / tilt_per_steer)
-        return [*gain[0, :4], *gain[1, :4], *turns]
+        return [*gain[0, :4], *gain[1, :4], *turns, *late.ravel()]
 
 
 def _regulator(

@@ -225,6 +225,8 @@ class ControllerNode(Node):
             return policy
         try:
             with np.errstate(all="ignore"):
+                if policy.tuning:
+                    return LqrController.named(policy.tuning, plant)
                 return LqrController(policy.config, plant)
         except (ValueError, ArithmeticError, TypeError) as error:
             self._warn(f"no LQR for this bicycle, the policy stays as it was: {error}")

@@ -221,12 +221,17 @@ def shipped_policies() -> list[str]:
     return sorted(name.removesuffix(SUFFIX) for name in found if name.endswith(SUFFIX))
 
 
-def load_controller(name_or_path: str | Path, plant: Plant[Any] | None = None) -> Controller:
+def load_controller(
+    name_or_path: str | Path,
+    plant: Plant[Any] | None = None,
+    torque_limit: float | None = None,
+) -> Controller:
     """A classical controller by one of the names LQR, or what `load_policy` takes.
 
     Args:
         name_or_path: see there.
         plant: what a classical controller is designed for; the paper's bicycle by default.
+        torque_limit: N m of its torque on another bicycle; the motor's by default.
 
     Raises:
         PolicyError: as `load_policy`.
@@ -234,9 +239,9 @@ def load_controller(name_or_path: str | Path, plant: Plant[Any] | None = None) -
     if name_or_path not in LQR:
         return load_policy(name_or_path)
     # Imported here: it needs scipy, which a policy does not.
-    from bicycle_controller.control.lqr import TUNED, LqrController
+    from bicycle_controller.control.lqr import LqrController
 
-    return LqrController(TUNED[str(name_or_path)], plant)
+    return LqrController.named(str(name_or_path), plant, torque_limit)
 
 
 def load_policy(name_or_path: str | Path = DEFAULT_POLICY) -> Policy:

@@ -102,8 +102,12 @@ class SimSettings:
         return registry.named(self.plant, self.bicycle or None, self.physics, **options)
 
     def make_scenario(self) -> Scenario:
-        """Return the paper's experiment of the configured name."""
-        return named(self.scenario)
+        """Return the paper's experiment of the configured name, with the bicycle's motor.
+
+        Raises:
+            ValueError: as `make_plant`.
+        """
+        return named(self.scenario).with_motor(self.make_plant().torque_limit)
 
     def make_options(self) -> LoopOptions:
         """Return pace and watchdog."""
@@ -127,4 +131,4 @@ class SimSettings:
 
     def speed_or_default(self, speed: float) -> float:
         """Return the speed, or the scenario's start speed for a negative one; m/s."""
-        return self.make_scenario().start_speed if speed < 0 else speed
+        return named(self.scenario).start_speed if speed < 0 else speed

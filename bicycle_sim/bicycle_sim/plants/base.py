@@ -20,6 +20,8 @@ Array = Any
 
 SteadyLean = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """(N,) rad of lean from (N,) rad of steering and (N,) m/s."""
+SteadyTorque = Callable[[np.ndarray, np.ndarray], np.ndarray]
+"""(N,) N m on the handlebar from (N,) rad of steering and (N,) m/s."""
 
 
 @dataclass
@@ -252,6 +254,19 @@ class Plant(ABC, Generic[State]):
             steer_limit: rad, the largest steering that is asked for.
         """
         return self.steady_lean
+
+    def steady_torque_law(self, steer_limit: float) -> SteadyTorque:
+        """Return the torque that holds a steady turn, for a caller that needs it at every step.
+
+        Args:
+            steer_limit: rad, the largest steering that is asked for.
+        """
+        return lambda steer_angle, speed: np.zeros(np.shape(steer_angle))
+
+    @property
+    def torque_limit(self) -> float | None:
+        """N m that the steering can have at most; None if nothing but the task limits it."""
+        return None
 
     @abstractmethod
     def take(self, mask: np.ndarray) -> Plant[State]:

@@ -124,6 +124,14 @@ class Scenario:
         zero: dict[str, Any] = {name: 0.0 for name in missing if getattr(self, name) != 0.0}
         return replace(self, **zero) if zero else self
 
+    def with_motor(self, torque_limit: float | None) -> Scenario:
+        """The scenario with the torque of the bicycle's own motor.
+
+        Args:
+            torque_limit: N m, see `Plant.torque_limit`; None leaves the scenario's.
+        """
+        return self if torque_limit is None else replace(self, torque_limit=torque_limit)
+
     def to_json(self) -> str:
         """Return everything as JSON; floats keep every bit."""
         return json.dumps(asdict(self))

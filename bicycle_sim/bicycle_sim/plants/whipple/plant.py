@@ -9,7 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from bicycle_sim.plants.base import Array, BodyState, Geometry, Linear, Loads, Plant, SteadyLean
+from bicycle_sim.plants.base import (
+    Array,
+    BodyState,
+    Geometry,
+    Linear,
+    Loads,
+    Plant,
+    SteadyLean,
+    SteadyTorque,
+)
 from bicycle_sim.plants.whipple import integrate, native, parameters, state_space, steady
 from bicycle_sim.plants.whipple.constants import (
     UNLIMITED,
@@ -73,6 +82,7 @@ class WhipplePlant(Plant[WhippleState]):
         none["wind_x"], none["wind_y"] = np.atleast_1d(road.wind_x), np.atleast_1d(road.wind_y)
         self._idle = Inputs(**none)
         self._extras = bool(np.any([np.any(value) for value in outside]))
+        self._tables: dict[float, steady.TurnTable] = {}
 
     @property
     def time_step(self) -> float:
@@ -206,7 +216,25 @@ class WhipplePlant(Plant[WhippleState]):
         """Return a table of `steady_lean`, within 1e-3 rad of it, for bicycles that are alike."""
         if self._count is not None:
             return self.steady_lean
-        return steady.LeanTable(self.constants, steer_limit)
+        return self._turns(steer_limit).lean
+
+    def steady_torque_law(self, steer_limit: float) -> SteadyTorque:
+        """Return a table of the torques that hold steady turns; see `steady.turn`."""
+        if self._count is not None:
+            return lambda steer, speed: steady.turn(self.constants, steer, speed).steer_torque
+        return self._turns(steer_limit).torque
+
+    @property
+    def torque_limit(self) -> float | None:
+        """N m of the motor, the smallest of many; None if it has no limit."""
+        limits = np.ravel(self.parameters.motor.limit)
+        limits = limits[limits > 0.0]
+        return float(limits.min()) if limits.size else None
+
+    def _turns(self, steer_limit: float) -> steady.TurnTable:
+        if steer_limit not in self._tables:
+            self._tables[steer_limit] = steady.TurnTable(self.constants, steer_limit)
+        return self._tables[steer_limit]
 
     def take(self, mask: np.ndarray) -> WhipplePlant:
         """The plant of those bicycles that `mask` (N,) keeps."""

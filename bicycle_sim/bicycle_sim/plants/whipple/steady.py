@@ -95,29 +95,46 @@ TABLE_STEERS = 71
 """Steering angles from zero to the limit."""
 
 
-class LeanTable:
-    """`lean` of bicycles that are alike, interpolated over steering and speed."""
+class TurnTable:
+    """Lean and torque of steady turns of bicycles that are alike, over steering and speed."""
 
     def __init__(self, k: Constants, steer_limit: float) -> None:
         """Compute the table.
 
         Args:
             k: of the bicycles.
-            steer_limit: rad; beyond it the lean at it holds.
+            steer_limit: rad; beyond it the turn at it holds.
         """
         self._steer_step = steer_limit / (TABLE_STEERS - 1)
         steers, speeds = np.meshgrid(np.linspace(0.0, steer_limit, TABLE_STEERS), TABLE_SPEEDS)
-        self._leans = lean(k, steers.ravel(), speeds.ravel()).reshape(steers.shape)
+        found = turn(k, steers.ravel(), speeds.ravel())
+        guess = _guess(k, steers.ravel(), speeds.ravel())
+        self._leans = np.where(np.isfinite(found.lean), found.lean, guess).reshape(steers.shape)
+        self._torques = _filled(found.steer_torque.reshape(steers.shape))
 
-    def __call__(self, steer: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    def lean(self, steer: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Return (N,) rad at steering (N,), rad, and speed (N,), m/s."""
+        return self._interpolated(self._leans, steer, speed)
+
+    def torque(self, steer: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """Return (N,) N m that hold the turn; where there is none, that of the tightest."""
+        return self._interpolated(self._torques, steer, speed)
+
+    def _interpolated(self, table: np.ndarray, steer: np.ndarray, speed: np.ndarray) -> np.ndarray:
         spacing = TABLE_SPEEDS[1] - TABLE_SPEEDS[0]
         row, up = _place((speed - TABLE_SPEEDS[0]) / spacing, len(TABLE_SPEEDS))
         column, along = _place(np.abs(steer) / self._steer_step, TABLE_STEERS)
-        low = self._leans[row, column] * (1.0 - along) + self._leans[row, column + 1] * along
+        low = table[row, column] * (1.0 - along) + table[row, column + 1] * along
         row = row + 1
-        high = self._leans[row, column] * (1.0 - along) + self._leans[row, column + 1] * along
+        high = table[row, column] * (1.0 - along) + table[row, column + 1] * along
         return np.sign(steer) * (low * (1.0 - up) + high * up)
+
+
+def _filled(table: np.ndarray) -> np.ndarray:
+    """The table with every NaN replaced by the last number before it in its row."""
+    last = np.where(np.isfinite(table), np.arange(table.shape[1]), 0)
+    filled = np.take_along_axis(table, np.maximum.accumulate(last, axis=1), axis=1)
+    return np.nan_to_num(filled)
 
 
 def _place(at: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:

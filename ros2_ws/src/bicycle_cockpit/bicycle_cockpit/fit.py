@@ -7,7 +7,7 @@ from typing import Any
 
 from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_cockpit.ride_state import RideState
-from bicycle_controller.control.lqr import TUNED
+from bicycle_controller.control.lqr import TUNED, tuned
 from bicycle_controller.policy.policy import PolicyError, load_policy
 from bicycle_controller.policy.trained_for import rides_any, unlike_training
 from bicycle_sim.plants.base import Plant
@@ -27,7 +27,7 @@ def misfit(path: str, plant: Plant[Any], scenario: Scenario) -> str:
     """
     unlike: list[str] = []
     if path in TUNED:  # designed for each bicycle
-        tuning = TUNED[path]
+        tuning = tuned(path, plant)
         displacement = tuning.displacement_limit if tuning.use_displacement else 0.0
         pedal = tuning.pedal_limit if tuning.use_pedal else 0.0
         wanted: Sequence[float] = (tuning.torque_limit, displacement, pedal)

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bicycle_controller.control.lqr import TUNED, tuning_id
+from bicycle_controller.control.lqr import TUNED, tuned, tuning_id
 from bicycle_controller.policy.policy import load_policy, shipped_policies
 from bicycle_sim.plants.base import Plant
 
@@ -19,7 +19,7 @@ def shipped_names() -> dict[str, str]:
 
 def lqr_names(plant: Plant[Any]) -> dict[str, str]:
     """Return the names of the LQR's tunings by their ids, which differ with the bicycle."""
-    return {tuning_id(config, plant): name for name, config in TUNED.items()}
+    return {tuning_id(tuned(name, plant), plant): name for name in TUNED}
 
 
 @dataclass(frozen=True)
