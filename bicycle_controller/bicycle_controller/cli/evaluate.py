@@ -8,11 +8,13 @@ import sys
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+from bicycle_common.validation import require
 from bicycle_controller.cli import options
 from bicycle_controller.config import loading
 from bicycle_controller.evaluation import evaluate as scoring
+from bicycle_controller.evaluation import kicks
 from bicycle_controller.evaluation.rollouts import Disturbance
-from bicycle_controller.evaluation.table import as_text, comparison_as_text
+from bicycle_controller.evaluation.table import as_text, comparison_as_text, kicks_as_text
 from bicycle_controller.policy.devices import actor_on
 from bicycle_controller.policy.policy import Policy, load_controller, write_atomically
 from bicycle_controller.policy.trained_for import unlike_training, warning
@@ -24,21 +26,35 @@ if TYPE_CHECKING:
     from bicycle_controller.control.controller import Controller
 
 DEFAULT_SCENARIO = "random-start-random-goal"
-EPILOG = """\
+EPILOG = (
+    """\
 CONTROLLER is lqr (also lqr-displacement, lqr-pedal, lqr-displacement-pedal, lqr-20cm), the name
-of a shipped policy, a policy file or the folder of a training run (its best).
+of a shipped policy, a policy file or the folder of a training run (its best); with --plant or
+--bicycle it is lqr by default.
 Starts, goals and start disturbances follow from the seed alone: every controller meets the same.
 
 example:
   bicycle evaluate fixed-speed --episodes 10000 --against lqr --json
+  bicycle evaluate --plant whipple --bicycle browser-rider --kicks best
 
-""" + scoring.__doc__.partition("\n\n")[2]
+"""
+    + (
+        scoring.__doc__.partition("\n\n")[2]
+        + """
+With --kicks, or for a bicycle of --plant or --bicycle, `kicks` is a list with an entry for every
+speed, and `kicks_best` one with the best LQR of a stated grid for that very bicycle (evaluation/
+lqr_grid.py), with its weights and `share`, what CONTROLLER catches as a share of it:
+
+"""
+    )
+    + kicks.__doc__.rpartition("every speed:\n\n")[2]
+)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `bicycle evaluate`."""
     add = parser.add_argument
-    add("controller", metavar="CONTROLLER", help="what to score")
+    add("controller", metavar="CONTROLLER", nargs="?", help="what to score")
     add("--against", metavar="CONTROLLER", help="compare with this one on the same starts")
     add("--scenario", metavar="NAME", help="a scenario (default: the one it was trained on)")
     what = "change one field of the scenario, as"
@@ -49,6 +65,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--physics",
         metavar="MODE",
         help="of the plant choi, faithful or corrected (default: so)",
+    )
+    add(
+        "--kicks",
+        choices=("none", "own", "best"),
+        help="the largest kick caught, and beside it the best LQR's (default: own with --plant or "
+        "--bicycle, else none)",
+    )
+    add(
+        "--kick-speeds",
+        type=_speeds,
+        default=kicks.SPEEDS,
+        metavar="M_S[,M_S...]",
+        help="speeds at which kicks are tried (default: 1.5, 2, 3, 4 and 6)",
     )
     add("--episodes", type=int, default=1000, metavar="N", help="rides (default: %(default)s)")
     options.add_seed(parser, "of the starts", default=0)
@@ -87,6 +116,17 @@ def _numbers(text: str) -> tuple[float, ...]:
     return values * 6 if len(values) == 1 else values
 
 
+def _speeds(text: str) -> tuple[float, ...]:
+    """Parse speeds above zero."""
+    try:
+        values = tuple(float(word) for word in text.split(","))
+    except ValueError:
+        values = ()
+    if not values or not all(0.0 < value < 100.0 for value in values):
+        raise argparse.ArgumentTypeError(f"write speeds in m/s with commas, not {text!r}")
+    return values
+
+
 def run_command(args: argparse.Namespace) -> int:
     """Score the controllers, print the result, and write it on request.
 
@@ -99,13 +139,23 @@ def run_command(args: argparse.Namespace) -> int:
     if args.out is not None:
         # Fail before an hour of riding, not after it.
         args.out.parent.mkdir(parents=True, exist_ok=True)
+    if args.controller is None:
+        require(
+            args.plant is not None or args.bicycle is not None,
+            "name a CONTROLLER to score, such as fixed-speed, or a --bicycle for the lqr to ride",
+        )
+        args.controller = "lqr"
     first = load_controller(args.controller)
     scenario, plant = _world(args, first)
     disturbance = _disturbance(args)
     names = [args.controller, *([args.against] if args.against else [])]
+    riders = [
+        actor_on(load_controller(name, plant, scenario.torque_limit), args.device)
+        for name in names
+    ]
     found = [
         scoring.evaluate(
-            actor_on(load_controller(name, plant), args.device),
+            rider,
             scenario,
             plant,
             args.episodes,
@@ -113,14 +163,17 @@ def run_command(args: argparse.Namespace) -> int:
             disturbance,
             progress=options.shows_progress(args),
         )
-        for name in names
+        for rider in riders
     ]
     told = [_unlike(name, scenario, plant, disturbance) for name in names]
     result: dict[str, Any] = found[0].summary()
     result["unlike_training"] = told[0]
     text = as_text([item.summary() for item in found])
+    caught = [_kicks(args, rider, scenario, plant) for rider in riders]
+    result |= caught[0]
+    text += kicks_as_text(names, caught)
     if args.against:
-        result["against"] = {**found[1].summary(), "unlike_training": told[1]}
+        result["against"] = {**found[1].summary(), "unlike_training": told[1], **caught[1]}
         result["comparison"] = scoring.compare(*found)
         text += "\n\n" + comparison_as_text(result["comparison"])
     written = json.dumps(result, indent=2)
@@ -133,13 +186,35 @@ def run_command(args: argparse.Namespace) -> int:
     return 0
 
 
+def _kicks(
+    args: argparse.Namespace, rider: Controller, scenario: Scenario, plant: Plant[Any]
+) -> dict[str, Any]:
+    """Return the largest kicks caught at each speed, and the best LQR's, as far as wanted."""
+    asked = args.kicks or ("own" if args.plant or args.bicycle else "none")
+    if asked == "none":
+        return {}
+    limits = scenario.action_limits
+    own = [kicks.largest(rider, plant, speed, limits) for speed in args.kick_speeds]
+    result: dict[str, Any] = {"kicks": [item.summary() for item in own]}
+    if asked == "best":
+        # Imported here: it needs scipy.
+        from bicycle_controller.evaluation.lqr_grid import best
+
+        rows = [best(plant, speed, limits) for speed in args.kick_speeds]
+        result["kicks_best"] = [
+            {**row.summary(), "share": row.share(item)}
+            for item, row in zip(own, rows, strict=True)
+        ]
+    return result
+
+
 def _unlike(
     name: str, scenario: Scenario, plant: Plant[Any], disturbance: Disturbance
 ) -> list[str]:
     """Return the differences between the rides and the controller's training."""
     if disturbance.speed is not None:
         scenario = replace(scenario, start_speed=disturbance.speed, speed_limits=None)
-    return unlike_training(load_controller(name, plant), plant, scenario)
+    return unlike_training(load_controller(name, plant, scenario.torque_limit), plant, scenario)
 
 
 def _world(args: argparse.Namespace, controller: Controller) -> tuple[Scenario, Plant[Any]]:
@@ -154,7 +229,8 @@ def _world(args: argparse.Namespace, controller: Controller) -> tuple[Scenario, 
     if "bicycle" in given:
         given.setdefault("plant", "whipple")
     plant = registry.named(**given) if given or trained is None else trained.plant
-    return loading.changed(scenario, args.overrides), plant
+    scenario = scenario.with_motor(plant.torque_limit)
+    return loading.changed(scenario, args.overrides).suited(plant.input_names), plant
 
 
 def _disturbance(args: argparse.Namespace) -> Disturbance:

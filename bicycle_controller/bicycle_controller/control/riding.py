@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import numpy as np
@@ -74,3 +75,10 @@ class Riding:
         self._begins = self._begins[mask]
         if self._past is not None:
             self._past.keep(mask)
+
+    def repeated(self, count: int) -> Riding:
+        """Return `count` rides with the memory of the first one."""
+        rides = copy.copy(self)
+        rides._past = copy.copy(self._past)
+        rides.keep(np.zeros(count, dtype=np.intp))
+        return rides

@@ -69,6 +69,33 @@ def as_markdown(summary: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def kicks_as_text(names: list[str], found: list[dict[str, Any]]) -> str:
+    """Return the largest kicks caught by every controller, a line for each speed.
+
+    Args:
+        names: of the controllers.
+        found: for each, `kicks` and perhaps `kicks_best` as in the JSON.
+    """
+    lines = []
+    for name, kicks in zip(names, found, strict=True):
+        if "kicks" not in kicks:
+            continue
+        lines += ["", f"largest kick caught by {name}, deg/s: left, right; into, out of a turn"]
+        for index, row in enumerate(kicks["kicks"]):
+            sizes = "{:g}, {:g}; {:g}, {:g}".format(*row["straight"], *row["turn"])
+            line = f"  {row['speed']:g} m/s  {sizes}"
+            if "kicks_best" in kicks:
+                best = kicks["kicks_best"][index]
+                line += f"; {_of_best(best)}"
+            lines.append(line)
+    return "\n" + "\n".join(lines) if lines else ""
+
+
+def _of_best(best: dict[str, Any]) -> str:
+    share = "-" if best["share"] is None else f"{best['share']:.2f}"
+    return f"{share} of the best LQR's {best['caught']:g}"
+
+
 def comparison_as_text(comparison: dict[str, Any]) -> str:
     """Return the result of `evaluate.compare` as text."""
     first, second = comparison["controllers"]
