@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bicycle_controller.control.lqr import LqrController
+from bicycle_controller.control.past import Past
 from bicycle_controller.evaluation import rollouts as rides_module
 from bicycle_controller.evaluation.evaluate import evaluate, wilson
 from bicycle_controller.evaluation.rollouts import Disturbance
@@ -48,10 +49,12 @@ class Idle:
 class Circler(LqrController):
     """Turns for ever, as if the goal were always a little to the left."""
 
-    def act(self, observation: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    def act(
+        self, observation: np.ndarray, speed: np.ndarray, past: Past | None = None
+    ) -> np.ndarray:
         turned = observation.copy()
         turned[:, 5] = -0.5
-        return super().act(turned, speed)
+        return super().act(turned, speed, past)
 
 
 def test_straight_ride_worked_by_hand() -> None:
