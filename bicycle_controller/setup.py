@@ -29,6 +29,7 @@ setup(
         NAME: [
             "models/*",
             "presets/*.yaml",
+            "courses/*",
             "figures/*.yaml",
             "figures/causes/*.yaml",
             "agents/*.cpp",

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bicycle_common.validation import require
 from bicycle_controller.cli import options
 from bicycle_controller.config import loading
+from bicycle_controller.evaluation import course_score, kicks
 from bicycle_controller.evaluation import evaluate as scoring
-from bicycle_controller.evaluation import kicks
 from bicycle_controller.evaluation.rollouts import Disturbance
 from bicycle_controller.evaluation.table import as_text, comparison_as_text, kicks_as_text
 from bicycle_controller.policy.devices import actor_on
@@ -33,9 +35,13 @@ of a shipped policy, a policy file or the folder of a training run (its best); w
 --bicycle it is lqr by default.
 Starts, goals and start disturbances follow from the seed alone: every controller meets the same.
 
-example:
+With --course, CONTROLLER is a follower: preview (an LQR that sees the path's curvature ahead; the
+default) or stanley (the baseline). --course random rides one random road per episode.
+
+examples:
   bicycle evaluate fixed-speed --episodes 10000 --against lqr --json
   bicycle evaluate --plant whipple --bicycle browser-rider --kicks best
+  bicycle evaluate --course all --bicycle browser-rider --picture courses.png
 
 """
     + (
@@ -48,6 +54,7 @@ lqr_grid.py), with its weights and `share`, what CONTROLLER catches as a share o
 """
     )
     + kicks.__doc__.rpartition("every speed:\n\n")[2]
+    + course_score.__doc__.partition("\n\n")[2]
 )
 
 
@@ -55,6 +62,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `bicycle evaluate`."""
     add = parser.add_argument
     add("controller", metavar="CONTROLLER", nargs="?", help="what to score")
+    text = (
+        "score a path follower instead: all, a course's name, a YAML, CSV or GPX file, or random"
+    )
+    add("--course", metavar="NAME|FILE", help=text)
+    text = "largest distance (m) and angle (degrees) from the course's start, for --episodes rides"
+    add("--from", dest="start", nargs=2, type=float, metavar=("M", "DEG"), help=text)
+    add("--picture", type=Path, metavar="FILE", help="with --course, draw the rides, PNG")
     add("--against", metavar="CONTROLLER", help="compare with this one on the same starts")
     add("--scenario", metavar="NAME", help="a scenario (default: the one it was trained on)")
     what = "change one field of the scenario, as"
@@ -79,7 +93,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="M_S[,M_S...]",
         help="speeds at which kicks are tried (default: 1.5, 2, 3, 4 and 6)",
     )
-    add("--episodes", type=int, default=1000, metavar="N", help="rides (default: %(default)s)")
+    text = "rides (default: 1000, with --course 1 each)"
+    add("--episodes", type=int, default=None, metavar="N", help=text)
     options.add_seed(parser, "of the starts", default=0)
     options.add_device(parser, "cpu, or cuda for the policy's network", default="cpu")
     options.add_out(parser, "write the JSON there too", metavar="FILE")
@@ -139,10 +154,15 @@ def run_command(args: argparse.Namespace) -> int:
     if args.out is not None:
         # Fail before an hour of riding, not after it.
         args.out.parent.mkdir(parents=True, exist_ok=True)
+    if args.course is not None:
+        return _ride_courses(args)
+    if args.start is not None or args.picture is not None:
+        raise ValueError("--from and --picture belong to --course")
+    args.episodes = 1000 if args.episodes is None else args.episodes
     if args.controller is None:
         require(
             args.plant is not None or args.bicycle is not None,
-            "name a CONTROLLER to score, such as fixed-speed, or a --bicycle for the lqr to ride",
+            "name a CONTROLLER to score, such as fixed-speed, a --course or a --bicycle",
         )
         args.controller = "lqr"
     first = load_controller(args.controller)
@@ -208,6 +228,62 @@ def _kicks(
     return result
 
 
+def _ride_courses(args: argparse.Namespace) -> int:
+    """Score a follower on courses; return the exit status.
+
+    Raises:
+        ValueError: on a user's mistake.
+    """
+    given = {"--scenario": args.scenario, "--against": args.against}
+    given |= {f"--{name.replace('_', '-')}": getattr(args, name) for name in vars(Disturbance())}
+    del given["--speed"]
+    wrong = [name for name, value in given.items() if value is not None]
+    if wrong:
+        raise ValueError(f"{wrong[0]} does not go with --course")
+    plant = _plant(args) or registry.default()
+    scenario = named("learned-speed").with_motor(plant.torque_limit)
+    scenario = loading.changed(scenario, args.overrides)
+    limits = scenario.torque_limit, scenario.pedal_limit
+    away, turned = args.start or (0.0, 0.0)
+    if not (0.0 <= away <= 40.0 and 0.0 <= turned <= 180.0):
+        raise ValueError(f"--from {away:g} {turned:g}: choose up to 40 m and 180 degrees")
+    results, traces = course_score.score(
+        args.controller or "preview",
+        args.course,
+        plant,
+        1 if args.episodes is None else args.episodes,
+        args.seed,
+        args.speed,
+        limits,
+        (away, math.radians(turned)),
+    )
+    if args.picture is not None:
+        args.picture.parent.mkdir(parents=True, exist_ok=True)
+        title = f"{args.controller or 'preview'} on {plant.label}"
+        course_score.draw(traces, title, args.picture)
+    found = {
+        "physics": json.loads(plant.to_json()),
+        "torque_limit": limits[0],
+        "pedal_limit": limits[1],
+        "seed": args.seed,
+        "courses": results,
+    }
+    written = json.dumps(found, indent=2)
+    if args.out is not None:
+        write_atomically(args.out, written.encode() + b"\n")
+    print(written if args.json else course_score.as_text(results), flush=True)
+    return 0
+
+
+def _plant(args: argparse.Namespace) -> Plant[Any] | None:
+    """Return the plant that the arguments name; None if they name none."""
+    asked = {"plant": args.plant, "bicycle": args.bicycle, "physics": args.physics}
+    given = {name: value for name, value in asked.items() if value is not None}
+    if "bicycle" in given:
+        given.setdefault("plant", "whipple")
+    return registry.named(**given) if given else None
+
+
 def _unlike(
     name: str, scenario: Scenario, plant: Plant[Any], disturbance: Disturbance
 ) -> list[str]:
@@ -224,11 +300,7 @@ def _world(args: argparse.Namespace, controller: Controller) -> tuple[Scenario, 
         scenario = trained.scenario
     else:
         scenario = named(args.scenario or DEFAULT_SCENARIO)
-    asked = {"plant": args.plant, "bicycle": args.bicycle, "physics": args.physics}
-    given = {name: value for name, value in asked.items() if value is not None}
-    if "bicycle" in given:
-        given.setdefault("plant", "whipple")
-    plant = registry.named(**given) if given or trained is None else trained.plant
+    plant = _plant(args) or (registry.default() if trained is None else trained.plant)
     scenario = scenario.with_motor(plant.torque_limit)
     return loading.changed(scenario, args.overrides).suited(plant.input_names), plant
 
