@@ -94,8 +94,7 @@ build_inputs() { # The fingerprint of all that decides what colcon builds
   files=$(
     cd "$ws" || exit
     find -L src -path '*/.*' -prune -o -type f \( -path '*/bicycle_msgs/*' -o -name package.xml -o -name setup.py \
-      -o -name setup.cfg -o -name inference.cpp -o -name native_task.cpp -o -name 'whipple*.cpp' \
-      -o -name 'whipple*.h' \) -print | LC_ALL=C sort
+      -o -name setup.cfg -o -name '*.cpp' -o -name '*.h' \) -print | LC_ALL=C sort
   )
   {
     (cd "$ws" && xargs -d '\n' sha256sum -- <<<"$files")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from policies import make_policy
 
+from bicycle_common import native_library
 from bicycle_controller.policy import inference
 from bicycle_controller.policy.inference import NativeForward, NumpyForward
 from bicycle_controller.policy.policy import Policy
@@ -123,8 +124,8 @@ def test_without_the_library_it_says_what_to_do(monkeypatch: pytest.MonkeyPatch)
         NativeForward([], np.ones(3), 1e-5)
 
 
-@pytest.mark.parametrize("name", ["not-there", "models/fixed-speed"])
+@pytest.mark.parametrize("name", ["not-there", "../models/fixed-speed"])
 def test_no_library_where_none_loads(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     monkeypatch.setattr(inference, "LIBRARY", name)
-    monkeypatch.setattr(inference, "EXTENSION_SUFFIXES", [".safetensors"])
+    monkeypatch.setattr(native_library, "EXTENSION_SUFFIXES", [".safetensors"])
     assert inference.load.__wrapped__() is None

@@ -5,6 +5,7 @@ import pytest
 import torch
 from training_maker import small_ddpg
 
+from bicycle_common import native_library
 from bicycle_controller.agents import native
 from bicycle_controller.agents.fused import FusedDdpg
 from bicycle_controller.agents.fused_net import Flat, FusedNet
@@ -85,7 +86,7 @@ def test_it_is_compiled_once_and_kept(bare: pytest.MonkeyPatch, tmp_path: Path) 
     assert native.load() is not None
     files = list((tmp_path / "bicycle").iterdir())
     assert [path.suffix for path in files] == [".so"]
-    bare.setattr(native, "COMPILERS", ())
+    bare.setattr(native_library, "COMPILERS", ())
     native.load.cache_clear()
     assert native.load() is not None
 
@@ -93,7 +94,7 @@ def test_it_is_compiled_once_and_kept(bare: pytest.MonkeyPatch, tmp_path: Path) 
 def test_without_a_compiler_torch_does_the_work_and_one_line_says_so(
     bare: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bare.setattr(native, "COMPILERS", ("no-such-compiler",))
+    bare.setattr(native_library, "COMPILERS", ("no-such-compiler",))
     torch.set_num_threads(1)
     agents = [FusedDdpg(small_ddpg(), 2, 0) for _ in range(2)]
     assert all(isinstance(agent._actor, FusedNet) for agent in agents)
@@ -110,7 +111,7 @@ def test_a_compiler_that_fails_is_told_in_one_line(
     broken = tmp_path / "broken"
     broken.write_text("#!/bin/sh\nexit 3\n")
     broken.chmod(0o755)
-    bare.setattr(native, "COMPILERS", (str(broken),))
+    bare.setattr(native_library, "COMPILERS", (str(broken),))
     assert native.load() is None
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1

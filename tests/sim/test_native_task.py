@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from state_maker import rows
 
+from bicycle_common import native_library
 from bicycle_sim.plants.choi.parameters import Constants, Physics
 from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task import native_task
@@ -199,7 +200,7 @@ def test_without_the_library_the_task_steps_in_numpy(monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize("name", ["_no_such_library", "native_task"])
 def test_a_library_that_does_not_load_is_none(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(native_task, "LIBRARY", name)
-    monkeypatch.setattr(native_task, "EXTENSION_SUFFIXES", [".cpp"])
+    monkeypatch.setattr(native_library, "EXTENSION_SUFFIXES", [".cpp"])
     assert native_task.load.__wrapped__() is None
 
 

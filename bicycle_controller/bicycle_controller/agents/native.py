@@ -8,28 +8,20 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import hashlib
-import os
-import platform
-import shutil
 import subprocess
 import sys
-import tempfile
 import weakref
 from importlib import resources
-from pathlib import Path
 
 import torch
 from torch import Tensor, nn
 
+from bicycle_common.native_library import compiled, one_line
 from bicycle_controller.agents.fused_net import gradient_views
 from bicycle_controller.agents.networks import Actor, Critic, linear_layers
 
 FLAGS = ("-O3", "-march=native", "-std=c++17", "-shared", "-fPIC")
 SOURCES = ("native.cpp", "gemm.h")
-COMPILERS = ("c++", "g++", "clang++")
-PATIENCE = 120
-"""Time limit of the compiler (s)."""
 
 
 class _Layer(ctypes.Structure):
@@ -124,10 +116,12 @@ def _layers(network: Actor | Critic, gradient: Tensor | None) -> ctypes.Array[_L
 @functools.cache
 def load() -> ctypes.CDLL | None:
     """Return the compiled library, or None after one line on standard error."""
+    package = resources.files("bicycle_controller.agents")
     try:
-        library = ctypes.CDLL(str(_compiled()))
+        sources = {name: package.joinpath(name).read_bytes() for name in SOURCES}
+        library = ctypes.CDLL(str(compiled(sources, FLAGS)))
     except (OSError, subprocess.SubprocessError) as error:
-        reason = " ".join(str(error).split())[:200]
+        reason = one_line(error)
         print(f"the native update step is not used ({reason}): torch does it", file=sys.stderr)
         return None
     pointer, number = ctypes.c_void_p, ctypes.c_int
@@ -137,43 +131,3 @@ def load() -> ctypes.CDLL | None:
         function = getattr(library, f"net_{name}")
         function.argtypes, function.restype = [pointer] * count, None
     return library
-
-
-def _compiled() -> Path:
-    """Return the library's file; compile it if it is missing.
-
-    Raises:
-        OSError: if there is no compiler, it fails, or no folder is writable.
-        subprocess.TimeoutExpired: if compiling takes too long.
-    """
-    package = resources.files("bicycle_controller.agents")
-    sources = {name: package.joinpath(name).read_bytes() for name in SOURCES}
-    about = (" ".join(FLAGS) + _processor()).encode()
-    mark = hashlib.sha256(b"".join([*sources.values(), about]))
-    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bicycle"
-    path = root / f"native-{mark.hexdigest()[:16]}.so"
-    if path.exists():
-        return path
-    compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
-    if compiler is None:
-        raise FileNotFoundError("there is no C++ compiler")
-    root.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=root) as folder:
-        for name, text in sources.items():
-            (Path(folder) / name).write_bytes(text)
-        made = Path(folder) / "native.so"
-        words = [compiler, *FLAGS, "-o", str(made), str(Path(folder) / SOURCES[0])]
-        done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE)
-        if done.returncode != 0:
-            said = [line for line in done.stderr.splitlines() if line.strip()] or ["nothing said"]
-            raise OSError(f"{compiler} ended with status {done.returncode}: {said[0]}")
-        made.replace(path)
-    return path
-
-
-def _processor() -> str:
-    """Return a key of everything that the machine code depends on."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    kinds = ("flags", "Features", "model name")
-    return platform.machine() + "".join(sorted({n for n in lines if n.startswith(kinds)}))

@@ -1,8 +1,7 @@
 """Fast forward pass of an actor for one bicycle, for the control loop.
 
 `inference.cpp` needs one call. Numpy's dozen calls would leave the processor's cache between two
-states, 25 ms apart; they are the fallback if the library is missing. It is built with the
-package, not at first use as `agents/native.cpp` is: a robot may have no compiler.
+states, 25 ms apart; they are the fallback if the library is missing.
 """
 
 from __future__ import annotations
@@ -11,11 +10,12 @@ import ctypes
 import functools
 import math
 from collections.abc import Sequence
-from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
+
+from bicycle_common.native_library import load_built
 
 Layer = tuple[np.ndarray, ...]
 """Weight (out, in), bias (out, 1) and, where there is a norm, its weight and bias (out, 1)."""
@@ -147,16 +147,13 @@ class NativeForward:
 @functools.cache
 def load() -> ctypes.PyDLL | None:
     """Return the library built with the package, or None if it is missing or fails to load."""
-    for suffix in EXTENSION_SUFFIXES:
-        path = Path(__file__).parent / f"{LIBRARY}{suffix}"
-        try:
-            # PyDLL keeps the interpreter's lock: to reacquire it would cost more than the call.
-            library = ctypes.PyDLL(str(path))
-        except OSError:  # missing, or built for another machine
-            continue
-        library.actor_forward.restype = None
-        return library
-    return None
+    try:
+        # PyDLL keeps the interpreter's lock: to reacquire it would cost more than the call.
+        library = load_built(Path(__file__).parent, LIBRARY, lambda path: ctypes.PyDLL(str(path)))
+    except OSError:
+        return None
+    library.actor_forward.restype = None
+    return library
 
 
 def _blocks(weight: np.ndarray) -> list[np.ndarray]:

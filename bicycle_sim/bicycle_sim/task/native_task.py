@@ -13,12 +13,12 @@ import ctypes
 import functools
 import operator
 from collections.abc import Callable
-from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
+from bicycle_common.native_library import load_built
 from bicycle_sim.plants.base import BodyState, Plant
 from bicycle_sim.plants.choi.parameters import Physics
 from bicycle_sim.plants.choi.plant import ChoiPlant
@@ -406,13 +406,9 @@ def _loops() -> dict[str, _Loop]:
 @functools.cache
 def load() -> ctypes.PyDLL | None:
     """Return the library built with the package, or None if it is missing or fails to load."""
-    for suffix in EXTENSION_SUFFIXES:
-        path = Path(__file__).parent / f"{LIBRARY}{suffix}"
-        try:
-            # PyDLL keeps the interpreter's lock: to reacquire it would cost more than the call.
-            library = ctypes.PyDLL(str(path))
-            _loops()
-        except (OSError, LookupError, ValueError):  # missing, or built for another machine
-            continue
-        return library
-    return None
+    try:
+        _loops()
+        # PyDLL keeps the interpreter's lock: to reacquire it would cost more than the call.
+        return load_built(Path(__file__).parent, LIBRARY, lambda path: ctypes.PyDLL(str(path)))
+    except (OSError, LookupError, ValueError):
+        return None

@@ -1,6 +1,6 @@
 """`integrate.advance` compiled: `whipple.cpp`, which is built with the package.
 
-Where it was not built, numpy gives the same bits, some hundred times as slowly for one bicycle.
+If it was not built, numpy gives the same bits, about a hundred times slower for one bicycle.
 """
 
 from __future__ import annotations
@@ -8,29 +8,29 @@ from __future__ import annotations
 import ctypes
 import functools
 import sys
-from importlib.machinery import EXTENSION_SUFFIXES
 from pathlib import Path
 
 import numpy as np
 
+from bicycle_common.native_library import load_built, one_line
 from bicycle_sim.plants.whipple.constants import Constants
 from bicycle_sim.plants.whipple.integrate import ROWS, Inputs
 
 LIBRARY = "_whipple"
-"""Its file beside this one, less the suffix of Python's extensions."""
+"""Name of its file beside this one, without the suffix of Python extensions."""
 
 LAYOUT = " / ".join(" ".join(names) for names in (Constants._fields, ROWS, Inputs._fields)) + " "
-"""The rows that the library must have been built for."""
+"""Rows that the library must have been built for."""
 
 
 class Library:
-    """The compiled step."""
+    """Compiled step."""
 
     def __init__(self, path: Path) -> None:
         """Load it.
 
         Raises:
-            OSError: when it is not there, or was built from other sources or for another machine.
+            OSError: if it is missing, or was built from other sources or for another machine.
         """
         library = ctypes.CDLL(str(path))
         library.whipple_rows.restype = ctypes.c_char_p
@@ -71,11 +71,11 @@ class Library:
             state: (rows, N), see ROWS.
             inputs: each (N,) or (1,).
             substeps: of a whole control period.
-            time_step: s of a whole control period.
-            first: of the substeps to make.
-            last: the one that is not made.
-            extras: whether there are air, road, rolling resistance or loads.
-            leaning_rider: whether there is a rider who leans.
+            time_step: whole control period, s.
+            first: first substep to make.
+            last: first substep that is not made.
+            extras: True if there are air, road, rolling resistance or loads.
+            leaning_rider: True if there is a rider who leans.
         """
         rows = [np.ascontiguousarray(row, dtype=float) for row in inputs]
         addresses = np.array([row.ctypes.data for row in rows], dtype=np.uintp)
@@ -99,19 +99,13 @@ class Library:
 
 @functools.cache
 def load() -> Library | None:
-    """The library that was built with the package, or None after one line that says so."""
-    reason = "it was not built"
-    for suffix in EXTENSION_SUFFIXES:
-        path = Path(__file__).parent / f"{LIBRARY}{suffix}"
-        if not path.exists():
-            continue
-        try:
-            return Library(path)
-        except OSError as error:
-            reason = " ".join(str(error).split())[:200]
-    print(
-        f"the compiled Whipple step is not used ({reason}): numpy does it, more slowly; "
-        "ros2_ws/setup.sh builds it",
-        file=sys.stderr,
-    )
-    return None
+    """Return the library built with the package, or None after one line on standard error."""
+    try:
+        return load_built(Path(__file__).parent, LIBRARY, Library)
+    except OSError as error:
+        print(
+            f"the compiled Whipple step is not used ({one_line(error)}): numpy does it, more "
+            "slowly; ros2_ws/setup.sh builds it",
+            file=sys.stderr,
+        )
+        return None

@@ -1,0 +1,95 @@
+"""Libraries in C++: find the one that set-up built, or compile one at first use.
+
+Most are built with their package (`ext_modules` of its setup.py): a robot may have no compiler.
+Only what is never needed on a robot is compiled at first use, for the processor it runs on. Each
+has a fallback in Python, so whoever loads one catches OSError.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import platform
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from importlib.machinery import EXTENSION_SUFFIXES
+from pathlib import Path
+from typing import TypeVar
+
+Library = TypeVar("Library")
+
+COMPILERS = ("c++", "g++", "clang++")
+PATIENCE = 120
+"""Time limit of the compiler (s)."""
+
+
+def load_built(folder: Path, name: str, load: Callable[[Path], Library]) -> Library:
+    """Load the library that was built with a package.
+
+    Args:
+        folder: of the module that uses it.
+        name: of its file there, without the suffix of Python extensions.
+        load: loads a file, such as `ctypes.PyDLL`; raises OSError if it cannot be used.
+
+    Raises:
+        OSError: if the library is missing, built for another machine or refused by `load`.
+    """
+    reason = OSError("it was not built")
+    for suffix in EXTENSION_SUFFIXES:
+        path = folder / f"{name}{suffix}"
+        if not path.exists():
+            continue
+        try:
+            return load(path)
+        except OSError as error:
+            reason = error
+    raise reason
+
+
+def compiled(sources: Mapping[str, bytes], flags: Sequence[str]) -> Path:
+    """Return a library in the user's cache; compile it if it is missing.
+
+    Args:
+        sources: content by file name; the first is compiled and may include the others.
+        flags: of the compiler.
+
+    Raises:
+        OSError: if there is no compiler, it fails, or no folder is writable.
+        subprocess.TimeoutExpired: if compiling takes too long.
+    """
+    about = (" ".join(flags) + _processor()).encode()
+    mark = hashlib.sha256(b"".join([*sources.values(), about]))
+    root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bicycle"
+    path = root / f"native-{mark.hexdigest()[:16]}.so"
+    if path.exists():
+        return path
+    compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
+    if compiler is None:
+        raise FileNotFoundError("there is no C++ compiler")
+    root.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=root) as folder:
+        for name, text in sources.items():
+            (Path(folder) / name).write_bytes(text)
+        result = Path(folder) / "native.so"
+        words = [compiler, *flags, "-o", str(result), str(Path(folder) / next(iter(sources)))]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE)
+        if done.returncode != 0:
+            said = [line for line in done.stderr.splitlines() if line.strip()] or ["no message"]
+            raise OSError(f"{compiler} ended with status {done.returncode}: {said[0]}")
+        result.replace(path)
+    return path
+
+
+def one_line(error: Exception) -> str:
+    """Return the reason for a message: one line of at most 200 characters."""
+    return " ".join(str(error).split())[:200]
+
+
+def _processor() -> str:
+    """Return a key of everything that the machine code depends on."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    kinds = ("flags", "Features", "model name")
+    return platform.machine() + "".join(sorted({n for n in lines if n.startswith(kinds)}))
