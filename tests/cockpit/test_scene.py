@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Any
@@ -154,6 +155,85 @@ def test_the_point_under_the_mouse_is_found_on_the_ground(page: BrowserPage) -> 
         })()""",
     )
     assert found == pytest.approx([4.0, 1.0], abs=1e-3)
+
+
+def test_what_happened_is_on_the_slider_and_a_click_goes_there(page: BrowserPage) -> None:
+    marks = page.locator("#marks button")
+    kinds = [mark.get_attribute("data-kind") for mark in marks.all()]
+    assert sorted(filter(None, kinds)) == ["fell", "hand_over", "push", "reached"]
+    page.locator("#marks [data-kind=reached]").click()
+    assert inside(page, "player.bag.time") == pytest.approx(4.0, abs=0.1)
+    page.locator("#tab-events").click()
+    page.locator("#event-list button", has_text="1.0 s").click()
+    assert inside(page, "player.bag.time") == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_moment_of_the_charts_is_the_same_on_map_and_ground(page: BrowserPage) -> None:
+    page.locator("#span").select_option("5")
+    box = page.locator("#charts").bounding_box()
+    assert box is not None
+    # The gutter with the names takes 122 pixels, and 10 are free on the right.
+    wide = box["width"] - 132
+    page.mouse.move(box["x"] + 122 + 0.6 * wide, box["y"] + 20)
+    until(page, "views.stage.world.spot.visible")
+    assert inside(page, "views.stage.world.spot.position.x") == pytest.approx(6.0, abs=0.2)
+    page.mouse.click(box["x"] + 122 + 0.5 * wide, box["y"] + 20)
+    assert inside(page, "player.bag.time") == pytest.approx(2.5, abs=0.05)
+    page.mouse.wheel(0, 400)
+    expect(page.locator("#span option:checked")).to_have_text("9 s")
+    page.mouse.move(10, 10)
+    until(page, "!views.stage.world.spot.visible")
+
+
+def test_a_second_ride_comes_along_translucent(page: BrowserPage) -> None:
+    page.locator("#compare").click()
+    page.locator("#bag-list button").first.click()
+    until(page, "views.stage.ghost !== null && views.stage.ghost.group.visible")
+    expect(page.locator("#gap")).to_contain_text(re.compile("level with|beside"))
+    page.locator("#compare").click()
+    expect(page.locator("#gap")).to_be_hidden()
+    until(page, "!views.stage.ghost.group.visible")
+
+
+GAP = """async (ahead) => {
+    const { Ghost } = await import("/web/ghost.js");
+    const { Series } = await import("/web/series.js");
+    // Two rides to a goal at 10 m and another 10 m after it, at 2 m/s; the ghost starts later.
+    const ride = (delay) => {
+        const series = new Series(["t", "episode", "step", "goal_distance"]);
+        const rows = Array.from({ length: 600 }, (_, n) => {
+            const way = Math.max(0, 0.025 * n - delay) * 2;
+            return [0.025 * n, 1, n, way < 10 ? 10 - way : Math.max(0, 20 - way)];
+        });
+        series.push(rows, 0);
+        const goal = (t, kind) => ({ t, kind, x: 10, y: 0 });
+        const marks = [goal(0, "active"), goal(5 + delay, "reached"), goal(5 + delay, "active")];
+        return { series, marks, events: marks };
+    };
+    const own = ride(0);
+    const ghost = new Ghost(ride(ahead), "red");
+    const { series, marks } = own;
+    const gap = (time) => ghost.gap(series, series.indexAt(time), time, marks);
+    return [0.4, 4, 5, 7, 9].map(gap);
+}"""
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.5, 2.0])
+def test_the_gap_is_the_time_between_equal_progress(page: BrowserPage, delay: float) -> None:
+    gaps = page.evaluate(GAP, delay)
+    assert gaps == pytest.approx([-delay] * len(gaps), abs=0.25)
+
+
+def test_the_page_makes_a_film(page: BrowserPage) -> None:
+    page.locator("#film").click()
+    expect(page.locator("#film")).to_have_text("Save film")
+    page.locator("#play").click()
+    page.wait_for_timeout(700)
+    with page.expect_download() as download:
+        page.locator("#film").click()
+    assert download.value.suggested_filename.endswith(".webm")
+    assert download.value.path().read_bytes()[:4] == b"\x1aE\xdf\xa3"
+    expect(page.locator("#film")).to_have_text("Film")
 
 
 def test_the_choice_of_the_main_picture_is_kept(page: BrowserPage) -> None:

@@ -74,7 +74,7 @@ def test_reasons_are_told_without_ids() -> None:
     assert explained(Reason.LEAN_RATE, over, LQR, names) == f"it leaned too fast ({detail})"
     assert explained(99, over, LQR, names) == detail, "a reason of a later version"
     fails = f"policy {NAF} fails with ValueError: {LQR} takes over"
-    assert explained(Reason.POLICY, fails, LQR, names) == "naf fails with ValueError"
+    assert explained(Reason.POLICY, fails, LQR, names) == "NAF actor fails with ValueError"
     assert explained(Reason.NONE, f"calm again: policy {NAF} drives", NAF, names) == "calm again"
     unknown = "policy mine@1234 gives an action that is not finite: lqr-00000000 takes over"
     told = explained(Reason.POLICY, unknown, "lqr-00000000", {})

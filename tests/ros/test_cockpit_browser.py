@@ -91,7 +91,7 @@ def test_a_click_sends_the_bicycle_to_where_it_was_made(
     own.close()
     assert nearest < 1.2, "the goal's radius is 1 m, and the place is shown to 0.1 m"
     page.locator("#tab-loop").click()
-    expect(page.locator("#who-text")).to_have_text(re.compile("^lqr rides"))
+    expect(page.locator("#who-text")).to_have_text(re.compile("^LQR, a linear controller, rides"))
     page.locator("#record").click()
     expect(page.locator("#record")).to_have_text(re.compile("Record$"))
 
@@ -132,10 +132,13 @@ def test_push_pause_and_switch(page: BrowserPage) -> None:
     said(page, "^one step made$")
     page.locator("#pause").click()
     expect(page.locator("#mode")).to_have_text("riding")
-    for name in ("fixed-speed", "naf", "ppo"):
+    labels = {"fixed-speed": "DDPG actor", "naf": "NAF actor", "ppo": "PPO actor"}
+    for name, label in labels.items():
         page.locator("#controller").select_option(name)
-        expect(page.locator("#who-text")).to_have_text(re.compile(f"^{name} rides"))
-        expect(page.locator("#legend li", has_text=name)).to_have_count(1)
+        expect(page.locator("#who-text")).to_have_text(
+            re.compile(f"^{label}, a neural network, rides")
+        )
+        expect(page.locator("#legend li", has_text=label)).to_have_count(1)
         assert re.match(
             rf"policy {name}@[0-9a-f]+$", page.locator("#who").get_attribute("title") or ""
         )

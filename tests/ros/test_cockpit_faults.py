@@ -243,17 +243,17 @@ def test_the_events_move_nothing_else(page: BrowserPage, size: tuple[int, int]) 
 
 def test_a_hand_over_is_told_who_rides_and_why(page: BrowserPage, other: Page) -> None:
     ride(page)
-    saw(page, "^lqr rides")
+    saw(page, "^LQR, a linear controller, rides")
     ridden(page, 80)
     assert other.ask("push", lean_rate=0.55)["ok"]
-    line = saw(page, "rides instead of lqr: ")
+    line = saw(page, "took over from LQR: ")
     why = r"it (was about to fall|leaned too fast) \(.+ is beyond .+\)\. .+ ago\.$"
-    assert re.match(rf"lqr-displacement rides instead of lqr: {why}", line), line
+    assert re.match(rf"LQR, body ±2 cm took over from LQR: {why}", line), line
     expect(page.locator("#controller")).to_have_value("lqr")
     page.locator("#tab-events").click()
-    expect(page.locator("#event-list")).to_contain_text("lqr-displacement takes over: ")
-    expect(page.locator("#event-list")).to_contain_text("lqr rides again: calm again")
-    expect(page.locator("#who-text")).to_have_text(re.compile("^lqr rides"))
+    expect(page.locator("#event-list")).to_contain_text("LQR, body ±2 cm takes over: ")
+    expect(page.locator("#event-list")).to_contain_text("LQR rides again: calm again")
+    expect(page.locator("#who-text")).to_have_text(re.compile("^LQR, a linear controller, rides"))
     assert "hand_over" in inside(page, "live.marks.map(({ kind }) => kind)")
     expect(page.locator("#legend")).to_contain_text("lqr-displacement")
     page.locator("#tab-loop").click()

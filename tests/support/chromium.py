@@ -49,6 +49,8 @@ expect.set_options(timeout=LONG)
 
 MAIN = "bicycle-cockpit-main"
 """Where the page remembers which picture is large."""
+GUIDE = "bicycle-cockpit-guide"
+"""Where it remembers that the guide of the first minute is done."""
 WIDE: ViewportSize = {"width": 1280, "height": 800}
 Started = tuple[str, NodeProcess, int]
 """Address, process and domain of a cockpit."""
@@ -77,7 +79,10 @@ def another(playwright: Playwright, main: str = "map") -> Iterator[BrowserContex
         )
         context.set_default_timeout(LONG)
         if main:
-            context.add_init_script(f"localStorage.setItem('{MAIN}', '{main}')")
+            script = (
+                f"localStorage.setItem('{MAIN}', '{main}'); localStorage.setItem('{GUIDE}', 'off')"
+            )
+            context.add_init_script(script)
         yield context
         context.close()
 

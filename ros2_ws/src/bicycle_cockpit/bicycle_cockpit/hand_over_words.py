@@ -34,7 +34,7 @@ def explained(reason: int, message: str, policy: str, names: Mapping[str, str]) 
     for word in message.split():
         bare = word.rstrip(":,.;")
         is_policy = bare in names or "@" in bare or bare.startswith("lqr-")
-        words.append(rider(bare, names).name + word[len(bare) :] if is_policy else word)
+        words.append(rider(bare, names).label + word[len(bare) :] if is_policy else word)
     detail = " ".join(words).removeprefix("policy ")
     meaning = REASONS.get(Reason(reason)) if reason in set(Reason) else None
     return f"{meaning} ({detail})" if meaning else detail

@@ -114,7 +114,7 @@ def _others(ridden: Ridden) -> Iterator[Mark]:
             if before[index]:
                 continue
             reason, policy = int(changes["reason"][index]), str(changes["policy"][index])
-            name = rider(policy, ridden.names).name
+            name = rider(policy, ridden.names).label
             message = str(changes["message"][index])
             why = explained(reason, message, policy, ridden.names)
             kind = "hand_over" if reason else "hand_back"

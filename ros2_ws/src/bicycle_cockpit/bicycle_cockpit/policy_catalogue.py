@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bicycle_cockpit.riders import label
 from bicycle_controller.policy.policy import BEST, LQR, SUFFIX, shipped_policies
 
 MOST_FILES = 100
@@ -18,13 +19,15 @@ class PolicyCatalogue:
         self._folder = folder
 
     def offered(self) -> list[dict[str, str]]:
-        """Return the name and group of each controller, in display order."""
+        """Return name, label and group of each controller, in display order."""
         groups = {
             **dict.fromkeys(shipped_policies(), "shipped"),
             **dict.fromkeys(LQR, "classical"),
         }
         groups |= dict.fromkeys(self._files(), "trained here")
-        return [{"name": name, "group": group} for name, group in groups.items()]
+        return [
+            {"name": name, "label": label(name), "group": group} for name, group in groups.items()
+        ]
 
     def path(self, name: str) -> str:
         """Return the argument of `bicycle/load_policy` for a name.

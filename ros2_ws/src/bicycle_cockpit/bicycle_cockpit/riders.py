@@ -22,6 +22,28 @@ def lqr_names(plant: Plant[Any]) -> dict[str, str]:
     return {tuning_id(tuned(name, plant), plant): name for name in TUNED}
 
 
+NETWORK = "a neural network"
+LINEAR = "a linear controller"
+LABELS = {
+    "fixed-speed": ("DDPG actor", NETWORK),
+    "small-displacement": ("DDPG actor, body ±2 cm", NETWORK),
+    "learned-speed": ("DDPG actor with pedals", NETWORK),
+    "naf": ("NAF actor", NETWORK),
+    "ppo": ("PPO actor", NETWORK),
+    "lqr": ("LQR", LINEAR),
+    "lqr-displacement": ("LQR, body ±2 cm", LINEAR),
+    "lqr-pedal": ("LQR with pedals", LINEAR),
+    "lqr-displacement-pedal": ("LQR with pedals, body ±2 cm", LINEAR),
+    "lqr-20cm": ("LQR, body ±20 cm", LINEAR),
+}
+"""What a person reads instead of the names of shipped policies and tunings, and what they are."""
+
+
+def label(name: str) -> str:
+    """Return what a person reads for a policy's name."""
+    return LABELS[name][0] if name in LABELS else name
+
+
 @dataclass(frozen=True)
 class Rider:
     """A policy as displayed by the pages."""
@@ -29,9 +51,13 @@ class Rider:
     policy: str
     """Its id."""
     name: str
-    """Displayed name."""
+    """Its name on the command line, or the word of its id."""
     colour: str
     """Key in the palette: the name if that identifies the policy, else the id."""
+    label: str
+    """What a person reads."""
+    kind: str
+    """What it is, such as a neural network; empty where that is not known."""
 
 
 def rider(policy: str, names: Mapping[str, str]) -> Rider:
@@ -42,9 +68,13 @@ def rider(policy: str, names: Mapping[str, str]) -> Rider:
         names: displayed names of policies, by their ids.
     """
     if policy in names:
-        return Rider(policy, names[policy], names[policy])
+        name = names[policy]
+        return Rider(policy, name, name, *LABELS.get(name, (name, "")))
     word, at, _ = policy.partition("@")
-    return Rider(policy, word if at or not policy.startswith("lqr-") else "lqr", policy)
+    linear = not at and policy.startswith("lqr-")
+    if linear:
+        return Rider(policy, "lqr", policy, LABELS["lqr"][0], LINEAR)
+    return Rider(policy, word, policy, word, NETWORK if at else "")
 
 
 class Palette:

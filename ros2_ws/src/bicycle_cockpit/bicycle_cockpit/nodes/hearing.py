@@ -97,7 +97,7 @@ class Hearing:
             self._tell("info", f"{self._name(policy)} rides", kind="policy")
 
     def _name(self, policy: str) -> str:
-        return rider(policy, self._live.names).name
+        return rider(policy, self._live.names).label
 
     def _on_state(self, state: BicycleState) -> None:
         live = self._live

@@ -4,6 +4,8 @@ import { Series } from "./series.js";
 import { listed, loaded } from "./source.js";
 
 const byId = (id) => document.getElementById(id);
+const MARKED = ["reached", "missed", "given_up", "fell", "push", "hand_over", "hand_back"];
+const MOST_MARKS = 120;
 const ENDS = ["reached", "missed", "given_up", "fallen", "cancelled"];
 
 const minutes = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
@@ -64,8 +66,10 @@ export class BagPlayer {
     byId("play").addEventListener("click", () => this.toggle());
   }
 
-  /** Shows the list to choose from. */
-  async choose() {
+  /** Shows the list to choose from; `take` gets the name of the chosen one. */
+  async choose(take = (name) => this.open(name), title = "Bags") {
+    this.take = take;
+    byId("bags-title").textContent = title;
     const list = byId("bag-list");
     list.textContent = "reading the folder…";
     byId("bags").showModal();
@@ -85,7 +89,7 @@ export class BagPlayer {
     const long = ridden === null ? `recorded for ${minutes(duration)} min` : `ride of ${minutes(ridden)} min`;
     const texts = [name, when, long, `${messages} messages`];
     button.append(...texts.map((textContent, index) => element(index ? "small" : "span", { textContent })));
-    button.addEventListener("click", () => this.open(name));
+    button.addEventListener("click", () => this.take(name));
     return button;
   }
 
@@ -96,22 +100,46 @@ export class BagPlayer {
     return line;
   }
 
-  async open(name) {
+  /** Reads a ride while the list is shown; null where that fails, and the list says why. */
+  async read(name) {
     byId("bag-list").textContent = `reading ${name}…`;
     try {
-      this.bag = new Bag(await loaded(name));
+      const bag = new Bag(await loaded(name));
+      byId("bags").close();
+      return bag;
     } catch (error) {
       byId("bag-list").textContent = error.message;
-      return;
+      return null;
     }
-    byId("bags").close();
-    byId("seek").max = String(this.bag.duration);
+  }
+
+  async open(name) {
+    const bag = await this.read(name);
+    if (!bag) return;
+    this.bag = bag;
+    byId("seek").max = String(bag.duration);
     byId("bag-name").textContent = byId("bag-name").title = name;
     byId("timeline").hidden = false;
+    this.mark();
     this.stop();
-    this.handlers.opened(this.bag);
+    this.handlers.opened(bag);
     this.seek(0);
     byId("play").focus();
+  }
+
+  /** What happened, on the slider: a click goes there. */
+  mark() {
+    const { bag } = this;
+    const told = bag.events.filter(({ kind }) => MARKED.includes(kind)).slice(0, MOST_MARKS);
+    byId("marks").replaceChildren(...told.map(({ t, kind, level, text }) => {
+      const button = element("button", { type: "button", title: `${t.toFixed(1)} s: ${text}` });
+      button.dataset.kind = kind;
+      button.dataset.level = level;
+      button.setAttribute("aria-label", button.title);
+      button.style.left = `${(100 * t) / (bag.duration || 1)}%`;
+      button.addEventListener("click", () => this.seek(t));
+      return button;
+    }));
   }
 
   close() {

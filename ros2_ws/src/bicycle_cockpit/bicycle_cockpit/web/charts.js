@@ -3,7 +3,11 @@
 import { shown } from "./panels.js";
 import { FONT, begin, colours } from "./theme.js";
 
-const WINDOW = 20;
+/** s that are shown unless chosen otherwise. */
+export const SPAN = 20;
+const [LEAST_SPAN, MOST_SPAN] = [2, 1800];
+const FOOT = 24;
+const RIGHT = 10;
 const DEGREES = 180 / Math.PI;
 const GUTTER = 122;
 
@@ -23,30 +27,61 @@ function nice(value) {
   return power * [1, 2, 5, 10].find((factor) => factor * power >= value * 0.999);
 }
 
+/** A span within its bounds, s. */
+export const spanOf = (seconds) => Math.min(MOST_SPAN, Math.max(LEAST_SPAN, seconds));
+
+/** The time at a place of the charts, s, or null beside them. */
+export function timeAt(canvas, px, end, span) {
+  const wide = canvas.clientWidth - GUTTER - RIGHT;
+  const share = (px - GUTTER) / wide;
+  return wide > 0 && share >= 0 && share <= 1 ? end - span + share * span : null;
+}
+
+/** The distance of the lines of the time axis, s. */
+const stepOf = (span) => [0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300].find((step) => span / step <= 8) ?? 600;
+
 /**
  * @param {HTMLCanvasElement} canvas
  * @param {Series} series
  * @param {number} end s, at the right edge
  * @param {(policy: number) => string} paint the colour of a policy by its number
  * @param {boolean} pedals whether the bicycle can be pedalled: then its force has a strip
+ * @param more `span` (s), `now` (s, where the ride is), `hover` (s or null), `ghost` (null, or a Ghost)
  */
-export function drawCharts(canvas, series, end, paint, pedals) {
+export function drawCharts(canvas, series, end, paint, pedals, { span = SPAN, now = end, hover = null, ghost = null } = {}) {
   const { context, width, height } = begin(canvas);
-  const foot = 18;
   const strips = STRIPS.filter(({ optional }) => pedals || !optional);
-  const each = (height - foot) / strips.length;
-  const label = `Strip charts of the last ${WINDOW} seconds: ${strips.map(({ name }) => name).join(", ")}`;
+  const each = (height - FOOT) / strips.length;
+  const label = `Strip charts of ${Math.round(span)} seconds: ${strips.map(({ name }) => name).join(", ")}`;
   if (canvas.getAttribute("aria-label") !== label) canvas.setAttribute("aria-label", label);
   const last = series.length ? series.indexAt(end) : -1;
-  const first = series.length ? series.indexAt(end - WINDOW) : 0;
-  const area = { left: GUTTER, right: width - 10, start: end - WINDOW, end };
-  const x = (t) => area.left + ((t - area.start) / WINDOW) * (area.right - area.left);
-  axis(context, area, x, height, foot);
+  const first = series.length ? series.indexAt(end - span) : 0;
+  const area = { left: GUTTER, right: width - RIGHT, start: end - span, end, span };
+  const x = (t) => area.left + ((t - area.start) / span) * (area.right - area.left);
+  axis(context, area, x, height);
+  const shownAt = series.length ? series.indexAt(hover ?? now) : -1;
   strips.forEach((strip, index) => {
     const box = { top: index * each, bottom: (index + 1) * each };
     if (index) rule(context, 0, width, box.top, colours.line);
-    drawStrip(context, strip, box, series, first, last, x, area, paint);
+    drawStrip(context, strip, box, series, first, last, x, area, paint, shownAt, ghost);
   });
+  if (now < end - 1e-6) cursor(context, x(now), height, colours.soft);
+  if (hover === null) return;
+  cursor(context, x(hover), height, colours.accent);
+  context.fillStyle = colours.accent;
+  context.textAlign = x(hover) > area.right - 60 ? "right" : "left";
+  context.font = `600 ${FONT}`;
+  context.fillText(`${shown(hover, 2)} s`, x(hover) + (context.textAlign === "right" ? -5 : 5), height - FOOT - 5);
+  context.textAlign = "left";
+}
+
+function cursor(context, at, height, colour) {
+  context.strokeStyle = colour;
+  context.lineWidth = 1.5;
+  context.beginPath();
+  context.moveTo(at, 0);
+  context.lineTo(at, height - FOOT);
+  context.stroke();
 }
 
 function rule(context, from, to, y, colour) {
@@ -58,23 +93,24 @@ function rule(context, from, to, y, colour) {
   context.stroke();
 }
 
-function axis(context, area, x, height, foot) {
+function axis(context, area, x, height) {
+  const step = stepOf(area.span);
   context.strokeStyle = colours.grid;
   context.lineWidth = 1;
   context.fillStyle = colours.soft;
   context.textAlign = "center";
-  for (let t = Math.ceil(area.start / 5) * 5; t <= area.end; t += 5) {
+  for (let t = Math.ceil(area.start / step) * step; t <= area.end; t += step) {
     const at = Math.round(x(t)) + 0.5;
     context.beginPath();
     context.moveTo(at, 0);
-    context.lineTo(at, height - foot);
+    context.lineTo(at, height - FOOT);
     context.stroke();
-    if (t >= 0 && at > area.left + 8 && at < area.right - 14) context.fillText(`${t} s`, at, height - 5);
+    if (t >= 0 && at > area.left + 8 && at < area.right - 14) context.fillText(`${t} s`, at, height - 8);
   }
   context.textAlign = "left";
 }
 
-function drawStrip(context, strip, box, series, first, last, x, area, paint) {
+function drawStrip(context, strip, box, series, first, last, x, area, paint, shownAt, ghost) {
   const values = series[strip.column];
   let most = strip.least;
   for (let index = first; index <= last; index++) {
@@ -93,7 +129,7 @@ function drawStrip(context, strip, box, series, first, last, x, area, paint) {
   context.font = font;
   context.fillStyle = colours.soft;
   context.fillText(strip.name, 10, upper);
-  const now = last >= 0 ? values[last] * strip.factor : NaN;
+  const now = shownAt >= 0 ? values[shownAt] * strip.factor : NaN;
   context.fillStyle = colours.ink;
   context.font = `600 ${font}`;
   context.fillText(Number.isFinite(now) ? `${shown(now, strip.digits)} ${strip.unit}` : "–", 10, lower);
@@ -109,6 +145,13 @@ function drawStrip(context, strip, box, series, first, last, x, area, paint) {
   context.beginPath();
   context.rect(area.left, box.top, area.right - area.left, box.bottom - box.top);
   context.clip();
+  if (ghost) {
+    const other = ghost.series;
+    context.lineWidth = 1;
+    context.globalAlpha = 0.55;
+    trace(context, strip, other, other.indexAt(area.start - ghost.shift), other.indexAt(area.end - ghost.shift), (t) => x(t + ghost.shift), y, () => ghost.colour);
+    context.globalAlpha = 1;
+  }
   context.lineWidth = 1.5;
   trace(context, strip, series, first, last, x, y, paint);
   context.restore();

@@ -18,7 +18,7 @@ export function offer(controllers) {
   const unknown = Object.assign(new Option("–", ""), { hidden: true });
   byId("controller").replaceChildren(unknown, ...[...groups].map(([label, members]) => {
     const group = Object.assign(document.createElement("optgroup"), { label });
-    group.append(...members.map(({ name }) => new Option(name, name)));
+    group.append(...members.map(({ name, label }) => Object.assign(new Option(label ?? name, name), { title: name })));
     return group;
   }));
 }

@@ -46,7 +46,7 @@ export class Film {
   }
 
   caption(context, unit, width) {
-    const { who, colour, facts, level, alarm } = this.words();
+    const { who, colour, facts, level, alarm, gap } = this.words();
     const font = (size, weight = "") => FONT.replace("12px", `${weight} ${Math.round(size * unit)}px`);
     const box = (text, x, y, size, weight, fill, ink, swatch = "") => {
       context.font = font(size, weight);
@@ -67,10 +67,11 @@ export class Film {
     };
     if (who) box(who, 14 * unit, 14 * unit, 19, "600", colours.card, colours.ink, colour);
     if (facts) box(facts, 14 * unit, 54 * unit, 16, "", colours.card, colours.ink);
+    if (gap) box(gap, 14 * unit, 90 * unit, 16, "600", colours.card, colours.ink);
     if (alarm) {
       context.font = font(17, "600");
       const wide = context.measureText(alarm).width + 20 * unit;
-      box(alarm, Math.max(14 * unit, (width - wide) / 2), 92 * unit, 17, "600", level === "bad" ? colours.bad : colours.warn, colours.card);
+      box(alarm, Math.max(14 * unit, (width - wide) / 2), (gap ? 128 : 92) * unit, 17, "600", level === "bad" ? colours.bad : colours.warn, colours.card);
     }
   }
 

@@ -2,9 +2,11 @@
 
 import { BagPlayer } from "./bags.js";
 import { drawAbove, drawBehind } from "./bike.js";
-import { drawCharts } from "./charts.js";
+import { SPAN, drawCharts, spanOf, timeAt } from "./charts.js";
 import { answer, offer, showControls, toggle } from "./controls.js";
 import { Film, save } from "./film.js";
+import { Ghost, gapWords } from "./ghost.js";
+import { Guide } from "./guide.js";
 import { drawHorizon } from "./horizon.js";
 import { listenToKeys } from "./keys.js";
 import { Live } from "./live.js";
@@ -18,7 +20,7 @@ import { RIDES, listed } from "./source.js";
 import { colours, policyColour, watchTheme } from "./theme.js";
 import { View } from "./view.js";
 import { Views, asked } from "./views.js";
-import { showWho, tellBag, tellLive } from "./who.js";
+import { labelOf, showWho, tellBag, tellLive } from "./who.js";
 
 const PICTURE = 1000 / 31;
 const FALL = Math.PI / 6;
@@ -35,6 +37,7 @@ let dirty = true;
 let stale = true;
 const redraw = () => (dirty = stale = true);
 export const views = new Views(redraw);
+const guide = new Guide(!RIDES && !asked("film"));
 
 // What the cockpit says.
 
@@ -81,12 +84,13 @@ export const link = RIDES ? null : new Link(
 
 export const player = new BagPlayer({
   opened(bag) {
+    guide.done("bag");
     live.quiet = true;
     view.following = false;
     const { xs, ys } = bag.places;
     view.fit(xs, ys);
     for (const { colour: key, slot } of bag.slots) slots = { ...slots, [key]: slot };
-    listEvents(bag.events);
+    listEvents(bag.events, (time) => player.seek(time));
     showSource();
   },
   closed() {
@@ -98,14 +102,96 @@ export const player = new BagPlayer({
   moved: redraw,
 });
 
-function listEvents(events) {
+function listEvents(events, seek = null) {
   clearEvents();
-  for (const event of events) addEvent(event);
+  for (const event of events) addEvent(event, seek);
+}
+
+// A second ride beside the one that is shown.
+
+let ghost = null;
+let ghostGap = NaN;
+let gapAt = 0;
+const GAP_EVERY = 150;
+
+async function compare() {
+  if (ghost) return beside(null);
+  await player.choose(async (name) => {
+    const bag = await player.read(name);
+    if (bag) beside(bag);
+  }, "A ride to compare with");
+}
+
+function beside(bag) {
+  const rider = bag?.riders[0];
+  for (const { colour: key, slot } of bag?.slots ?? []) slots = { ...slots, [key]: slot };
+  ghost = bag && new Ghost(bag, rider ? colour(rider) : colours.soft, live.facts.time_step ?? 0.025);
+  for (const id of ["compare", "race"]) {
+    byId(id).setAttribute("aria-pressed", String(Boolean(ghost)));
+    byId(id).textContent = ghost ? "No ghost" : id === "compare" ? "Compare…" : "Ghost…";
+  }
+  redraw();
+}
+
+/** Brings the ghost to the moment that is shown. */
+function haunt({ series, cursor, marks }, time) {
+  if (!ghost || cursor < 0) return null;
+  ghost.along(series, cursor, time);
+  const now = performance.now();
+  if (now - gapAt < GAP_EVERY && !asked("film")) return ghost;
+  gapAt = now;
+  ghostGap = ghost.gap(series, cursor, time, player.bag ? player.bag.events : marks);
+  return ghost;
+}
+
+// The charts: the moment under the mouse, and how long a time they show.
+
+let span = SPAN;
+let hover = null;
+const chartsEnd = () => {
+  const { series, cursor } = player.bag ?? live;
+  const now = cursor >= 0 ? series.t[cursor] : 0;
+  // A bag is known beyond its cursor: a window that is longer than what was ridden shows what comes.
+  return player.bag ? Math.min(player.bag.duration, Math.max(now, span)) : now;
+};
+const charts = byId("charts");
+const chartTime = (event) => timeAt(charts, event.clientX - charts.getBoundingClientRect().left, chartsEnd(), span);
+charts.addEventListener("pointermove", (event) => point(chartTime(event)));
+charts.addEventListener("pointerleave", () => point(null));
+charts.addEventListener("click", (event) => {
+  const time = chartTime(event);
+  if (time !== null && player.bag) player.seek(time);
+});
+charts.addEventListener("wheel", (event) => {
+  event.preventDefault();
+  showSpan(span * Math.exp(0.0015 * event.deltaY));
+}, { passive: false });
+byId("span").addEventListener("change", () => showSpan(Number(byId("span").value)));
+
+function point(time) {
+  hover = time;
+  redraw();
+}
+
+function showSpan(seconds) {
+  span = spanOf(seconds);
+  const options = [...byId("span").options];
+  if (!options.some(({ value }) => Number(value) === Math.round(span))) {
+    options.find(({ dataset }) => dataset.own)?.remove();
+    const own = new Option(`${Math.round(span)} s`, String(Math.round(span)));
+    own.dataset.own = "1";
+    byId("span").append(own);
+  }
+  byId("span").value = String(Math.round(span));
+  redraw();
 }
 
 // What the user asks for.
 
+const TRIED = { goal: "goal", waypoints: "goal", push: "push", controller: "switch" };
+
 async function ask(type, fields) {
+  if (TRIED[type]) guide.done(TRIED[type]);
   answer(link ? await link.ask(type, fields) : { ok: false, message: "This page shows recorded rides: the cockpit rides live." });
 }
 
@@ -129,6 +215,8 @@ const actions = {
   swap: () => views.swap(),
   camera: () => nextCamera(),
   film: () => makeFilm(),
+  compare: () => compare(),
+  race: () => compare(),
   live: () => player.close(),
   bag: () => player.choose(),
   help: () => byId("keys").showModal(),
@@ -237,6 +325,7 @@ function told() {
     series, riders, cursor, row, fallAngle, marks: shownNow.marks, paint: (number) => paints[number] ?? colours.soft,
     geometry: bag ? bag.geometry : facts.geometry, goal: bag ? bag.goal : live.status.goal, ahead: bag ? [] : live.status.ahead,
     radius: bag ? bag.radius : facts.goal_radius ?? 1,
+    pointed: hover === null || cursor < 0 ? null : rowAt(series, hover),
   };
 }
 
@@ -245,13 +334,15 @@ function draw() {
   const moment = told();
   const { series, riders, cursor, row, fallAngle, paint } = moment;
   const { facts } = live;
+  const other = haunt(moment, row ? row.t : 0);
   drawMap(byId("map"), view, {
-    ...scene, ...moment, wheelbase: moment.geometry?.wheelbase ?? facts.wheelbase ?? 1.11, whole: Boolean(bag),
+    ...scene, ...moment, ghost: other, wheelbase: moment.geometry?.wheelbase ?? facts.wheelbase ?? 1.11, whole: Boolean(bag),
     fallen: Math.abs(row?.lean) > fallAngle,
   });
   drawBehind(byId("behind"), row ?? undefined, fallAngle);
   drawAbove(byId("above"), row ?? undefined);
-  drawCharts(byId("charts"), series, row ? row.t : 0, paint, bag ? bag.pedals : facts.limits?.[2] > 0);
+  drawCharts(charts, series, chartsEnd(), paint, bag ? bag.pedals : facts.limits?.[2] > 0, { span, now: row ? row.t : 0, hover, ghost: other });
+  showGap(other);
   showHead(bag ? "bag" : live.mode, row);
   const who = bag ? tellBag(bag) : tellLive(live, ended);
   showWho(who, colour);
@@ -270,13 +361,23 @@ function showAlarm({ level, text }) {
   if (box.textContent !== text) box.textContent = text;
 }
 
+/** How far the ride is from its ghost. */
+function showGap(other) {
+  byId("gap").hidden = !other;
+  if (!other) return;
+  const text = gapWords(ghostGap, labelOf(other.bag.riders[0]) || other.bag.name);
+  if (byId("gap").textContent !== text) byId("gap").textContent = text;
+}
+
 /** The bicycle in 3D, between two rows where the moment is. */
 function drawStage(now) {
   const moment = told();
   const { series, cursor, paint } = moment;
   const time = player.bag ? player.bag.time : clock.at(cursor >= 0 ? series.t[cursor] : 0, now, Math.min(0.25, (now - lastStage) / 1000));
   const row = cursor >= 0 ? rowAt(series, time) : null;
-  views.stage.draw({ ...moment, row, jersey: paint(row?.policy) }, now);
+  const other = haunt(moment, time);
+  const beside = other && other.cursor >= 0 ? { series: other.series, cursor: other.cursor, colour: other.colour, geometry: other.bag.geometry, row: rowAt(other.series, other.time) } : null;
+  views.stage.draw({ ...moment, row, jersey: paint(row?.policy), ghost: beside }, now);
   drawHorizon(byId("horizon"), row ?? undefined, moment.fallAngle);
 }
 
@@ -289,9 +390,10 @@ function caption() {
   const number = cursor >= 0 ? series.policy[cursor] : NaN;
   const { level, text } = bag ? tellBag(bag) : tellLive(live, ended);
   return {
-    who: riders[number] ? riders[number].label ?? riders[number].name : "", colour: paint(number), level,
+    who: labelOf(riders[number]), colour: paint(number), level,
     facts: row ? `${shown(row.t, 1)} s   ${shown(row.speed, 1)} m/s   lean ${shown((row.lean * 180) / Math.PI, 0)}°` : "",
     alarm: ["warn", "bad"].includes(level) ? text : "",
+    gap: ghost ? gapWords(ghostGap, labelOf(ghost.bag.riders[0]) || ghost.bag.name) : "",
   };
 }
 

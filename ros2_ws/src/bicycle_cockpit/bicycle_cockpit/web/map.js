@@ -19,12 +19,17 @@ export function drawMap(canvas, view, scene) {
   if (row) view.follow(row.x, row.y);
   drawGrid(context, view);
   if (cursor < series.length - 1 && scene.whole) drawTrack(context, view, series, 0, series.length - 1, null);
+  if (scene.ghost?.cursor >= 0) drawGhost(context, view, scene.ghost, scene.wheelbase);
   drawTrack(context, view, series, 0, cursor, scene.paint);
   for (const mark of scene.marks) drawMark(context, view, mark, scene.radius);
   drawAhead(context, view, scene, row);
   if (row) {
     if (!scene.fallen) drawPreview(context, view, row, scene.wheelbase);
     drawBicycle(context, view, row, scene);
+  }
+  if (Number.isFinite(scene.pointed?.x)) {
+    const [px, py] = view.toScreen(scene.pointed.x, scene.pointed.y);
+    circle(context, px, py, 6, colours.accent, 3);
   }
   if (scene.mark) drawCross(context, view, scene.mark);
   if (scene.drag) drawDrag(context, view, scene.drag);
@@ -84,6 +89,14 @@ function drawTrack(context, view, series, from, to, paint) {
     [lastX, lastY] = [x, y];
   }
   context.stroke();
+}
+
+/** The other ride: its track up to now, and where it is. */
+function drawGhost(context, view, ghost, wheelbase) {
+  context.globalAlpha = 0.5;
+  drawTrack(context, view, ghost.series, 0, ghost.cursor, () => ghost.colour);
+  drawBicycle(context, view, ghost.series.row(ghost.cursor), { wheelbase });
+  context.globalAlpha = 1;
 }
 
 function drawMark(context, view, { kind, x, y }, radius) {

@@ -1,6 +1,7 @@
 // The head line and the panels below the charts: loop, training, events.
 
 import { begin, colours } from "./theme.js";
+import { labelOf } from "./who.js";
 
 const byId = (id) => document.getElementById(id);
 /** A number with so many digits and no minus before zero; a dash for none. */
@@ -151,11 +152,16 @@ export function showReward(series, cursor) {
 
 const MOST_EVENTS = 80;
 
-export function addEvent({ t, level, text }) {
+/** @param event @param seek what a click on its time does, or nothing */
+export function addEvent({ t, level, text }, seek = null) {
   const item = document.createElement("li");
   item.dataset.level = level;
+  const time = Object.assign(document.createElement("time"), { textContent: `${shown(t, 1)} s` });
+  const button = seek && Object.assign(document.createElement("button"), { type: "button", className: "plain" });
+  button?.append(time);
+  button?.addEventListener("click", () => seek(t));
   item.append(
-    Object.assign(document.createElement("time"), { textContent: `${shown(t, 1)} s` }),
+    button || time,
     Object.assign(document.createElement("span"), { textContent: text }),
   );
   const list = byId("event-list");
@@ -170,16 +176,16 @@ export function clearEvents() {
 /** The policies whose track is shown, in their colours. */
 export function showLegend(riders, colour) {
   const legend = byId("legend");
-  const wanted = riders.map((rider) => `${rider.policy} ${rider.name} ${colour(rider)}`).join("\n");
+  const wanted = riders.map((rider) => `${rider.policy} ${labelOf(rider)} ${colour(rider)}`).join("\n");
   if (legend.dataset.shown === wanted) return;
   legend.dataset.shown = wanted;
   legend.hidden = riders.length === 0;
-  const twice = (name) => riders.filter((other) => other.name === name).length > 1;
+  const twice = (name) => riders.filter((other) => labelOf(other) === name).length > 1;
   legend.replaceChildren(...riders.map((rider) => {
     const item = Object.assign(document.createElement("li"), { title: rider.policy });
     const bar = document.createElement("i");
     bar.style.color = colour(rider);
-    item.append(bar, twice(rider.name) ? rider.policy : rider.name);
+    item.append(bar, twice(labelOf(rider)) ? rider.policy : labelOf(rider));
     return item;
   }));
 }

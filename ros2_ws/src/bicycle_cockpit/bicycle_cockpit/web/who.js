@@ -3,6 +3,12 @@
 const byId = (id) => document.getElementById(id);
 const seconds = (value) => `${value.toFixed(value < 10 ? 1 : 0)} s`;
 
+/** What a person reads for a policy. */
+export const labelOf = (rider) => rider?.label || rider?.name || "";
+
+/** The same with what it is: "DDPG actor, a neural network,". */
+const introduced = (rider) => (rider?.kind ? `${labelOf(rider)}, ${rider.kind},` : labelOf(rider));
+
 /**
  * What is said of a live ride.
  *
@@ -13,7 +19,7 @@ const seconds = (value) => `${value.toFixed(value < 10 ? 1 : 0)} s`;
 export function tellLive(live, ended) {
   const { mode, status } = live;
   const { driver, chosen, why, since, stop } = status.who;
-  const name = chosen.name || "no controller";
+  const name = labelOf(chosen) || "no controller";
   if (mode === "lost") return { level: "bad", text: ended || "No connection to the cockpit. What is shown is old; the page tries again by itself." };
   if (mode === "loading") return { level: "info", text: "Loading the ride." };
   if (mode === "silent") return { level: "bad", text: sentence(status.trouble || "no simulator is heard") };
@@ -27,23 +33,23 @@ export function tellLive(live, ended) {
   if (mode === "paused") return { level: "info", text: `Paused, ${name} in charge: Step makes one step, Go on lets it ride.${misfit}`, rider: chosen };
   if (mode === "held") return { level: misfit ? "warn" : "info", text: `${sentence(`${name} waits for a goal: click on the map`)}${misfit}`, rider: chosen };
   if (why) {
-    const instead = driver.name === chosen.name ? `The safety layer's ${driver.name} rides` : `${driver.name} rides instead of ${name}`;
+    const instead = driver.name === chosen.name ? `The safety layer's ${labelOf(driver)} rides` : `${labelOf(driver)} took over from ${name}`;
     const end = stop ? " It rides straight on and slows down: send a new goal to go on." : "";
     const more = Number.isFinite(since) ? ` ${seconds(Math.max(0, status.t - since))} ago.` : "";
     return { level: "warn", text: `${sentence(`${instead}: ${why}`)}${end}`, more, rider: driver };
   }
   const aim = status.goal ? "" : " straight on, without a goal: click on the map to send it somewhere";
-  return { level: misfit ? "warn" : "info", text: `${sentence(`${driver.name || name} rides${aim}`)}${misfit}`, rider: driver };
+  return { level: misfit ? "warn" : "info", text: `${sentence(`${introduced(driver) || name} rides${aim}`)}${misfit}`, rider: driver };
 }
 
 /** What is said of a bag at its cursor. */
 export function tellBag(bag) {
   const rider = bag.rider;
   const last = bag.marks.findLast(({ kind }) => ["hand_over", "hand_back", "reset"].includes(kind));
-  if (last?.kind === "hand_over" && rider && last.text.startsWith(`${rider.name} `)) {
-    return { level: "warn", text: sentence(`${rider.name} rides instead of the policy: ${last.why}`), more: ` ${seconds(bag.time - last.t)} ago.`, rider };
+  if (last?.kind === "hand_over" && rider && last.text.startsWith(`${labelOf(rider)} `)) {
+    return { level: "warn", text: sentence(`${labelOf(rider)} took over: ${last.why}`), more: ` ${seconds(bag.time - last.t)} ago.`, rider };
   }
-  return rider ? { level: "info", text: sentence(`${rider.name} rode here`), rider } : { level: "info", text: "Nobody rides yet." };
+  return rider ? { level: "info", text: sentence(`${introduced(rider)} rode here`), rider } : { level: "info", text: "Nobody rides yet." };
 }
 
 function sentence(text) {

@@ -105,7 +105,7 @@ export class Stage {
 
   /**
    * @param shown `row` (where the bicycle is), `geometry`, `series`, `cursor`, `paint`, `goal`, `ahead`, `radius`,
-   *   `marks`, `jersey` (colour), `ghost` (null, or `row`, `series`, `cursor`, `colour`)
+   *   `marks`, `pointed` (row or null), `jersey` (colour), `ghost` (null, or `row`, `series`, `cursor`, `colour`)
    * @param {number} now ms
    */
   draw(shown, now) {
@@ -122,6 +122,7 @@ export class Stage {
     const points = [...(shown.goal ? [shown.goal] : []), ...shown.ahead];
     world.aim(points, shown.radius, shown.row ? [row.x, row.y] : null, Boolean(shown.goal));
     world.mark(shown.marks, shown.radius);
+    world.point(shown.pointed);
     world.track(world.trail, shown.series, shown.row ? shown.cursor : -1, shown.paint, row);
     this.drawGhost(shown.ghost, shown.geometry);
     eye.look(row, bicycle.size.wheelbase, elapsed);
@@ -136,6 +137,11 @@ export class Stage {
       if (this.ghost) this.ghost.group.visible = false;
       return;
     }
+    if (this.ghost && this.haunts !== shown.series) {
+      this.ghost.dispose();
+      this.ghost = null;
+    }
+    this.haunts = shown.series;
     if (!this.ghost) {
       this.ghost = new Bicycle(shown.geometry ?? geometry, true);
       this.ghost.tint(shown.colour);

@@ -120,7 +120,9 @@ export class World {
     const dash = new THREE.LineDashedMaterial({ dashSize: 0.5, gapSize: 0.4, transparent: true, opacity: 0.8 });
     this.way = new THREE.Line(new THREE.BufferGeometry(), dash);
     this.way.frustumCulled = false;
-    this.scene.add(this.sky, this.sun, this.sun.target, this.ground, this.trail.mesh, this.other.mesh, this.goals, this.marks, this.way);
+    this.spot = new THREE.Mesh(new THREE.RingGeometry(0.18, 0.28, 32), new THREE.MeshBasicMaterial({ side: THREE.DoubleSide }));
+    this.spot.position.z = 0.03;
+    this.scene.add(this.spot, this.sky, this.sun, this.sun.target, this.ground, this.trail.mesh, this.other.mesh, this.goals, this.marks, this.way);
     this.themed();
   }
 
@@ -133,6 +135,7 @@ export class World {
     this.sky.intensity = Number(colours.skylight) || 1.5;
     this.sun.intensity = Number(colours.sunlight) || 2.2;
     this.way.material.color.set(colours.good);
+    this.spot.material.color.set(colours.accent);
     this.shownGoals = this.shownMarks = "";
   }
 
@@ -141,6 +144,12 @@ export class World {
     this.ground.position.set(TILE * Math.round(x / TILE), TILE * Math.round(y / TILE), 0);
     this.sun.target.position.set(x, y, 0.6);
     this.sun.position.set(x - 3, y - 3.2, 6.2);
+  }
+
+  /** The place at the moment that is pointed at, or none. */
+  point(row) {
+    this.spot.visible = Number.isFinite(row?.x);
+    if (this.spot.visible) Object.assign(this.spot.position, { x: row.x, y: row.y });
   }
 
   /** @param points of the goals, [x, y], the active one first @param radius m @param from where the bicycle is */
