@@ -145,6 +145,7 @@ KNOWN_BY_NAME = {
     "bicycle_sim.task.native_task": "steps the paper's bicycle in C++",
     "bicycle_controller.training.tensor_dynamics": "steps it as tensors",
     "bicycle_controller.config.loading": "reads a run's `physics` by its fields",
+    "bicycle_controller.evaluation.sensing": "puts motor, delay and friction on a bicycle",
     "bicycle_controller.cli.info": "describes Whipple bicycles",
     "bicycle_controller.cli.eigenvalue_chart": "draws their eigenvalues",
 }

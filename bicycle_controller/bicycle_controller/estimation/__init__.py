@@ -1,0 +1,1 @@
+"""Estimation: what a bicycle does, from what its sensors say."""

@@ -1,0 +1,125 @@
+"""Watches one bicycle's sensors: says which of them are gone, late or stuck, and since when."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bicycle_sim.sensors.reading import ORDER, Reading
+from bicycle_sim.sensors.settings import Sampled, SensorSettings
+
+GONE_PERIODS = 10.0
+"""Periods of silence after which a sensor is gone; so many and GONE_LEAST s."""
+GONE_LEAST = 0.1
+"""s."""
+LATE = 0.05
+"""s beyond its usual latency from which on readings are late."""
+STUCK_FORCE = 5
+"""Readings of an IMU in a row that are equal to the last digit."""
+STUCK_TIME = 0.5
+"""s without any change of an encoder that the gyros contradict."""
+STUCK_STEER = 0.06
+"""rad that the steering must have turned meanwhile, by the yaw gyro."""
+STUCK_SPEED = 1.0
+"""m/s that the speed must have changed meanwhile, by the accelerometer."""
+
+
+@dataclass
+class _Last:
+    """What was last heard of a sensor."""
+
+    stamp: float = -math.inf
+    arrival: float = -math.inf
+    late: float = 0.0
+    values: np.ndarray | None = None
+    changed: float = -math.inf
+    """Stamp of the last change of its values."""
+    repeats: int = 0
+    extremes: tuple[float, float] = (0.0, 0.0)
+    """Smallest and largest of what contradicts a standstill, since the last change."""
+    problem: str = ""
+    since: float = 0.0
+
+
+@dataclass
+class SensorWatch:
+    """The state of one bicycle's sensors."""
+
+    settings: SensorSettings
+    wheelbase: float
+    """m, which makes a steering angle of a yaw rate."""
+    _lasts: dict[str, _Last] = field(default_factory=dict)
+    _speed: float = 0.0
+    _gained: float = 0.0
+    """m/s that the accelerometer along the bicycle has added up."""
+
+    def take(self, reading: Reading, arrival: float, yaw_bias: float = 0.0) -> None:
+        """Look at a reading.
+
+        Args:
+            reading: of one bicycle.
+            arrival: s of the sensors' clock at which it came.
+            yaw_bias: rad/s, of the yaw gyro, as far as it is known.
+        """
+        last = self._lasts.setdefault(reading.sensor, _Last())
+        values = reading.values[0]
+        last.late = arrival - reading.stamp - getattr(self.settings, reading.sensor).latency
+        last.arrival = arrival
+        same = last.values is not None and np.array_equal(values, last.values)
+        if reading.sensor == "steer" and last.values is not None:
+            same = bool(values[0] == last.values[0])
+        if not same:
+            last.changed, last.repeats, last.extremes = reading.stamp, 0, (math.inf, -math.inf)
+        else:
+            last.repeats += 1
+        gap = reading.stamp - last.stamp
+        last.stamp, last.values = reading.stamp, values
+        if reading.sensor == "wheel":
+            self._speed = float(values[0])
+        if reading.sensor == "imu" and math.isfinite(gap):
+            self._contradict(values, yaw_bias, gap)
+
+    def _contradict(self, values: np.ndarray, yaw_bias: float, gap: float) -> None:
+        """What an IMU's reading says of encoders that do not change."""
+        self._gained += float(values[3]) * min(gap, 0.1)
+        speed = max(abs(self._speed), 0.5)
+        steer = math.atan((float(values[2]) - yaw_bias) * self.wheelbase / speed)
+        for name, value in (("steer", steer), ("wheel", self._gained)):
+            last = self._lasts.get(name)
+            if last is not None and last.repeats > 0:
+                low, high = last.extremes
+                last.extremes = min(low, value), max(high, value)
+
+    def problems(self, now: float) -> tuple[str, ...]:
+        """What is wrong at `now`, s of the sensors' clock, one text a sensor, in their order."""
+        found = []
+        for name in ORDER:
+            timing: Sampled = getattr(self.settings, name)
+            if timing.rate <= 0.0:
+                continue
+            last = self._lasts.setdefault(name, _Last())
+            problem, since = self._problem(name, last, timing, now)
+            if problem != last.problem:
+                last.problem, last.since = problem, since
+            if problem:
+                found.append(f"{name} {problem} since {last.since:.2f} s")
+        return tuple(found)
+
+    def _problem(self, name: str, last: _Last, timing: Sampled, now: float) -> tuple[str, float]:
+        """A word for what is wrong with a sensor, and since when."""
+        patience = max(GONE_PERIODS / timing.rate, GONE_LEAST) + timing.latency
+        if now - max(last.arrival, 0.0) > patience:
+            return "gone", max(last.arrival, 0.0)
+        if last.late > LATE + 5.0 * timing.jitter:
+            return "late", now
+        if name == "imu" and last.repeats >= STUCK_FORCE:
+            return "stuck", last.changed
+        low, high = last.extremes
+        still = last.stamp - last.changed
+        if name == "steer" and still > STUCK_TIME and high - low > STUCK_STEER:
+            return "stuck", last.changed
+        if name == "wheel" and still > STUCK_TIME and high - low > STUCK_SPEED:
+            return "stuck", last.changed
+        return "", now
