@@ -129,7 +129,7 @@ class Ddpg:
         self._learn(self._prepared(batch))
 
     def _learn(self, batch: Batch) -> None:
-        """Steps (5) to (7) of section 4.3, for a scaled batch."""
+        """Make steps (5) to (7) of section 4.3 with a scaled batch."""
         self._update_critics(batch, self.targets(batch))
         if (self.updates + 1) % self.config.actor_every == 0:
             self._update_actor(batch)
@@ -226,7 +226,7 @@ class Ddpg:
 
     @torch.no_grad()
     def _update_targets(self) -> None:
-        """Equations (16) and (18)."""
+        """Update the target networks by equations (16) and (18)."""
         _follow(
             [self.actor_target, self.critic_targets], [self.actor, self.critics], self.config.tau
         )

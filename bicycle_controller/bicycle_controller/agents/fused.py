@@ -186,7 +186,7 @@ class FusedDdpg(Ddpg):
         self.actor_optimiser.step()
 
     def _update_targets(self) -> None:
-        """Equations (16) and (18)."""
+        """Update the target networks by equations (16) and (18)."""
         self._slow.lerp_(self._main, self.config.tau)
 
     def _clip_gradient(self, net: FusedNet | NativeNet) -> None:

@@ -294,7 +294,7 @@ def _unlike(
 
 
 def _world(args: argparse.Namespace, controller: Controller) -> tuple[Scenario, Plant[Any]]:
-    """The scenario and plant asked for, or those the controller was trained on."""
+    """Return the requested scenario and plant, or those of the controller's training."""
     trained = controller.info if isinstance(controller, Policy) else None
     if args.scenario is None and trained is not None:
         scenario = trained.scenario

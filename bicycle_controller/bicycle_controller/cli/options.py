@@ -99,7 +99,7 @@ def changes(args: argparse.Namespace, **names: str) -> list[Override]:
 
 
 def whole_number(text: str) -> int:
-    """A whole number; `2e5` is one too.
+    """Parse a whole number; `2e5` is one too.
 
     Raises:
         argparse.ArgumentTypeError: when it is none.

@@ -36,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def overrides_of(args: argparse.Namespace) -> list[loading.Override]:
-    """All changes that the arguments ask for."""
+    """Return all overrides that the arguments ask for."""
     own = ("scenario", "seed", "device", "steps")
     return options.changes(args, **{name: name for name in own})
 

@@ -47,7 +47,7 @@ def preset_names() -> list[str]:
 
 
 def preset(name: str, overrides: Iterable[Override] = ()) -> RunConfig:
-    """The preset of that name, changed by `overrides` such as `ddpg.tau=0.01`.
+    """Return the preset of that name with `overrides` such as `ddpg.tau=0.01`.
 
     Raises:
         ValueError: on an unknown preset, key or value; names the nearest.
@@ -56,7 +56,7 @@ def preset(name: str, overrides: Iterable[Override] = ()) -> RunConfig:
 
 
 def load(path: Path, overrides: Iterable[Override] = ()) -> RunConfig:
-    """The configuration of a YAML file, which may extend a preset.
+    """Return the configuration of a YAML file, which may extend a preset.
 
     Raises:
         ValueError: if it cannot be read, or on an unknown key or value.
@@ -72,7 +72,7 @@ def load(path: Path, overrides: Iterable[Override] = ()) -> RunConfig:
 
 
 def build(tree: Tree, overrides: Iterable[Override] = ()) -> RunConfig:
-    """The configuration of nested plain data.
+    """Return the configuration of nested plain data.
 
     Raises:
         ValueError: on an unknown key or a value of a wrong type.
@@ -83,7 +83,7 @@ def build(tree: Tree, overrides: Iterable[Override] = ()) -> RunConfig:
 
 
 def changed(config: Config, overrides: Iterable[Override]) -> Config:
-    """A configuration, scenario or physics with the values of `overrides`.
+    """Return a configuration, scenario or physics with the values of `overrides`.
 
     Raises:
         ValueError: on an unknown key or a value of a wrong type.
@@ -100,7 +100,7 @@ def dump(config: RunConfig) -> str:
 
 
 def _tree(config: Config) -> Tree:
-    """The configuration as plain data."""
+    """Return the configuration as plain data."""
     tree = dataclasses.asdict(config)
     if isinstance(config, RunConfig):
         tree["physics"] = json.loads(config.physics.to_json())
@@ -134,7 +134,7 @@ def _extended(tree: Any) -> Tree:
 
 
 def _override(change: Override) -> Tree:
-    """`ddpg.tau=0.01` as {"ddpg": {"tau": 0.01}}."""
+    """Parse `ddpg.tau=0.01` to {"ddpg": {"tau": 0.01}}."""
     if not isinstance(change, str):
         return change
     key, equals, value = change.partition("=")
@@ -195,7 +195,7 @@ def _based(kind: type, value: Any, where: str) -> Any:
 
 
 def _bicycle(value: Any, where: str) -> Plant[Any]:
-    """A plant: a mode of the paper's, its changed fields, or another plant with its bicycle."""
+    """Return a plant: a mode of the paper's, its changed fields, or another with its bicycle."""
     if isinstance(value, Plant):
         return value
     data = dict(value) if isinstance(value, dict) else {"name": value}

@@ -226,7 +226,7 @@ def load_controller(
     plant: Plant[Any] | None = None,
     torque_limit: float | None = None,
 ) -> Controller:
-    """A classical controller by one of the names LQR, or what `load_policy` takes.
+    """Return a classical controller by one of the names LQR, or a policy as `load_policy` does.
 
     Args:
         name_or_path: see there.

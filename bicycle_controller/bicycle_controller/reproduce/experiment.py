@@ -150,7 +150,7 @@ class Experiment:
         return next((item for item in self.variants if item.name == name), ALL)
 
     def trained(self) -> tuple[Variant, ...]:
-        """Variants on which each arm is trained."""
+        """Return the variants on which each arm is trained."""
         return self.variants if self.train_variants else (ALL,)
 
     def training_changes(self, variant: Variant) -> list[str]:

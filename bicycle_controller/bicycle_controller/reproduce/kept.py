@@ -63,7 +63,7 @@ class Kept:
         return self.ordered([*rows, *mine])
 
     def with_rides(self, name: str, rows: list[Row]) -> list[Row]:
-        """Rows of scored controllers, and those that are kept."""
+        """Return the rows of scored controllers, and those that are kept."""
         mine = [row for row in self._rows(name) if self._keeps(row)]
         return self.ordered([*rows, *mine])
 

@@ -88,7 +88,7 @@ def aged(axes: Axes, data: Data, variant: str, title: str) -> None:
 
 
 def goals(data: Data) -> Figure:
-    """Figures 13 and 14: return, steps, tracks during training and of the trained bicycle."""
+    """Draw figures 13 and 14: return, steps, tracks during training and of the trained bicycle."""
     if not data.curves:
         drawing = figure(7.0, 6.4)
         _trained_ways(drawing.subplots(), data)

@@ -148,7 +148,7 @@ def _cause(data: Data) -> Figure:
 
 
 def _shares(riders: list[str], columns: list[str], table: np.ndarray) -> Figure:
-    """A coloured table of shares, NaN where there is none."""
+    """Draw a coloured table of shares, NaN if there is none."""
     width = max(8.0, 12.0 * min(1.0, len(columns) / 15))
     drawing = figure(width, 1.9 + 0.38 * len(riders))
     axes = drawing.subplots()

@@ -58,7 +58,7 @@ def displacement(experiment: Experiment, summary: Summary) -> Verdict:
 
 
 def goals(experiment: Experiment, summary: Summary) -> Verdict:
-    """Figures 13 and 14: trained, the bicycle arrives from anywhere."""
+    """Judge figures 13 and 14: the trained bicycle arrives from anywhere."""
     names = (DDPG, "fast", "fixed-speed", "lqr", "lqr-20cm")
     told = arrivals(summary, experiment, names)
     trained, ridden = training(summary, arm=DDPG), rides(summary, rider=DDPG)

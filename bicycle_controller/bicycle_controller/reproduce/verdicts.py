@@ -29,7 +29,7 @@ class Part:
     shows: bool | None
     """True if the data show it; None without data."""
     shown: str
-    """What the data show."""
+    """Verdict that the data support."""
     at_length: bool = False
     """True if its runs are as long and as many as the paper's."""
 

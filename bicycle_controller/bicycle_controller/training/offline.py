@@ -44,7 +44,7 @@ class Learned:
     refused: int
     """Candidates rejected because the mean Q of their actions was above 0."""
     q_policy: float | None
-    """That mean at the end, in scaled reward."""
+    """Mean Q of the last candidate's actions, in scaled reward."""
     wall_s: float
     """Wall time over all calls of the run, s."""
     cpu_s: float

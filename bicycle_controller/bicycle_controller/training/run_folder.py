@@ -112,7 +112,7 @@ class RunFolder:
             raise ValueError(f"{self.path} holds no run to resume: leave out --resume")
 
     def resumed_config(self, overrides: Iterable[loading.Override]) -> RunConfig:
-        """The run's configuration, with the changes that a run may go on with.
+        """Return the run's configuration with the overrides that a resumed run may have.
 
         Raises:
             ValueError: if there is no run here, or on a change that affects its numbers.

@@ -29,7 +29,7 @@ class TensorDynamics(ChoiPlant):
 
     @classmethod
     def of(cls, plant: Plant[Any], device: torch.device | str) -> TensorDynamics:
-        """The same bicycle on a device.
+        """Return the same bicycle on a device.
 
         Raises:
             ValueError: when it is not the paper's.
@@ -47,7 +47,7 @@ class TensorDynamics(ChoiPlant):
         speed_limits: tuple[Array, Array] | None = None,
         loads: Loads | None = None,
     ) -> BodyState:
-        """As `ChoiPlant.step`, with arrays of shape (N,) in and out."""
+        """Step as `ChoiPlant.step` does, with arrays of shape (N,) in and out."""
         if loads is not None:
             return super().step(state, torque, displacement, pedal_force, speed_limits, loads)
         rows = [getattr(state, name) for name in _NAMES]

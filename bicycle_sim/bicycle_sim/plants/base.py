@@ -158,7 +158,7 @@ class Plant(ABC, Generic[State]):
         return 0.0
 
     def with_displacement_noise(self, spread: float) -> Plant[State]:
-        """The plant whose `displacement_noise` is `spread`, m.
+        """Return the plant whose `displacement_noise` is `spread`, m.
 
         Raises:
             ValueError: when it takes none.
@@ -221,7 +221,7 @@ class Plant(ABC, Generic[State]):
         """Return the state after a push that adds `lean_rate`, rad/s, float or (N,)."""
 
     def settled(self, state: State) -> State:
-        """The state with all that follows from lean, steering and speed made to fit them.
+        """Return the state with every dependent field computed from lean, steering and speed.
 
         For whoever has written these numbers: a pitch or yaw rate follows from them.
         """
@@ -229,7 +229,7 @@ class Plant(ABC, Generic[State]):
 
     @abstractmethod
     def yaw_rate(self, state: State) -> np.ndarray:
-        """(N,) rad/s, counter-clockwise."""
+        """Return the yaw rate (N,), rad/s, counter-clockwise."""
 
     def pitch(self, state: State) -> np.ndarray:
         """Return the pitch of the rear frame, (N,) rad, positive with the nose up."""
@@ -295,7 +295,7 @@ class Plant(ABC, Generic[State]):
         return f"<{self.name}: {self.label}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A plant is copied and sent to other processes as its parameters."""
+        """Reduce the plant to its parameters, for copies and other processes."""
         return type(self).from_dict, (json.loads(self.to_json()),)
 
     def __deepcopy__(self, memo: dict[int, object]) -> Plant[State]:
@@ -326,7 +326,7 @@ def put(state: State, index: np.ndarray, other: State) -> State:
 
 
 def copy(state: State) -> State:
-    """A state that shares no memory with `state`."""
+    """Return a state that shares no memory with `state`."""
     return take(state, np.arange(len(state.lean_angle)))
 
 

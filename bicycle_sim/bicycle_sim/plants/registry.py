@@ -28,7 +28,7 @@ def from_json(text: str) -> Plant[Any]:
 
 
 def from_dict(data: Any) -> Plant[Any]:
-    """The same of plain data.
+    """Return the plant of plain data.
 
     Raises:
         ValueError: on data that is not such, an unknown plant, key or value.
@@ -45,7 +45,7 @@ def named(
     physics: str = "faithful",
     **options: Any,
 ) -> Plant[Any]:
-    """The plant of a name, with the bicycle of a name or a YAML file.
+    """Return the plant of a name, with the bicycle of a name or a YAML file.
 
     Args:
         plant: choi or whipple.
@@ -68,7 +68,7 @@ def named(
 
 
 def default() -> Plant[Any]:
-    """The paper's bicycle, faithful: what is ridden where nobody says what."""
+    """Return the paper's bicycle, faithful: the default plant."""
     return ChoiPlant()
 
 

@@ -6,7 +6,7 @@ package_name = "bicycle_bag"
 
 
 def sibling(name: str) -> str:
-    """The requirement of a package of this repository: the folder, where it is beside this one."""
+    """Return the requirement of a package of this repository: its folder, if beside this one."""
     root = Path(__file__).resolve().parent.parents[2]
     for folder in (root / name, root / "ros2_ws" / "src" / name):
         if (folder / "setup.py").is_file():

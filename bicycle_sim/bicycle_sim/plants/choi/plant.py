@@ -34,7 +34,7 @@ class ChoiPlant(Plant[BodyState]):
 
     @classmethod
     def named(cls, mode: str) -> ChoiPlant:
-        """The plant of faithful or corrected physics, see `Physics.named`."""
+        """Return the plant of faithful or corrected physics, see `Physics.named`."""
         return cls(Physics.named(mode))
 
     @property
@@ -85,7 +85,7 @@ class ChoiPlant(Plant[BodyState]):
         return self.physics.displacement_noise
 
     def with_displacement_noise(self, spread: float) -> ChoiPlant:
-        """The plant whose noise is `spread`, m."""
+        """Return the plant whose noise is `spread`, m."""
         return type(self)(replace(self.physics, displacement_noise=spread))
 
     def initial(
@@ -117,7 +117,7 @@ class ChoiPlant(Plant[BodyState]):
         return replace(state, lean_rate=state.lean_rate + lean_rate)
 
     def yaw_rate(self, state: BodyState) -> np.ndarray:
-        """(N,) rad/s, of the front contact's circle (eq. 3)."""
+        """Return the yaw rate (N,), rad/s, on the front contact's circle (eq. 3)."""
         turning: np.ndarray = np.sin(state.steer_angle) / self.physics.constants.wheelbase
         return state.speed * turning
 

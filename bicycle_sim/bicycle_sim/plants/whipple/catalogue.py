@@ -22,7 +22,7 @@ from bicycle_sim.plants.whipple.parameters import PARTS, Bicycle, Parameters, ma
 TEXTS = ("name", "about", "source", "licence")
 SETTINGS = ("delay", "time_step", "substeps")
 KEYS = (*TEXTS, "measured", "rigid_rider", "standard_deviation", *PARTS, *SETTINGS)
-"""What a bicycle's file may have."""
+"""Keys that a bicycle's file may have."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def _folder() -> Traversable:
 
 
 def names() -> list[str]:
-    """The bicycles that come with the package."""
+    """Return the bicycles that come with the package."""
     return sorted(
         entry.name[: -len(".yaml")]
         for entry in _folder().iterdir()
@@ -54,7 +54,7 @@ def names() -> list[str]:
 
 
 def load(name_or_file: str | Path) -> Described:
-    """The bicycle of a name, or of a YAML file.
+    """Return the bicycle of a name, or of a YAML file.
 
     Raises:
         ValueError: when there is none, or its file has an unknown key or a value that makes no
@@ -78,7 +78,7 @@ def load(name_or_file: str | Path) -> Described:
 
 
 def read(text: str, name: str, place: str) -> Described:
-    """The bicycle that YAML describes.
+    """Return the bicycle that YAML describes.
 
     Args:
         text: the YAML.

@@ -111,11 +111,11 @@ class Constants(NamedTuple):
 
 
 UNLIMITED = 1e30
-"""Where a limit is none."""
+"""Value of a limit that is disabled."""
 
 
 def constants(p: Parameters) -> Constants:
-    """The constants of N bicycles, each a float or (N,)."""
+    """Return the constants of N bicycles, each a float or (N,)."""
     b, steering, motor, drive, air = p.bicycle, p.steering, p.motor, p.drive, p.resistance
     sine, cosine = sine_cosine(b.lam)
     axis_forward = cosine * (b.c + b.w) - b.rR * sine
@@ -176,18 +176,18 @@ def delay_steps(p: Parameters) -> tuple[Array, Array]:
 
 
 def _inverse(radius: Array) -> Array:
-    """1/radius; zero where the radius is."""
+    """Return 1/radius; zero for a zero radius."""
     safe = np.where(np.equal(radius, 0.0), 1.0, radius)
     return np.where(np.equal(radius, 0.0), 0.0, 1.0 / safe)
 
 
 def _limit(value: Array) -> Array:
-    """The limit; very large where it is zero, which means none."""
+    """Return the limit; a very large one for zero, which means none."""
     return np.where(np.equal(value, 0.0), UNLIMITED, value)
 
 
 def _share(time: float, lag: Array) -> Array:
-    """1 - exp(-time/lag); 1 without a lag."""
+    """Return 1 - exp(-time/lag); 1 without a lag."""
 
     def one(value: float) -> float:
         return 1.0 - decay(time / value) if value > 0.0 else 1.0
@@ -196,12 +196,12 @@ def _share(time: float, lag: Array) -> Array:
 
 
 def _turned(forward: Array, down: Array, sine: Array, cosine: Array) -> tuple[Array, Array]:
-    """A point of level axes in axes whose z is the steering axis."""
+    """Return a point of level axes in axes whose z is the steering axis."""
     return cosine * forward - sine * down, sine * forward + cosine * down
 
 
 def _inertia(bicycle: Bicycle, body: str) -> tuple[Array, Array, Array, Array]:
-    """xx, yy, zz and xz of a frame."""
+    """Return xx, yy, zz and xz of a frame."""
     xx, yy, zz, xz = (getattr(bicycle, f"I{body}{axis}") for axis in ("xx", "yy", "zz", "xz"))
     return xx, yy, zz, xz
 
@@ -216,7 +216,7 @@ def _body(
     sine: Array,
     cosine: Array,
 ) -> dict[str, Array]:
-    """A frame and its wheel as one body.
+    """Combine a frame and its wheel to one body.
 
     Args:
         forward: m from the wheel's centre to the frame's centre of mass, level axes.
@@ -257,7 +257,7 @@ def _mass_forward(p: Parameters) -> Array:
 
 
 def _rider(p: Parameters, sine: Array, cosine: Array) -> dict[str, Array]:
-    """The constants of a leaning rider; zeros without one."""
+    """Return the constants of a leaning rider; zeros without one."""
     names = Constants._fields[Constants._fields.index("rider_mass") :]
     found: dict[str, Array] = dict.fromkeys(names, 0.0)
     found["tilt_sine"], found["tilt_cosine"] = sine, cosine
@@ -287,6 +287,6 @@ def _rider(p: Parameters, sine: Array, cosine: Array) -> dict[str, Array]:
 
 
 def table(values: Constants, count: int | None) -> np.ndarray:
-    """The rows for `whipple.cpp`: (rows, N), or (rows, 1) where all bicycles are alike."""
+    """Return the rows for `whipple.cpp`: (rows, N), or (rows, 1) if all bicycles are alike."""
     wide = count if count is not None else 1
     return np.array([np.broadcast_to(np.asarray(row, dtype=float), wide) for row in values])

@@ -27,7 +27,7 @@ from bicycle_sim.plants.whipple.leaning_rider import follows, shares, without_ri
 
 
 class Forces(NamedTuple):
-    """What acts besides weight; vectors in the axes of the rear wheel's plane."""
+    """Loads besides weight; vectors in the axes of the rear wheel's plane."""
 
     steer_torque: Array = 0.0
     """N m between rear and front frame."""
@@ -48,7 +48,7 @@ class Forces(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """How the bicycle moves and how its free speeds change."""
+    """Rates of the coordinates and of the free speeds."""
 
     yaw_rate: Array
     pitch_rate: Array
@@ -106,7 +106,7 @@ def _front(k: Constants, sine: Array, cosine: Array) -> _Frame:
 def _frame(
     body: tuple[Array, ...], inertia: tuple[Array, ...], sine: Array, cosine: Array
 ) -> _Frame:
-    """The assembly, pitched in its wheel's plane."""
+    """Return the assembly, pitched in its wheel's plane."""
     mass, radius, rotor, x, z = body
     xx, yy, zz, xz = inertia
     tilt = sine * (zz - xx) + cosine * (2.0 * xz)
@@ -152,7 +152,7 @@ def _load(
 
 
 def _projected(own: Rates, load: tuple[Array, Array, Array, Array], leans: bool = True) -> Array:
-    """A load per unit of a free speed with these partial rates; `leans` unless its lean is 0."""
+    """Return a load per unit of a free speed with these partial rates; lean counts if `leans`."""
     found = own.ahead * load[0] + own.pitch * load[2] + own.turn * load[3]
     return found + own.lean * load[1] if leans else found
 
@@ -176,7 +176,7 @@ def motion(
     extras: bool = False,
     leaning_rider: bool = False,
 ) -> Motion:
-    """Rates and accelerations of a pose.
+    """Return rates and accelerations of a pose.
 
     Args:
         k: of the bicycles.
@@ -259,7 +259,7 @@ def motion(
 
 
 def _rear_mass(f: _Frame, own: tuple[Rates, Rates, Rates]) -> list[Array]:
-    """The rear assembly's share of the mass matrix; only lean rate makes its plane lean."""
+    """Return the rear assembly's share of the mass matrix; only lean rate makes its plane lean."""
     across = f.xz + f.radius * f.x
     heavy = f.xx + f.radius * (f.radius * f.mass - 2.0 * f.z)
     lean, steer, speed = (_momenta(f, one, False) for one in own)
@@ -275,7 +275,7 @@ def _rear_mass(f: _Frame, own: tuple[Rates, Rates, Rates]) -> list[Array]:
 
 
 def _front_mass(f: _Frame, own: tuple[Rates, Rates, Rates]) -> list[Array]:
-    """The front assembly's share; speed does not make its plane lean."""
+    """Return the front assembly's share; speed does not make its plane lean."""
     lean, steer = _momenta(f, own[0]), _momenta(f, own[1])
     speed = _momenta(f, own[2], False)
     return [
@@ -308,7 +308,7 @@ def _on_a_slope(
 def _coasting(
     k: Constants, pose: Pose, r: Rolling, yaw: Array, pitch: Array, rear: Rates, front: Rates
 ) -> tuple[Change, Change]:
-    """How both assemblies' motions change while the free speeds stay as they are.
+    """Return the change of both assemblies' motions at constant free speeds.
 
     What is left then is what turning makes: centripetal and Coriolis accelerations, and the yaw
     and pitch accelerations that keep the front wheel rolling.
@@ -381,7 +381,7 @@ def _coasting(
 def _solved(
     mass: list[Array], load: list[Array]
 ) -> tuple[Array, Array, Array, tuple[Array, Array, Array]]:
-    """Accelerations of lean, steer and speed, and what each N m of steer torque adds to them."""
+    """Return accelerations of lean, steer and speed, and their rates per N m of steer torque."""
     m11, m12, m13, m22, m23, m33 = mass
     a11 = m22 * m33 - m23 * m23
     a12 = m23 * m13 - m12 * m33

@@ -37,14 +37,14 @@ MOVING = (
     "rider_lean",
     "rider_rate",
 )
-"""What Runge-Kutta integrates."""
+"""Rows that Runge-Kutta integrates."""
 
 ROWS = (*MOVING, "motor_torque", "stopped", "front_x", "front_y", "yaw_rate")
-"""What `advance` takes and gives, in the order of `whipple.cpp`."""
+"""Rows that `advance` takes and returns, in the order of `whipple.cpp`."""
 
 
 class Inputs(NamedTuple):
-    """What acts during one control period, each a float or (N,), in the order of `whipple.cpp`.
+    """Inputs of one control period, each a float or (N,), in the order of `whipple.cpp`.
 
     `_before` is the command of the period before, which rules for the share `delay_share`.
     """
@@ -68,11 +68,11 @@ class Inputs(NamedTuple):
 FLOATS: Any = SimpleNamespace(
     sqrt=math.sqrt, where=lambda mask, first, second: first if mask else second
 )
-"""What stands for numpy where one bicycle is plain floats, which is ten times as fast."""
+"""Substitute for numpy if one bicycle is plain floats, ten times as fast."""
 
 
 def _bounded(value: Array, low: Array, high: Array, xp: ModuleType) -> Array:
-    """`value` between two bounds."""
+    """Return `value` clipped to two bounds."""
     value = xp.where(value < low, low, value)
     return xp.where(value > high, high, value)
 
@@ -89,7 +89,7 @@ def advance(
     leaning_rider: bool,
     xp: ModuleType = np,
 ) -> dict[str, Array]:
-    """The substeps `first` to `last` (not included) of a control period.
+    """Integrate the substeps `first` to `last` (not included) of a control period.
 
     Args:
         k: of the bicycles.
@@ -131,7 +131,7 @@ def _substep(
     leaning_rider: bool,
     xp: ModuleType,
 ) -> dict[str, Array]:
-    """One step of integration, h seconds long."""
+    """Make one step of integration, h seconds long."""
     # Commands: how much of each half the older one rules.
     early = _bounded(k.delay_share * (2.0 * substeps) - 2.0 * index, 0.0, 1.0, xp)
     late = _bounded(k.delay_share * (2.0 * substeps) - (2.0 * index + 1.0), 0.0, 1.0, xp)
@@ -204,7 +204,7 @@ class _Commands(NamedTuple):
 
 
 def _motor(k: Constants, torque: Array, wanted: Array, xp: ModuleType) -> Array:
-    """The motor's torque half a substep later, N m: dead band, limit, lag and rate."""
+    """Return the motor's torque half a substep later, N m: dead band, limit, lag and rate."""
     target = wanted - _bounded(wanted, -k.motor_dead, k.motor_dead, xp)
     target = _bounded(target, -k.motor_limit, k.motor_limit, xp)
     change = _bounded(k.motor_share * (target - torque), -k.motor_change, k.motor_change, xp)
@@ -222,7 +222,7 @@ def _rim_force(k: Constants, u: Inputs, pedal: Array, speed: Array, xp: ModuleTy
 
 
 def _fade(speed: Array, xp: ModuleType) -> Array:
-    """What a force against the motion is multiplied by, so that it ends at rest."""
+    """Return the factor of a force against the motion that makes it end at rest."""
     return _bounded(10.0 * speed, -1.0, 1.0, xp)
 
 
@@ -275,7 +275,7 @@ def _slopes(
     leaning_rider: bool,
     xp: ModuleType,
 ) -> tuple[dict[str, Array], tuple[Array, Array, Array, Array]]:
-    """Rates of change, and those of the free speeds per N m of steer torque."""
+    """Return rates of change, and those of the free speeds per N m of steer torque."""
     speed = stage["speed"]
     forces = Forces(
         steer_torque=torque - k.damping * stage["steer_rate"],
@@ -316,7 +316,7 @@ def _slopes(
 
 
 class _Grip(NamedTuple):
-    """What friction and stop do to the steering during one substep."""
+    """Effect of friction and stop on the steering during one substep."""
 
     sticks: Array
     """It rests and stays at rest."""
@@ -370,7 +370,7 @@ def _held(
 
 
 def _rideable(k: Constants, now: Mapping[str, Array], r: Rolling) -> Array:
-    """Whether the bicycle stands and its geometry is far from being singular."""
+    """Return True if the bicycle stands and its geometry is far from singular."""
     return (
         (now["stopped"] == 0.0)
         & (abs(now["lean_angle"]) < LIES)

@@ -1,4 +1,4 @@
-"""Where a Whipple bicycle's parts are, and what rolling without slip makes of its speeds.
+"""Positions of a Whipple bicycle's parts, and its speeds in rolling without slip.
 
 Two assemblies, each a frame and its wheel, are joined by the steering axis and roll on knife-edged
 wheels. Each is described in the axes of its wheel's plane: x along the wheel's heading, y across
@@ -32,7 +32,7 @@ Vector = tuple[Array, Array, Array]
 
 
 class Pose(NamedTuple):
-    """Where the bicycle is, as far as the equations care, and its free speeds."""
+    """Coordinates that the equations need, and the free speeds."""
 
     lean: Array
     pitch: Array
@@ -66,7 +66,7 @@ class Rolling(NamedTuple):
     """Of lean, pitch (with the tilt of the steering axis) and steer."""
     cosine: Vector
     upright: tuple[Array, Array, Array]
-    """How far the road's normal lies across and along the front wheel's plane, and one over the
+    """Components of the road's normal across and along the front wheel's plane, and one over the
     latter."""
     front_pitch: tuple[Array, Array]
     """Sine and cosine of the front frame's pitch in its wheel's plane."""
@@ -92,7 +92,7 @@ class Rolling(NamedTuple):
 
 
 def cross(a: Vector, b: Vector) -> Vector:
-    """a x b."""
+    """Return a x b."""
     return (
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -101,22 +101,22 @@ def cross(a: Vector, b: Vector) -> Vector:
 
 
 def cross_plane(a: Vector, x: Array, z: Array) -> Vector:
-    """a x (x, 0, z)."""
+    """Return a x (x, 0, z)."""
     return a[1] * z, a[2] * x - a[0] * z, -(a[1] * x)
 
 
 def about_z(a: Vector, sine: Array, cosine: Array) -> Vector:
-    """A vector in axes that are turned about z."""
+    """Return a vector in axes that are turned about z."""
     return cosine * a[0] + sine * a[1], cosine * a[1] - sine * a[0], a[2]
 
 
 def about_y(a: Vector, sine: Array, cosine: Array) -> Vector:
-    """A vector in axes that are turned about y."""
+    """Return a vector in axes that are turned about y."""
     return cosine * a[0] - sine * a[2], a[1], sine * a[0] + cosine * a[2]
 
 
 def rolling(k: Constants, lean: Array, pitch: Array, steer: Array, xp: ModuleType = np) -> Rolling:
-    """The geometry of a pose and its partial rates."""
+    """Return the geometry of a pose and its partial rates."""
     s1, c1 = sine_cosine(lean)
     s2, c2 = sine_cosine(k.tilt + pitch)
     s3, c3 = sine_cosine(steer)
@@ -206,7 +206,7 @@ def rolling(k: Constants, lean: Array, pitch: Array, steer: Array, xp: ModuleTyp
 
 
 def front_height(k: Constants, r: Rolling) -> Array:
-    """m that the front contact lies below the road; zero in a pose that is possible."""
+    """Return the depth of the front contact below the road, m; zero in a possible pose."""
     across, steep, _ = r.upright
     sp, cp = r.front_pitch
     # The road's normal in the front frame's axes is (-steep sp, across, steep cp).
@@ -215,7 +215,7 @@ def front_height(k: Constants, r: Rolling) -> Array:
 
 
 def front_contact(k: Constants, r: Rolling) -> tuple[Array, Array]:
-    """m from the rear to the front contact: along the heading, and across it."""
+    """Return the way from the rear to the front contact, m: along the heading, and across it."""
     s1, s2, s3 = r.sine
     c1, c2, c3 = r.cosine
     sp, cp = r.front_pitch
@@ -228,7 +228,7 @@ def front_contact(k: Constants, r: Rolling) -> tuple[Array, Array]:
 
 
 class Change(NamedTuple):
-    """How an assembly's motion changes while the free speeds stay as they are."""
+    """Change of an assembly's motion at constant free speeds."""
 
     up: Vector
     """rad/s^2, angular acceleration of the frame."""

@@ -33,7 +33,7 @@ def shares(
     gravity: Vector,
     partial: tuple[Rates, Rates, Rates],
 ) -> tuple[list[Array], list[Array]]:
-    """What the rider adds to the mass matrix and to the loads of four speeds.
+    """Return the rider's part of the mass matrix and of the loads of four speeds.
 
     Args:
         k: of the bicycles.
@@ -139,7 +139,7 @@ class Coupling(NamedTuple):
 def without_rider(
     mass: list[Array], load: list[Array], rider_mass: list[Array], rider_load: list[Array]
 ) -> tuple[list[Array], list[Array], Coupling]:
-    """The equations of the bicycle's free speeds that are left when the rider's is solved.
+    """Return the equations of the bicycle's free speeds after the rider's is solved.
 
     Args:
         mass: 11, 12, 13, 22, 23, 33 of the bicycle.
@@ -168,5 +168,5 @@ def without_rider(
 
 
 def follows(c: Coupling, lean: Array, steer: Array, speed: Array) -> Array:
-    """rad/s^2 that the rider has less when the bicycle accelerates like this."""
+    """Return the decrease of the rider's acceleration, rad/s^2, due to the bicycle's."""
     return c.lean * lean + c.steer * steer + c.speed * speed

@@ -89,7 +89,7 @@ def matrices(b: Bicycle) -> Matrices:
 
 
 def _over(spin: Array, radius: Array) -> Array:
-    """`spin` / `radius`; zero for a skate."""
+    """Return `spin` / `radius`; zero for a skate."""
     safe = np.where(np.equal(radius, 0.0), 1.0, radius)
     return np.where(np.equal(radius, 0.0), 0.0, spin / safe)
 
@@ -104,7 +104,7 @@ def _extended(value: Array) -> np.ndarray:
 
 
 def state_matrix(b: Bicycle, speed: Array) -> np.ndarray:
-    """(..., 4, 4) of d/dt (lean, steer, lean rate, steer rate) at speeds (...)."""
+    """Return matrices (..., 4, 4) of d/dt (lean, steer, lean rate, steer rate) at speeds."""
     m = matrices(b)
     v = np.asarray(speed, dtype=float)[..., None, None]
     g = np.asarray(b.g)[..., None, None]
@@ -117,7 +117,7 @@ def state_matrix(b: Bicycle, speed: Array) -> np.ndarray:
 
 
 def eigenvalues(b: Bicycle, speed: Array) -> np.ndarray:
-    """(..., 4) complex at speeds (...), the largest real part first."""
+    """Return eigenvalues (..., 4), complex, at speeds (...), the largest real part first."""
     found = np.linalg.eigvals(state_matrix(b, speed))
     order = np.lexsort((-found.imag, -np.round(found.real, 9)), axis=-1)
     return np.take_along_axis(found, order, axis=-1)
@@ -128,7 +128,7 @@ MODES = ("weave", "capsize", "castering")
 
 
 def modes(b: Bicycle, speed: Array) -> dict[str, np.ndarray]:
-    """Eigenvalues at speeds (K,) by the names of MODES.
+    """Return eigenvalues at speeds (K,) by the names of MODES.
 
     Returns:
         `weave` (K, 2), a pair that is real at walking speed and complex above; `castering` (K,),
@@ -142,7 +142,7 @@ def modes(b: Bicycle, speed: Array) -> dict[str, np.ndarray]:
 
 
 def _weave_first(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The weave's pair and the rest, each with the larger imaginary or real part first."""
+    """Return the weave's pair and the rest, each with the larger imaginary or real part first."""
     swings = np.abs(values.imag) > 1e-9 * np.abs(values).max()
     if swings.sum() == 2 and values[~swings].real.min() < values[swings].real[0]:
         pair, rest = values[swings], values[~swings]
@@ -168,7 +168,7 @@ class CriticalSpeeds:
 
 
 def critical_speeds(b: Bicycle) -> CriticalSpeeds:
-    """The critical speeds of one bicycle."""
+    """Return the critical speeds of one bicycle."""
     terms = _characteristic(b)
     a0, a1, a2, a3, a4 = terms
     product = np.polynomial.polynomial.polymul
@@ -200,7 +200,7 @@ def critical_speeds(b: Bicycle) -> CriticalSpeeds:
 
 
 def _characteristic(b: Bicycle) -> list[np.ndarray]:
-    """Coefficients of s^0 to s^4 of the characteristic polynomial, each a polynomial in v."""
+    """Return the characteristic polynomial's coefficients of s^0 to s^4, polynomials in v."""
     m = matrices(b)
     # entry[i][j][power of s][power of v]
     entry = np.zeros((2, 2, 3, 3))
@@ -234,7 +234,7 @@ def _positive_roots(polynomial: np.ndarray) -> list[float]:
 
 
 def double_roots(b: Bicycle) -> list[tuple[float, float]]:
-    """Speeds at which two real eigenvalues meet above zero, and that eigenvalue."""
+    """Return speeds at which two real eigenvalues meet above zero, and that eigenvalue."""
     terms = np.array(_characteristic(b))
     speeds = np.linspace(0.0, 10.0, 2001)
     pairs = np.count_nonzero(np.abs(eigenvalues(b, speeds).imag) > 1e-9, axis=1)
@@ -265,7 +265,7 @@ def double_roots(b: Bicycle) -> list[tuple[float, float]]:
 
 
 def _stable(b: Bicycle, marks: list[float]) -> tuple[tuple[float, float], ...]:
-    """Ranges between `marks` in which no eigenvalue has a real part above zero."""
+    """Return the ranges between `marks` in which no eigenvalue has a real part above zero."""
     ranges: list[tuple[float, float]] = []
     edges = [0.0, *marks, FASTEST]
     for low, high in itertools.pairwise(edges):

@@ -63,7 +63,7 @@ ESTIMATES = {
     "rider_zz": Estimate(0.169, 0.009, "m", "radius of gyration of a rider of 1.77 m about z"),
     "rider_xz": Estimate(-0.0192, 0.006, "m^2", "Ixz over the mass of a rider of 1.77 m"),
 }
-"""What is taken where nothing was measured; `tests/sim/test_bicycles.py` computes the bicycles'
+"""Values if nothing was measured; `tests/sim/test_bicycles.py` computes the bicycles'
 rows again."""
 
 RIDER_HEIGHT = 1.77
@@ -100,7 +100,7 @@ class RigidRider:
 
 
 def with_rider(b: Bicycle, rider: RigidRider) -> Bicycle:
-    """The bicycle whose rear frame has the rider on it."""
+    """Return the bicycle with the rider as a part of its rear frame."""
     mass = b.mB + rider.m
     x = (b.mB * b.xB + rider.m * rider.x) / mass
     z = (b.mB * b.zB + rider.m * rider.z) / mass
@@ -123,7 +123,7 @@ def with_rider(b: Bicycle, rider: RigidRider) -> Bicycle:
 
 @dataclass(frozen=True)
 class Measured:
-    """What a tape measure, a protractor and a scale give.
+    """Readings of a tape measure, a protractor and a scale.
 
     Raises:
         ValueError: on a value that no bicycle has, or when trail and fork offset are both given
@@ -194,7 +194,7 @@ class Measured:
 
 
 def bicycle(m: Measured) -> tuple[Bicycle, list[str]]:
-    """The 25 parameters, and a line for each one that is an estimate.
+    """Return the 25 parameters, and a line for each estimated one.
 
     Raises:
         ValueError: when the masses contradict each other.
@@ -281,7 +281,7 @@ def bicycle(m: Measured) -> tuple[Bicycle, list[str]]:
 
 
 def _rider(m: Measured) -> RigidRider:
-    """The rider as a rigid body."""
+    """Return the rider as a rigid body."""
     assert m.rider_mass is not None
     assert m.rider_height is not None
     assert m.saddle_height is not None

@@ -222,7 +222,7 @@ class Rider:
 
 @dataclass(frozen=True)
 class Steering:
-    """What the steering's bearing and frame do.
+    """Friction, stop and the like of the steering's bearing and frame.
 
     Raises:
         ValueError: on a negative value or a stop beyond 85 degrees.
@@ -269,7 +269,7 @@ class Motor:
 
 @dataclass(frozen=True)
 class Drive:
-    """What moves the bicycle along: the force at the rear wheel's rim.
+    """Drive of the bicycle: the force at the rear wheel's rim.
 
     Raises:
         ValueError: on a negative value.
@@ -291,7 +291,7 @@ class Drive:
 
 @dataclass(frozen=True)
 class Resistance:
-    """What air and tyres do; nothing, as it stands.
+    """Resistance of air and tyres; none by default.
 
     Raises:
         ValueError: on a negative value.
@@ -381,7 +381,7 @@ class Parameters:
 
     @property
     def count(self) -> int | None:
-        """How many bicycles the arrays describe; None where there are only floats.
+        """Number of bicycles in the arrays; None if there are only floats.
 
         Raises:
             ValueError: when two arrays differ in length.
@@ -404,7 +404,7 @@ PARTS: dict[str, type] = {
 
 
 def _arrays(part: object) -> list[np.ndarray]:
-    """Every array in a part and its parts."""
+    """Yield every array in a part and its parts."""
     found = []
     for item in fields(part):  # type: ignore[arg-type]
         value = getattr(part, item.name)
@@ -416,7 +416,7 @@ def _arrays(part: object) -> list[np.ndarray]:
 
 
 def take(part: Part, index: Any) -> Part:
-    """The parameters of those bicycles that an index or mask keeps."""
+    """Return the parameters of those bicycles that an index or mask keeps."""
     values = {}
     for item in fields(part):  # type: ignore[arg-type]
         value = getattr(part, item.name)
@@ -440,7 +440,7 @@ def to_dict(part: object) -> dict[str, Any]:
 
 
 def _number(value: Any) -> Any:
-    """Lists as arrays, and numbers such as 1e-3, which YAML takes for text, as numbers."""
+    """Convert lists to arrays, and numbers such as 1e-3, which YAML takes for text, to numbers."""
     if isinstance(value, list):
         try:
             return np.array(value, dtype=float)
@@ -455,7 +455,7 @@ def _number(value: Any) -> Any:
 
 
 def make(kind: type[Part], data: object) -> Part:
-    """A part from plain data.
+    """Return a part from plain data.
 
     Raises:
         ValueError: on an unknown or missing key, naming it, or on a value that makes no sense.
@@ -475,7 +475,7 @@ def make(kind: type[Part], data: object) -> Part:
 
 
 def from_dict(data: object) -> Parameters:
-    """Parameters from plain data, as `to_dict` gives them.
+    """Return parameters from plain data, as `to_dict` gives them.
 
     Raises:
         ValueError: on an unknown or missing key, naming it, or on a value that makes no sense.

@@ -91,7 +91,7 @@ class WhipplePlant(Plant[WhippleState]):
 
     @property
     def count(self) -> int | None:
-        """How many different bicycles there are; None where all are alike."""
+        """Number of different bicycles; None if all are alike."""
         return self._count
 
     @property
@@ -146,7 +146,7 @@ class WhipplePlant(Plant[WhippleState]):
         speed_limits: tuple[Array, Array] | None = None,
         loads: Loads | None = None,
     ) -> WhippleState:
-        """One control period; see `Plant.step`."""
+        """Step by one control period; see `Plant.step`."""
         inputs, commands = self._commanded(
             state, torque, displacement, pedal_force, speed_limits, loads
         )
@@ -165,7 +165,7 @@ class WhipplePlant(Plant[WhippleState]):
         speed_limits: tuple[Array, Array] | None = None,
         loads: Loads | None = None,
     ) -> list[WhippleState]:
-        """The states after each substep; the last is that of `step`, to the bit."""
+        """Return the states after each substep; the last is that of `step`, to the bit."""
         inputs, commands = self._commanded(
             state, torque, displacement, pedal_force, speed_limits, loads
         )
@@ -181,18 +181,18 @@ class WhipplePlant(Plant[WhippleState]):
         return states
 
     def pushed(self, state: WhippleState, lean_rate: Array) -> WhippleState:
-        """The state after a push that adds `lean_rate`, rad/s, float or (N,)."""
+        """Return the state after a push that adds `lean_rate`, rad/s, float or (N,)."""
         up = np.where(state.stopped == 0.0, lean_rate, 0.0)
         return self.settled(replace(state, lean_rate=state.lean_rate + up))
 
     def settled(self, state: WhippleState) -> WhippleState:
-        """The state with the pitch and the yaw rate of its lean, steering and rates."""
+        """Return the state with the pitch and the yaw rate of its lean, steering and rates."""
         rows = self._rows(state)
         self._advance(rows, self._idle, 0, 0, False)
         return self._state(rows, state.lean_acceleration, state.commands)
 
     def yaw_rate(self, state: WhippleState) -> np.ndarray:
-        """(N,) rad/s."""
+        """Return the yaw rate (N,), rad/s."""
         return state.yaw_rate
 
     def pitch(self, state: WhippleState) -> np.ndarray:
@@ -200,7 +200,7 @@ class WhipplePlant(Plant[WhippleState]):
         return state.pitch
 
     def fallen(self, state: WhippleState, limit: float) -> np.ndarray:
-        """(N,) bool: leans by more than `limit`, rad, or has stopped for good."""
+        """Return True (N,) for a lean of more than `limit`, rad, or a stop for good."""
         leans: np.ndarray = np.abs(state.lean_angle) > limit
         return leans | (state.stopped != 0.0)
 
@@ -209,7 +209,7 @@ class WhipplePlant(Plant[WhippleState]):
         return state_space.model(self.parameters, speed, discrete)
 
     def steady_lean(self, steer_angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """(N,) rad at which a steady turn is balanced; see `steady.lean`."""
+        """Return the lean (N,), rad, at which a steady turn is balanced; see `steady.lean`."""
         return steady.lean(self.constants, steer_angle, speed)
 
     def steady_lean_law(self, steer_limit: float) -> SteadyLean:
@@ -237,18 +237,18 @@ class WhipplePlant(Plant[WhippleState]):
         return self._tables[steer_limit]
 
     def take(self, mask: np.ndarray) -> WhipplePlant:
-        """The plant of those bicycles that `mask` (N,) keeps."""
+        """Return the plant of those bicycles that `mask` (N,) keeps."""
         if self._count is None:
             return self
         return WhipplePlant(parameters.take(self.parameters, mask), self._library is not None)
 
     def to_json(self) -> str:
-        """All parameters to the last bit, with the key `plant`."""
+        """Return all parameters to the last bit, with the key `plant`."""
         return json.dumps({"plant": self.name, **parameters.to_dict(self.parameters)})
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> WhipplePlant:
-        """What `to_json` wrote, as plain data.
+        """Return the content of `to_json` as plain data.
 
         Raises:
             ValueError: on an unknown or missing key, or on a value that makes no sense.
@@ -256,7 +256,7 @@ class WhipplePlant(Plant[WhippleState]):
         return cls(parameters.from_dict({k: v for k, v in data.items() if k != "plant"}))
 
     def _rows(self, state: WhippleState) -> np.ndarray:
-        """A copy of what is integrated, (rows, N)."""
+        """Return a copy of the integrated rows, (rows, N)."""
         return np.array([getattr(state, name) for name in integrate.ROWS], dtype=float)
 
     def _state(
@@ -275,7 +275,7 @@ class WhipplePlant(Plant[WhippleState]):
         speed_limits: tuple[Array, Array] | None,
         loads: Loads | None,
     ) -> tuple[Inputs, np.ndarray]:
-        """What acts during a period, and the commands that wait after it."""
+        """Return the inputs of a period, and the commands that wait after it."""
         count = len(state.lean_angle)
         if self._count is not None and count != self._count:
             raise ValueError(f"the plant has {self._count} bicycles, the state {count}")
@@ -308,7 +308,7 @@ class WhipplePlant(Plant[WhippleState]):
         ), wait
 
     def _loads(self, loads: Loads) -> dict[str, np.ndarray]:
-        """Pushes and gusts as inputs."""
+        """Return pushes and gusts as inputs."""
         road = self.parameters.road
         down = self.parameters.bicycle.rR - loads.force_height
         found = {

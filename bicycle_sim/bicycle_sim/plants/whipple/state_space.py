@@ -18,7 +18,7 @@ from bicycle_sim.plants.whipple.parameters import Parameters
 
 
 def model(p: Parameters, speed: float, discrete: bool = False) -> Linear:
-    """The plant about riding straight at a speed, with rider, motor and delay where there are.
+    """Return the plant linearised about riding straight, with its rider, motor and delay if any.
 
     Coulomb friction, dead band and limits are left out.
 
@@ -56,7 +56,7 @@ def _continuous(
     axes = ("lean_angle", "steer_angle", "lean_rate", "steer_rate", "rider_lean", "rider_rate")
 
     def response(changed: str) -> dict[str, Array]:
-        """Accelerations and yaw rate per unit of one of the axes, or of a torque."""
+        """Return accelerations and yaw rate per unit of one of the axes, or of a torque."""
         at = {name: tiny * 1j if name == changed else 0.0 for name in (*axes, "steer", "rider")}
         r = rolling(k, at["lean_angle"], 0.0, at["steer_angle"])
         pose = Pose(
@@ -137,7 +137,7 @@ def _held(a: np.ndarray, b: np.ndarray, duration: float) -> tuple[np.ndarray, np
 
 
 def exponential(matrix: np.ndarray) -> np.ndarray:
-    """exp of (..., n, n): Taylor's series of a part that is small, squared again and again."""
+    """Return exp of (..., n, n): Taylor's series of a small part, squared repeatedly."""
     norm = float(np.abs(matrix).sum(-1).max(initial=0.0))
     squarings = max(0, math.ceil(math.log2(norm / 0.25))) if norm > 0.25 else 0
     part = matrix / 2.0**squarings

@@ -28,7 +28,7 @@ class Turn(NamedTuple):
 def on_the_road(
     k: Constants, lean: Array, steer: Array, pitch: Array = 0.0
 ) -> tuple[Array, Rolling]:
-    """The pitch, rad, at which both wheels touch the road, and that pose's `rolling`.
+    """Return the pitch, rad, at which both wheels touch the road, and that pose's `rolling`.
 
     Args:
         k: of the bicycles.
@@ -59,7 +59,7 @@ def _imbalance(
 
 
 def turn(k: Constants, steer: np.ndarray, speed: np.ndarray) -> Turn:
-    """The steady turns at steering angles (N,), rad, and speeds (N,), m/s; a rider sits rigid.
+    """Return steady turns at steering angles (N,), rad, and speeds (N,), m/s, with rigid riders.
 
     NaN where there is none with a lean below 75 degrees.
     """
@@ -83,7 +83,7 @@ def turn(k: Constants, steer: np.ndarray, speed: np.ndarray) -> Turn:
 
 
 def lean(k: Constants, steer: np.ndarray, speed: np.ndarray) -> np.ndarray:
-    """(N,) rad of lean in steady turns; where there is none, the nearest guess."""
+    """Return the lean (N,), rad, in steady turns; if there is none, the nearest guess."""
     found = turn(k, steer, speed).lean
     guess = _guess(k, np.asarray(steer, float), np.asarray(speed, float))
     return np.where(np.isfinite(found), found, guess)
@@ -131,7 +131,7 @@ class TurnTable:
 
 
 def _filled(table: np.ndarray) -> np.ndarray:
-    """The table with every NaN replaced by the last number before it in its row."""
+    """Return the table with every NaN replaced by the last number before it in its row."""
     last = np.where(np.isfinite(table), np.arange(table.shape[1]), 0)
     filled = np.take_along_axis(table, np.maximum.accumulate(last, axis=1), axis=1)
     return np.nan_to_num(filled)
@@ -145,7 +145,7 @@ def _place(at: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _guess(k: Constants, steer: np.ndarray, speed: np.ndarray) -> np.ndarray:
-    """(N,) rad: a mass point's lean on the circle that the steering makes."""
+    """Return a mass point's lean (N,), rad, on the circle of this steering."""
     curvature = np.tan(steer) * np.cos(k.tilt) / (k.turn_limit / 0.05)
     angle: np.ndarray = -np.arctan(speed * speed * curvature / k.gravity)
     return np.clip(-angle, -1.2, 1.2)

@@ -39,7 +39,7 @@ def sine_cosine_of_turn(angle: Array) -> tuple[Array, Array]:
 
 
 def decay(exponent: float) -> float:
-    """exp(-exponent) for an exponent of zero or more."""
+    """Return exp(-exponent) for an exponent of zero or more."""
     halvings = 0
     while exponent > 0.5:
         exponent, halvings = 0.5 * exponent, halvings + 1

@@ -26,12 +26,12 @@ _LITTLE_ENDIAN = 1
 
 
 def load(bag: BagReader | Path | str, topic: str) -> Columns:
-    """All messages of one topic as columns; see ``load_topics``."""
+    """Return all messages of one topic as columns; see ``load_topics``."""
     return load_topics(bag, [topic])[topic]
 
 
 def load_topics(bag: BagReader | Path | str, topics: Collection[str]) -> dict[str, Columns]:
-    """All messages of some topics as columns, in one pass over the bag.
+    """Return all messages of some topics as columns, in one pass over the bag.
 
     Args:
         bag: An open bag, or the path of one.
@@ -130,7 +130,7 @@ def _decode_block(
 
 
 def _lengths(leaf: Leaf, body: _Bytes, offset: int) -> list[tuple[Any, int, int]]:
-    """Groups of messages in which the leaf is equally long: rows, its length, its offset."""
+    """Yield groups of messages with equally long leaves: rows, length, offset."""
     if leaf.length is not None:
         return [(slice(None), leaf.length, offset)]
     counts, start = _take(_LENGTH, body, offset, 1)
@@ -141,7 +141,7 @@ def _lengths(leaf: Leaf, body: _Bytes, offset: int) -> list[tuple[Any, int, int]
 
 
 def _take(leaf: Leaf, body: _Bytes, offset: int, count: int) -> tuple[NDArray[Any], int]:
-    """The leaf's values in every message and the offset behind it."""
+    """Return the leaf's values in every message and the offset behind it."""
     size = leaf.dtype.itemsize
     start = -(-offset // size) * size if count else offset
     end = start + size * count

@@ -71,18 +71,18 @@ class Registry:
             self.schemas[schema.id] = schema
 
     def type_of(self, channel: Channel) -> str:
-        """The message type of a channel; empty if the file does not say."""
+        """Return the message type of a channel; empty if the file does not say."""
         schema = self.schemas.get(channel.schema_id)
         return schema.name if schema else ""
 
     def definition_of(self, channel: Channel) -> str:
-        """The ``ros2msg`` text of a channel's type; empty if the file has none."""
+        """Return the ``ros2msg`` text of a channel's type; empty if the file has none."""
         schema = self.schemas.get(channel.schema_id)
         written = schema is not None and schema.encoding == "ros2msg"
         return schema.data.decode(errors="replace") if schema and written else ""
 
     def topic_of(self, channel: Channel) -> Topic:
-        """The topic that a channel holds."""
+        """Return the topic that a channel holds."""
         return Topic(
             name=channel.topic,
             type=self.type_of(channel),
@@ -145,7 +145,7 @@ class Content(NamedTuple):
     has_checksum: bool
 
     def records(self) -> Iterator[tuple[int, Record]]:
-        """Each record with its offset in ``plain``; ``DamageError`` where that are none."""
+        """Yield each record with its offset in ``plain``; ``DamageError`` if there is none."""
         view, offset, size = memoryview(self.plain), 0, len(self.plain)
         while offset < size:
             body = offset + HEAD.size
@@ -157,7 +157,7 @@ class Content(NamedTuple):
 
 
 def chunk_records(body: bytes) -> Iterator[Record]:
-    """The records in a chunk, its checksum verified before the first comes out.
+    """Yield the records in a chunk after its checksum is verified.
 
     Raises:
         DamageError: The chunk cannot be unpacked or its contents are not records.
@@ -166,12 +166,12 @@ def chunk_records(body: bytes) -> Iterator[Record]:
 
 
 def parse_chunk(body: bytes) -> Chunk:
-    """A chunk record, still packed; ``DamageError`` if it is none."""
+    """Return a chunk record, still packed; ``DamageError`` if it is none."""
     return parse(Chunk.read, body, whole=True)
 
 
 def unpack(chunk: Chunk) -> Content:
-    """What a chunk holds.
+    """Return the contents of a chunk.
 
     Raises:
         DamageError: It cannot be unpacked, or its size or checksum is wrong.
@@ -206,7 +206,7 @@ def _unpack_zstd(data: bytes, size: int) -> bytes:
 
 
 def message_index(items: Iterable[Record]) -> dict[int, bytearray]:
-    """The entries of a chunk's message indexes by channel: log time and offset of each message."""
+    """Return a chunk's message indexes by channel: log time and offset of each message."""
     index: dict[int, bytearray] = {}
     offset = 0
     for opcode, body in items:
@@ -218,7 +218,7 @@ def message_index(items: Iterable[Record]) -> dict[int, bytearray]:
 
 
 def parse_message(body: bytes) -> RawMessage:
-    """A message record.
+    """Return a message record.
 
     Raises:
         DamageError: The record is too short.
@@ -230,27 +230,27 @@ def parse_message(body: bytes) -> RawMessage:
 
 
 def channel_of(body: bytes) -> int:
-    """The channel of a message record."""
+    """Return the channel of a message record."""
     return int.from_bytes(body[:2], "little")
 
 
 def parse_channel(body: bytes) -> Channel:
-    """A channel record; ``DamageError`` if it is none."""
+    """Return a channel record; ``DamageError`` if it is none."""
     return parse(Channel.read, body)
 
 
 def parse_schema(body: bytes) -> Schema:
-    """A schema record; ``DamageError`` if it is none."""
+    """Return a schema record; ``DamageError`` if it is none."""
     return parse(Schema.read, body)
 
 
 def parse_metadata(body: bytes) -> Metadata:
-    """A metadata record; ``DamageError`` if it is none."""
+    """Return a metadata record; ``DamageError`` if it is none."""
     return parse(Metadata.read, body)
 
 
 def parse(read: Callable[[ReadDataStream], _T], body: bytes, whole: bool = False) -> _T:
-    """A record of the ``mcap`` package.
+    """Return a record of the ``mcap`` package.
 
     Args:
         read: Its reader.
@@ -286,7 +286,7 @@ class _Strict(ReadDataStream):
 
 
 def size_of(path: Path) -> int:
-    """Bytes of a file; ``BagError`` if it cannot be asked."""
+    """Return the size of a file in bytes; ``BagError`` if it is unknown."""
     try:
         return path.stat().st_size
     except OSError as error:
@@ -294,7 +294,7 @@ def size_of(path: Path) -> int:
 
 
 def open_binary(path: Path) -> BinaryIO:
-    """A file to read from; ``BagError`` if it cannot be opened."""
+    """Open a file for reading; ``BagError`` if that fails."""
     try:
         return path.open("rb")
     except OSError as error:

@@ -1,4 +1,4 @@
-"""What an MCAP file holds, piece by piece, and whether that is all."""
+"""Contents of an MCAP file, piece by piece, and a check that nothing is missing."""
 
 from __future__ import annotations
 
@@ -51,12 +51,12 @@ class Contents:
 
     @property
     def announced(self) -> int | None:
-        """Messages by the file's statistics; None where it has none."""
+        """Number of messages by the file's statistics; None if it has none."""
         found = self.summary.statistics if self.summary else None
         return found.message_count if found else None
 
     def messages(self) -> Iterator[RawMessage]:
-        """Messages of a file that is whole.
+        """Return the messages of an undamaged file.
 
         Raises:
             DamageError: It is not.
@@ -69,7 +69,7 @@ class Contents:
                     yield container.parse_message(item.body)
 
     def pieces(self) -> Iterator[Piece | Damage]:
-        """All that checks out, and all that does not; messages only of channels that are known."""
+        """Yield everything valid and all damage; messages only of known channels."""
         damaged = False
         for piece in self._pieces():
             damaged = damaged or isinstance(piece, Damage)
@@ -112,7 +112,7 @@ class Contents:
         yield piece._replace(items=known)
 
     def _contradicts(self, item: Record) -> bool:
-        """Whether a channel or a schema, outside of a chunk, is another one in the summary."""
+        """Return True if the summary has another channel or schema than this one."""
         said = self.summary.registry if self.summary else Registry()
         if item.opcode == Opcode.CHANNEL:
             channel = container.parse_channel(item.body)

@@ -1,4 +1,4 @@
-"""Where a recording ends: at one moment for all topics, by the times of sending."""
+"""End of a recording: one moment for all topics, by the times of sending."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ SECOND_NS = 1_000_000_000
 
 
 class SourceClock:
-    """What a publisher's clock showed, on the clock of this host.
+    """Offset of a publisher's clock from this host's.
 
     Times of sending are read off the publisher's clock, which on another host may be ahead or
     behind. Of the messages of a second, one has nearly no way to go, so the smallest difference
@@ -42,7 +42,7 @@ class SourceClock:
             self._smallest[-1] = way
 
     def here(self, sent_ns: int) -> int:
-        """A time of the publisher's clock in ns on this host's."""
+        """Convert a time of the publisher's clock to this host's, ns."""
         if len(self._smallest) < FEWEST:
             return sent_ns
         skew = statistics.median_low(self._smallest)

@@ -67,7 +67,7 @@ class McapFile:
 
     @property
     def strayed(self) -> str:
-        """Where the file lies now, in the kernel's words; empty while its path leads to it."""
+        """Present path of the file by the kernel; empty while its own path leads to it."""
         mine = self._stream.fileno()
         try:
             if os.path.samestat(self.path.stat(), os.fstat(mine)):
@@ -127,7 +127,7 @@ class McapFile:
 
     @property
     def on_disk(self) -> bool:
-        """Whether `wait` would not wait."""
+        """True if `wait` would return at once."""
         return self._syncer.ended
 
     def wait(self) -> None:
@@ -156,7 +156,7 @@ class McapFile:
 
     @property
     def information(self) -> FileInformation:
-        """What ``metadata.yaml`` says of this file."""
+        """Entry of this file in ``metadata.yaml``."""
         count = sum(self.counts.values())
         return FileInformation(
             path=self.path.name,

@@ -27,7 +27,7 @@ class DecodedMessage(NamedTuple):
 def read(
     bag: BagReader | Path | str, topics: Collection[str] | None = None
 ) -> Iterator[DecodedMessage]:
-    """Messages of a bag in recorded order, decoded by the definitions that it carries.
+    """Yield a bag's messages in recorded order, decoded by the definitions in the bag.
 
     For long recordings of numbers, ``columns.load`` is some fifty times faster.
 

@@ -69,7 +69,7 @@ class BagMetadata:
         return max(ends) - self.starting_time_ns if ends else 0
 
     def to_yaml_map(self) -> dict[str, Any]:
-        """The metadata in rosbag2's keys and order, without the root key."""
+        """Return the metadata in rosbag2's keys and order, without the root key."""
         return {
             "version": VERSION,
             "storage_identifier": "mcap",
@@ -92,7 +92,7 @@ class BagMetadata:
         }
 
     def to_record(self) -> dict[str, str]:
-        """The contents of the MCAP metadata record named ``rosbag2``."""
+        """Return the contents of the MCAP metadata record named ``rosbag2``."""
         return {"serialized_metadata": yaml_text.dump(self.to_yaml_map())}
 
 
@@ -116,7 +116,7 @@ def _file_map(file: FileInformation) -> dict[str, Any]:
 
 
 def _signed(nanoseconds: int) -> int:
-    """A time as rosbag2 can read it, which knows none beyond 2262."""
+    """Return a time that rosbag2 can read: at most in the year 2262."""
     return min(nanoseconds, NO_START)
 
 
@@ -166,7 +166,7 @@ def _one_line(error: Exception) -> str:
 
 
 def from_yaml_map(content: Mapping[str, Any]) -> BagMetadata:
-    """The metadata from rosbag2's keys, the inverse of ``BagMetadata.to_yaml_map``.
+    """Return the metadata from rosbag2's keys; inverse of ``BagMetadata.to_yaml_map``.
 
     Raises:
         BagError: The files are not MCAP or are compressed as a whole.

@@ -90,7 +90,7 @@ class PlayTime:
         return self.now_ns
 
     def _publishing_step(self, message: BagMessage) -> int:
-        """ns until the message is due by the times at which its topic was published; else 0."""
+        """Return the time until the message is due by its topic's publish times, ns; else 0."""
         published, played = self._published.get(message.topic, (message.publish_time_ns, 0))
         passed = message.publish_time_ns - published
         return max(0, played + passed - self.now_ns) if 0 <= passed <= self._longest else 0

@@ -29,7 +29,7 @@ MOST_SECONDS = 1e9
 
 @dataclass(frozen=True)
 class PlayOptions:
-    """How to replay.
+    """Options of a replay.
 
     Args:
         rate: Bag seconds per second.
@@ -143,7 +143,7 @@ class Playback:
     def timeline(
         self, tell: Callable[[str], object] = lambda _: None
     ) -> Iterator[tuple[float, BagMessage | ClockTick]]:
-        """Each message or clock tick with its time in s after the start of the replay.
+        """Yield each message or clock tick with its time after the start of the replay, s.
 
         Messages come in recorded order but for small disorder, see `ordering.by_log_time`.
 
@@ -174,5 +174,5 @@ class Playback:
             self._refuse_offset(time.now_ns / 1e9)
 
     def _seconds(self, due: int) -> float:
-        """s after the start of the replay at which something is due."""
+        """Return the time after the start of the replay at which something is due, s."""
         return (due - self._skipped_ns) / 1e9 / self.rate

@@ -1,4 +1,4 @@
-"""Whether the body of an MCAP record proves to be of the kind that its head says."""
+"""Checks that the body of an MCAP record is of the kind that its head names."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ MESSAGE_BYTES = 22
 _INDEX = struct.Struct("<HI")
 
 _Proof = Callable[[bytes], "bool | None"]
-"""Whether a body proves to be of its kind by itself; None where it is none."""
+"""Check of one kind's body: True if the body alone proves the kind, None if it is another."""
 
 
 def unproved(_: bytes) -> bool | None:
-    """Of a record of which nothing is known: it may be."""
+    """Return False for a kind whose body cannot be checked."""
     return False
 
 

@@ -58,7 +58,7 @@ class QosProfile:
                 raise ValueError(f"{policy} is {value!r}, not one of {', '.join(names)}")
 
     def to_yaml_map(self) -> dict[str, Any]:
-        """The profile as metadata version 9 nests it."""
+        """Return the profile as metadata version 9 nests it."""
         values = {field.name: getattr(self, field.name) for field in fields(self)}
         for name in _DURATIONS:
             seconds, rest = divmod(values[name], _SECOND_NS)
@@ -67,7 +67,7 @@ class QosProfile:
 
 
 def from_yaml_map(values: Mapping[str, Any]) -> QosProfile:
-    """A profile from its YAML map, with names (version 9) or rmw's numbers (before).
+    """Return a profile from its YAML map, with names (version 9) or rmw's numbers (before).
 
     Raises:
         ValueError: A value is of another kind or out of range.
@@ -92,7 +92,7 @@ def dump_profiles(profiles: Sequence[QosProfile]) -> str:
 
 
 def parse_profiles(offered: object) -> tuple[QosProfile, ...]:
-    """Profiles from YAML text or from the list that metadata version 9 nests.
+    """Return profiles from YAML text or from the list that metadata version 9 nests.
 
     A profile that cannot be understood is left out: the messages matter more than the offer.
     """
@@ -110,7 +110,7 @@ def parse_profiles(offered: object) -> tuple[QosProfile, ...]:
 
 
 def adapt(offers: Sequence[QosProfile]) -> tuple[bool, bool]:
-    """What a subscription must ask for to hear every publisher, as rosbag2's recorder does.
+    """Return the profile of a subscription that hears every publisher, as rosbag2's recorder.
 
     Returns:
         ``(reliable, transient_local)``: each only if every publisher offers it.

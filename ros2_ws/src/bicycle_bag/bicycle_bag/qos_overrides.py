@@ -12,12 +12,12 @@ from bicycle_bag.selection import absolute
 from bicycle_common import yaml_text
 
 DEFAULT = QosProfile(history="keep_last", depth=10)
-"""What a topic's entry leaves open: ROS's default profile."""
+"""Defaults of a topic's entry: ROS's default profile."""
 KNOWN = tuple(field.name for field in fields(QosProfile))
 
 
 def read_overrides(path: str) -> dict[str, QosProfile]:
-    """The profiles to subscribe with, by the topics' full names; none without a path.
+    """Return the profiles to subscribe with, by the topics' full names; none without a path.
 
     Raises:
         BagError: The file cannot be read, or an entry is not a QoS profile.
@@ -37,7 +37,7 @@ def read_overrides(path: str) -> dict[str, QosProfile]:
 
 
 def _profile(path: str, topic: object, entry: Any) -> QosProfile:
-    """One topic's profile.
+    """Return one topic's profile.
 
     Raises:
         BagError: It is not one.

@@ -17,7 +17,7 @@ from bicycle_bag.summary import Summary
 from bicycle_bag.versions import missing_end, missing_fields
 
 PACKED = ".mcap.zstd"
-"""How rosbag2 names files that it has compressed as a whole."""
+"""Endings of the files that rosbag2 has compressed as a whole."""
 
 
 class BagMessage(NamedTuple):
@@ -82,7 +82,7 @@ class BagReader:
 
     @property
     def metadata(self) -> BagMetadata:
-        """What the bag holds, counted from its files; custom data from ``metadata.yaml``."""
+        """Contents of the bag, counted from its files; custom data from ``metadata.yaml``."""
         return BagMetadata(
             topics=tuple(self._topics.values()),
             counts=self.counts,
@@ -102,7 +102,7 @@ class BagReader:
         return self.metadata.duration_ns
 
     def spans(self) -> list[tuple[int, int]]:
-        """First and last log time of each chunk in recorded order, of a file without any as one.
+        """Return first and last log time of each chunk in recorded order, or of a chunkless file.
 
         Raises:
             BagError: A file has been damaged since the bag was opened.
@@ -121,7 +121,7 @@ class BagReader:
         return found
 
     def definition(self, topic: str) -> str:
-        """The ``ros2msg`` text of a topic's type; empty where the bag has none.
+        """Return the ``ros2msg`` text of a topic's type; empty if the bag has none.
 
         Raises:
             BagError: The bag has no such topic.
@@ -141,7 +141,7 @@ class BagReader:
             raise BagError(f"{self.path} has no topic {', '.join(missing)}: it has {there}")
 
     def missing_end(self, topic: str) -> bytes:
-        """What ``messages`` adds to those of a topic, see ``versions.missing_end``."""
+        """Return the bytes that ``messages`` appends to a topic's; see ``missing_end``."""
         if topic not in self._ends:
             text = self._definitions.get(topic, "")
             known = text and missing_end(self._topics[topic].type, text, Schemas())
@@ -149,7 +149,7 @@ class BagReader:
         return self._ends[topic]
 
     def missing_fields(self, topic: str) -> list[str]:
-        """Names of fields that a topic's type has got since the bag was recorded."""
+        """Return the fields that a topic's type has gained since the bag was recorded."""
         text = self._definitions.get(topic, "")
         return missing_fields(self._topics[topic].type, text, Schemas()) if text else []
 
@@ -172,7 +172,7 @@ class BagReader:
             )
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
-        """Messages in the order they were recorded.
+        """Yield the messages in the order in which they were recorded.
 
         Args:
             topics: Only these; all by default.
@@ -206,12 +206,12 @@ class BagReader:
 
 
 def damaged(file: Path, error: DamageError) -> BagError:
-    """The error for a file that a reader should not go on with."""
+    """Return the error for a file that a reader must not continue with."""
     return BagError(f"{file} is damaged ({error}): recover it with record.sh --repair")
 
 
 def find_files(path: Path, listed: bool = True) -> list[Path]:
-    """The MCAP files of a bag in order.
+    """Return the MCAP files of a bag in order.
 
     Args:
         path: Bag directory or MCAP file.
@@ -252,7 +252,7 @@ def _listed_files(path: Path) -> list[Path]:
 
 
 def _listed_file(folder: Path, name: PurePosixPath) -> Path | None:
-    """A file that metadata.yaml names; None where it is not in the bag's folder."""
+    """Return a file named by metadata.yaml; None if it is not in the bag's folder."""
     if name.is_absolute() or ".." in name.parts:
         return None
     # rosbag2 once wrote the paths relative to the directory above.
@@ -262,7 +262,7 @@ def _listed_file(folder: Path, name: PurePosixPath) -> Path | None:
 
 
 def _lies_in(folder: Path, file: Path) -> bool:
-    """Whether a regular file is there, in the folder or below it and not reached by a link out."""
+    """Return True for a regular file in or below the folder that no link out leads to."""
     try:
         return file.is_file() and file.resolve().is_relative_to(folder.resolve())
     except (OSError, RuntimeError, ValueError):  # a name too long, links in a circle, a zero byte
@@ -307,7 +307,7 @@ def _scan(contents: Contents) -> _Found:
 def _file_messages(
     file: Path, topics: Collection[str] | None, before: int
 ) -> Iterator[BagMessage]:
-    """Messages of a file, numbered on from how many came before."""
+    """Yield the messages of a file, numbered on from those before."""
     contents = Contents(file)
     wanted: dict[int, tuple[str, str, str] | None] = {}
     try:
@@ -325,7 +325,7 @@ def _file_messages(
 def _kind(
     registry: Registry, channel_id: int, topics: Collection[str] | None
 ) -> tuple[str, str, str] | None:
-    """Topic, type and encoding of a channel's messages; None where they are not wanted."""
+    """Return topic, type and encoding of a channel's messages; None for an unwanted channel."""
     channel = registry.channels[channel_id]
     if topics is not None and channel.topic not in topics:
         return None

@@ -34,7 +34,7 @@ MOST_SPANS = 5
 
 @dataclass
 class RepairReport:
-    """What a repair found; ``kept`` are copies of what was damaged, as it was.
+    """Result of a repair; ``kept`` are copies of the damaged files.
 
     ``lost_messages`` is known of files that were finished once; ``lost_spans`` are the first and
     last times of lost chunks in ns, ``lost_bytes`` were of no record that could be told, and of
@@ -115,7 +115,7 @@ def repair(path: Path | str, progress: Progress = lambda _: None) -> RepairRepor
 
 
 def present_files(path: Path) -> list[Path]:
-    """The MCAP files that are there, whatever ``metadata.yaml`` says; ``BagError`` if none."""
+    """Return the MCAP files, whatever ``metadata.yaml`` says; ``BagError`` if there are none."""
     return find_files(path, listed=False)
 
 
@@ -235,7 +235,7 @@ def _disk_errors(path: Path) -> Iterator[None]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command ``bicycle_repair``; returns its exit status."""
+    """Run the command ``bicycle_repair``; return its exit status."""
     parser = OneLineParser(prog="bicycle_repair", description=__doc__)
     parser.add_argument("bag", type=Path, help="bag directory or .mcap file, repaired in place")
     bag = parser.parse_args(arguments).bag

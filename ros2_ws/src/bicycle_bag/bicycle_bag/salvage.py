@@ -18,7 +18,7 @@ Progress = Callable[[int], object]
 
 
 class Salvage:
-    """One file as it is read: what it holds and what was lost.
+    """One file as it is read: its contents and its losses.
 
     Attributes:
         contents: The file, with channels, and messages by channel.
@@ -42,21 +42,21 @@ class Salvage:
 
     @property
     def messages(self) -> int:
-        """Messages that were found."""
+        """Number of messages found."""
         return sum(self.contents.counts.values())
 
     @property
     def explained(self) -> bool:
-        """Whether it is known where the damage is, not only that there is some."""
+        """True if the place of the damage is known, not only its existence."""
         return any(one.what != WRONG_CHECKSUM for one in self.damages)
 
     @property
     def whole(self) -> bool:
-        """Whether, once read, the file has its index and every record is right."""
+        """True if, once read, the file has its index and no damage."""
         return self.contents.summary is not None and not self.damages
 
     def pieces(self, progress: Progress) -> Iterator[Piece]:
-        """All that checks out.
+        """Yield everything valid.
 
         Args:
             progress: Called with the number of bytes read since the last call.
@@ -80,7 +80,7 @@ class Salvage:
         progress(self.contents.size - end)
 
     def _indexes(self, body: bytes) -> bool:
-        """Whether a message index says what the chunk before it holds."""
+        """Return True if a message index agrees with the chunk before it."""
         entries = self._index.get(container.channel_of(body), b"")
         return sorted(ENTRY.iter_unpack(entries)) == sorted(ENTRY.iter_unpack(body[6:]))
 

@@ -33,7 +33,7 @@ class Field(NamedTuple):
 
 
 def fields(definition: str) -> Iterator[Field]:
-    """The fields of one ``.msg`` text, in order, without its constants."""
+    """Yield the fields of one ``.msg`` text, in order, without its constants."""
     for line in definition.splitlines():
         match = _FIELD.match(line.split("#", 1)[0])
         if match and not match["constant"]:

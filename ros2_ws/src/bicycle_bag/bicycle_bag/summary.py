@@ -1,4 +1,4 @@
-"""What the end of a finished MCAP file says of it: channels, numbers, and where things lie."""
+"""Summary at the end of a finished MCAP file: channels, counts and offsets."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MESSAGE_INDEX_BYTES, _ENTRY_BYTES = HEAD.size + 6, 16
 
 
 class Place(NamedTuple):
-    """What an index says of a record: its kind, and its bytes with its head."""
+    """Entry of an index for a record: its kind, and its length with its head."""
 
     opcode: int
     length: int
@@ -44,7 +44,7 @@ class Summary(NamedTuple):
 
     @property
     def complete(self) -> bool:
-        """Whether it names every channel with its schema, and counts each one's messages."""
+        """True if it names every channel with its schema, and counts each one's messages."""
         found, channels = self.statistics, self.registry.channels
         if found is None or (found.message_count and not found.channel_message_counts):
             return False
@@ -55,7 +55,7 @@ class Summary(NamedTuple):
 
     @property
     def is_chunked(self) -> bool | None:
-        """Whether all messages lie in chunks; None where it does not say."""
+        """True if all messages lie in chunks; None if it does not say."""
         if self.statistics is None:
             return True if self.chunks else None
         inside = sum(
@@ -69,7 +69,7 @@ class Summary(NamedTuple):
 
 
 def read_summary(stream: BinaryIO, size: int) -> Summary:
-    """The summary section of a finished file.
+    """Return the summary section of a finished file.
 
     Raises:
         DamageError: The file does not end as a finished one does, or its summary is corrupt.

@@ -70,7 +70,7 @@ class Syncer:
 
     @property
     def ended(self) -> bool:
-        """Whether nothing is to be waited for: the last sync is done, or one has failed."""
+        """True if there is nothing to wait for: the last sync is done, or one has failed."""
         return not self._thread.is_alive()
 
     def _raise(self) -> None:

@@ -35,7 +35,7 @@ def _names(definition: str) -> list[str]:
 
 
 def missing_end(type_name: str, recorded: str, schemas: Schemas) -> bytes:
-    """The bytes that complete a recorded message to the installed version of its type.
+    """Return the bytes that complete a recorded message to the installed version of its type.
 
     Args:
         type_name: as pkg/msg/Type.

@@ -30,11 +30,11 @@ from bicycle_bag.proofs import MESSAGE_BYTES, PROOFS, unproved
 from bicycle_bag.summary import Summary
 
 PRIVATE = 0x80
-"""From here on opcodes belong to applications."""
+"""First opcode reserved for applications."""
 _CHUNK = struct.Struct("<QQQII")
 _DEFINING = (Opcode.SCHEMA, Opcode.CHANNEL)
 _LIKELY = re.compile(rb"(?=[\x03-\x07\x09\x0c\x0f].{3}\0{5})", re.DOTALL)
-"""Where a record of less than 16 MiB may begin."""
+"""Pattern at which a record of less than 16 MiB may begin."""
 _CHUNKS = re.compile(rb"(?=\x06.{3}\0{5})", re.DOTALL)
 _WINDOW = 2**20
 WRONG_CHECKSUM = "the checksum of its data is wrong"
@@ -43,7 +43,7 @@ _PACK = "only zstd, lz4 and none can be read here"
 _HUGE = 2**40
 _PATIENCE = 300
 _CHAIN = 3
-"""Records in a row that fit each other are no coincidence."""
+"""Length of a sequence of consistent records that is no coincidence."""
 
 
 class UnreadableError(Exception):
@@ -51,7 +51,7 @@ class UnreadableError(Exception):
 
 
 class Damage(NamedTuple):
-    """Bytes of a file that are not what was written.
+    """Damaged bytes of a file.
 
     ``span`` are the times of a lost chunk in ns, ``orphans`` messages that are left out.
     """
@@ -65,7 +65,7 @@ class Damage(NamedTuple):
 
 
 class Piece(NamedTuple):
-    """A record that checks out; of a chunk also what is in it, of a huge record no body."""
+    """A valid record; of a chunk also its contents, of a huge record no body."""
 
     offset: int
     end: int
@@ -126,7 +126,7 @@ class Walk:
                 return
 
     def _at(self, offset: int) -> Piece | Damage | None:
-        """What lies at an offset; None where it is nothing that can be told."""
+        """Return the record or damage at an offset; None if it cannot be recognised."""
         head = self._read(offset, HEAD.size)
         if len(head) < HEAD.size:
             return None
@@ -150,7 +150,7 @@ class Walk:
     def _lost(
         self, offset: int, end: int, what: str, span: tuple[int, int] | None = None
     ) -> Damage:
-        """A chunk that is lost; its times by the index, or else by itself."""
+        """Return a lost chunk with its times from the index, or else from its own head."""
         for chunk in self._summary.chunks if self._summary else ():
             if chunk.chunk_start_offset != offset:
                 continue
@@ -164,7 +164,7 @@ class Walk:
         return Damage(offset, end, what, True, span)
 
     def _chunk_bytes(self, offset: int) -> int:
-        """Length of a chunk by what stands in it; -1 where that cannot be one."""
+        """Return the length of a chunk by its own fields; -1 if it cannot be a chunk."""
         start = self._read(offset + HEAD.size, _CHUNK.size + 12)
         name = _CHUNK.unpack_from(start)[-1] if len(start) == _CHUNK.size + 12 else 5
         if name > 4:
@@ -184,7 +184,7 @@ class Walk:
         return None
 
     def _record(self, opcode: int, offset: int, length: int) -> Piece | Damage | None:
-        """A record of this kind and length, if there is one; damage where it is a broken chunk."""
+        """Return a record of this kind and length if there is one; damage for a broken chunk."""
         end = offset + HEAD.size + length
         if length < 0 or not self._fits(opcode, offset, end):
             return None
@@ -202,7 +202,7 @@ class Walk:
         return Piece(offset, end, opcode, body, None, (Record(opcode, body),))
 
     def _fits(self, opcode: int, offset: int, end: int) -> bool:
-        """Whether a record of this kind may be there, and is no longer than there is room."""
+        """Return True if a record of this kind may be there and fits into the file."""
         if opcode == Opcode.DATA_END:
             return end <= self._size and self._data_end in (None, offset)
         if opcode == Opcode.HEADER:
@@ -232,7 +232,7 @@ class Walk:
         return Piece(offset, end, Opcode.CHUNK, body, content, items)
 
     def _goes_on(self, offset: int, end: int) -> bool:
-        """Whether a record that nothing else proves ends where the next one begins."""
+        """Return True if an unproved record ends where the next one begins."""
         if bisect_right(self._offsets, offset) != bisect_right(self._offsets, end - 1):
             return False
         ahead = self._read(end, HEAD.size)
@@ -250,7 +250,7 @@ class Walk:
         return resumed > end and (after == resumed or is_message or cut_off)
 
     def _resume(self, offset: int) -> int:
-        """Where the next record begins behind one that makes no sense."""
+        """Return the offset of the next record after an unreadable one."""
         if self._is_chunked is None:
             self._is_chunked = self._search(offset + 1, self._limit, _CHUNKS) < self._limit
         place = bisect_right(self._offsets, offset)
@@ -270,7 +270,7 @@ class Walk:
         return bound
 
     def _begins(self, offset: int, bound: int, chain: int = _CHAIN) -> bool:
-        """Whether a row of records begins here that fit each other."""
+        """Return True if a sequence of consistent records begins here."""
         for _ in range(chain):
             head = self._read(offset, HEAD.size)
             if len(head) < HEAD.size:

@@ -109,7 +109,7 @@ class BagDesk:
 
     @contextlib.asynccontextmanager
     async def _asking(self) -> AsyncIterator[None]:
-        """One's turn to ask."""
+        """Wait for a turn to ask the worker."""
         if self._waiting >= MOST_WAITING:
             raise BagProblemError(503, "too many bags are being read: try again in a moment")
         self._waiting += 1

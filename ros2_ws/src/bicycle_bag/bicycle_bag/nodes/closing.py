@@ -79,6 +79,6 @@ def close(writer: BagWriter, stop: StopRequest, name: str) -> BagMetadata:
 
 
 def say(text: str) -> None:
-    """One line on standard error, which may be closed by now: the terminal is gone."""
+    """Print a line on standard error, which may be closed if the terminal is gone."""
     with contextlib.suppress(OSError):
         print(f"bicycle_record: {text}", file=sys.stderr, flush=True)

@@ -1,4 +1,4 @@
-"""How long other nodes wait for one that is silent."""
+"""Time for which other nodes wait for a silent one."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LEASE = 60
 
 @contextlib.contextmanager
 def long_lease() -> Iterator[None]:
-    """Nodes made in this context are waited for when they are silent for a minute.
+    """Let other nodes wait a minute for nodes created in this context when they are silent.
 
     A participant tells the others how long to wait for it. With the 3 s that make a dead node be
     forgotten soon, publishers would forget a recorder that is stopped for longer, with a machine
@@ -38,7 +38,7 @@ def long_lease() -> Iterator[None]:
 
 
 def _lengthened(path: Path) -> bytes | None:
-    """The settings with a longer lease; None where they say none, or a longer one."""
+    """Return the settings with a longer lease; None if they have none, or a longer one."""
     try:
         tree = ElementTree.parse(path)
     except (OSError, ElementTree.ParseError):

@@ -33,7 +33,7 @@ NAME = re.compile(r"/?[A-Za-z_~][\w~]*(/[A-Za-z_][\w]*)*")
 
 
 def parse(arguments: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
-    """The command line, and what of it is ROS's."""
+    """Return the parsed command line and its ROS arguments."""
     parser = OneLineParser(
         prog="bicycle_play", description="Publish the messages of a bag again, as recorded."
     )
@@ -158,7 +158,7 @@ def play(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command ``bicycle_play``; returns its exit status."""
+    """Run the command ``bicycle_play``; return its exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         options, ros_arguments = parse(words)

@@ -26,7 +26,7 @@ FLOW, FLOW_SECONDS = 5, 2.0
 """A topic flows that has brought so many messages in the last so many seconds."""
 
 Quality = tuple[bool, bool]
-"""Whether a subscription asks for reliable publishers, and for transient-local ones."""
+"""True if a subscription asks for reliable publishers, and for transient-local ones."""
 
 
 class Ear:
@@ -64,7 +64,7 @@ class Ear:
 
     @property
     def publishers(self) -> int:
-        """How many it hears."""
+        """Number of publishers that it hears."""
         return int(self._subscription.get_publisher_count())
 
     def hear(self, data: bytes, info: dict[str, Any]) -> None:
@@ -172,7 +172,7 @@ class RecordedTopic:
         self._order.push(BagMessage(self.topic.name, self.topic.type, received, sent, data))
 
     def _is_known(self, key: tuple[int, int]) -> bool:
-        """Whether another subscription has heard the same message."""
+        """Return True if another subscription has received the same message."""
         if key in self._known:
             return len(self._ears) > 1
         self._known.add(key)
@@ -194,5 +194,5 @@ class RecordedTopic:
             self.lost += sequence - last - 1
 
     def _is_best(self, ear: Ear) -> bool:
-        """Whether no other subscription, which may lose less, hears a publisher."""
+        """Return True if no other subscription, which may lose less, hears a publisher."""
         return next(one for one in self._ears.values() if one is ear or one.publishers) is ear

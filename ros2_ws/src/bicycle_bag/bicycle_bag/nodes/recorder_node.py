@@ -37,7 +37,7 @@ INTERRUPTED = 130
 
 
 def parse(arguments: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
-    """The command line, and what of it is ROS's."""
+    """Return the parsed command line and its ROS arguments."""
     parser = OneLineParser(
         prog="bicycle_record",
         description="Record topics into an MCAP bag that ros2 bag reads, until Ctrl-C.",
@@ -62,7 +62,7 @@ def parse(arguments: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
 
 
 def custom_data(entries: Sequence[str]) -> dict[str, str]:
-    """What the bag says of its making, with the user's ``KEY=VALUE`` entries.
+    """Return the bag's custom data: its origin and the user's ``KEY=VALUE`` entries.
 
     Raises:
         BagError: An entry has no ``=``.
@@ -135,7 +135,7 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """The command ``bicycle_record``; returns its exit status."""
+    """Run the command ``bicycle_record``; return its exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         options, ros_arguments = parse(words)

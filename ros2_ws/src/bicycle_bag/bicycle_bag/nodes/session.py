@@ -1,4 +1,4 @@
-"""What the recorder and the player share: starting ROS, types and QoS."""
+"""Common part of recorder and player: start of ROS, types and QoS."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from bicycle_common.nodes.runner import UserError, start_ros
 
 @contextlib.contextmanager
 def ros_node(name: str, arguments: Sequence[str]) -> Iterator[Node]:
-    """A plain node in a context of its own, shut down at the end.
+    """Create a plain node in a context of its own, and shut both down at the end.
 
     Raises:
         BagError: ROS does not start with these arguments or this environment.
@@ -47,7 +47,7 @@ def ros_node(name: str, arguments: Sequence[str]) -> Iterator[Node]:
 
 
 def message_class(type_name: str) -> type[Any]:
-    """The Python class of ``pkg/msg/Type``.
+    """Return the Python class of ``pkg/msg/Type``.
 
     Raises:
         BagError: It is not installed here.
@@ -64,7 +64,7 @@ def message_class(type_name: str) -> type[Any]:
 
 
 def offered(profile: QoSProfile) -> qos.QosProfile:
-    """A publisher's offer as discovery reports it, in the form that bags store."""
+    """Return a publisher's offer as discovery reports it, in the form that bags store."""
     return qos.QosProfile(
         history=profile.history.name.lower(),
         depth=int(profile.depth),
@@ -79,7 +79,7 @@ def offered(profile: QoSProfile) -> qos.QosProfile:
 
 
 def subscription_profile(reliable: bool, transient_local: bool, depth: int) -> QoSProfile:
-    """A subscription that hears publishers of at least this quality."""
+    """Return a subscription's profile that hears publishers of at least this quality."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
@@ -91,7 +91,7 @@ def subscription_profile(reliable: bool, transient_local: bool, depth: int) -> Q
 
 
 def overridden_profile(wanted: qos.QosProfile, queue: int) -> QoSProfile:
-    """A subscription as the user wants it; a depth of 0 takes `queue`."""
+    """Return a subscription's profile from the user's; a depth of 0 takes `queue`."""
     return QoSProfile(
         history=HistoryPolicy[wanted.history.upper()],
         depth=wanted.depth or queue,
@@ -106,7 +106,7 @@ def overridden_profile(wanted: qos.QosProfile, queue: int) -> QoSProfile:
 
 
 def publisher_profile(recorded: Sequence[qos.QosProfile], depth: int, latched: int) -> QoSProfile:
-    """The recorded offer if all publishers agreed, as rosbag2 replays it, else the default.
+    """Return the recorded offer if all publishers agreed, as rosbag2 replays it, else the default.
 
     Args:
         recorded: What the publishers offered.

@@ -30,7 +30,7 @@ READY = 60.0
 
 @dataclass(frozen=True)
 class FilmOptions:
-    """What is filmed, and how.
+    """Contents and format of a film.
 
     Raises:
         ValueError: on values that make no film.

@@ -24,7 +24,7 @@ def bound_log_lines() -> None:
 
 
 def shortened(text: str) -> str:
-    """A text of any length in `LONGEST` characters and a word about the rest."""
+    """Return a text cut to `LONGEST` characters, with a note about the rest."""
     if len(text) <= LONGEST:
         return text
     end = LONGEST // 2
