@@ -34,7 +34,7 @@ class Room:
 
 
 def table() -> list[Room]:
-    """The rooms in the order of the page."""
+    """Return the rooms in the order of the page."""
     page = (ROOT / "docs" / "architecture.md").read_text()
     section = page.partition("## Layers")[2].partition("\n## ")[0]
     rows = [
@@ -58,7 +58,7 @@ ROOMS = table()
 
 
 def room_of(module: str) -> str:
-    """The most special room that holds a module; empty if none does."""
+    """Return the most special room that holds a module; empty if none does."""
     held = [room.name for room in ROOMS if f"{module}.".startswith(f"{room.name}.")]
     return max(held, key=len, default="")
 
@@ -89,7 +89,7 @@ def imported(path: Path) -> Iterator[str]:
 
 
 def library(module: str) -> str:
-    """What the table calls a library; empty for Python's own and for ours."""
+    """Return a library's name in the table; empty for Python's own and for ours."""
     top = module.partition(".")[0]
     if top in sys.stdlib_module_names or top in SOURCES:
         return ""
@@ -101,7 +101,7 @@ OLD_NAMES = ("bicycle_sim.gym_env",)
 
 
 def bare(module: str) -> bool:
-    """Whether it belongs to no room: a package itself, its console scripts, or an old name."""
+    """Return True if it needs no room: a package itself, its console scripts, or an old name."""
     package, _, rest = module.partition(".")
     return package in SOURCES and (rest in ("", "programs") or module in OLD_NAMES)
 
@@ -149,7 +149,7 @@ KNOWN_BY_NAME = {
     "bicycle_controller.cli.info": "describes Whipple bicycles",
     "bicycle_controller.cli.eigenvalue_chart": "draws their eigenvalues",
 }
-"""Who outside of the plants may name a kind of plant, and why; all others take any."""
+"""Modules outside of the plants that may name a kind of plant, and why; all others take any."""
 
 
 def test_plants_are_known_by_what_every_plant_has() -> None:

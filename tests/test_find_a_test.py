@@ -13,7 +13,7 @@ ELSEWHERE = "scripts, set-up, docs, packages"
 
 
 def table() -> dict[str, list[str]]:
-    """The files of each room that the page names."""
+    """Return the files of each room that the page names."""
     page = (TESTS.parent / "CONTRIBUTING.md").read_text()
     section = page.partition("## Find a test")[2].partition("\n## ")[0]
     rows = [line.strip("| ").split(" | ") for line in section.splitlines() if ".py` |" in line]

@@ -1,4 +1,4 @@
-"""What packages name in package.xml and setup.py, and what pip installs of them."""
+"""Names in package.xml and setup.py of the packages, and their installation by pip."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ assert load() is not None, "the library is not built"
 
 @pytest.fixture(scope="module")
 def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The simulator as pip installs it, without what it depends on, which is here already."""
+    """Return the simulator as pip installs it, without its dependencies, which are here."""
     target = tmp_path_factory.mktemp("site")
     sources = tmp_path_factory.mktemp("sources")  # pip builds in the folder itself
     folders = [sources / name for name in ("bicycle_common", "bicycle_sim")]

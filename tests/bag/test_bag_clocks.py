@@ -64,7 +64,7 @@ def test_a_clock_that_is_set_back_by_an_hour(tmp_path: Path, options: dict[str, 
 
 
 def test_first_messages_at_log_time_zero(tmp_path: Path) -> None:
-    """What --use-sim-time leaves before the first /clock: publish times are the system's."""
+    """Make a bag as with --use-sim-time before the first /clock: the system's publish times."""
     log = [0 if n < 20 else NOW + STEP * n for n in range(100)]
     times = [(time, NOW + STEP * n) for n, time in enumerate(log)]
     due, messages, told = played(ride_with_times(tmp_path / "bag.mcap", times))

@@ -27,7 +27,7 @@ STEPS = 150
 
 @pytest.fixture
 def bag(tmp_path: Path) -> Path:
-    """A bag of several small chunks."""
+    """Return a bag of several small chunks."""
     make_bag(tmp_path / "bag", STEPS, chunk_bytes=4096)
     return tmp_path / "bag"
 
@@ -43,7 +43,7 @@ def one_line(error: pytest.ExceptionInfo[BagError]) -> str:
 
 
 def error_of(action: Callable[[], object]) -> str:
-    """The text of the BagError that an action ends in, or nothing."""
+    """Return the text of the BagError that an action ends in, or nothing."""
     try:
         action()
     except BagError as error:
@@ -52,7 +52,7 @@ def error_of(action: Callable[[], object]) -> str:
 
 
 def record_ends(file: Path) -> list[tuple[int, int]]:
-    """(opcode, end offset) of each top-level record."""
+    """Return (opcode, end offset) of each top-level record."""
     with file.open("rb") as stream:
         stream.read(len(container.MAGIC))
         return [
@@ -62,7 +62,7 @@ def record_ends(file: Path) -> list[tuple[int, int]]:
 
 
 def messages_before(file: Path, cut: int) -> int:
-    """How many messages lie in whole chunks before byte ``cut``."""
+    """Return the number of messages in whole chunks before byte ``cut``."""
     whole = sum(1 for code, end in record_ends(file) if code == Opcode.CHUNK and end <= cut)
     counted = 0
     with file.open("rb") as stream:

@@ -72,13 +72,13 @@ def places(data: bytes) -> dict[int, list[tuple[int, int]]]:
 
 
 def messages_in(data: bytes, span: tuple[int, int]) -> int:
-    """Of a chunk."""
+    """Return the messages of a chunk."""
     inner = container.chunk_records(data[span[0] + HEAD : span[1]])
     return sum(record.opcode == Opcode.MESSAGE for record in inner)
 
 
 def read(file: Path) -> tuple[list[Message], str]:
-    """The messages that come out, and what the reading ends in."""
+    """Return the messages that come out, and what the reading ends in."""
     found: list[Message] = []
     trouble = ""
     try:
@@ -91,7 +91,7 @@ def read(file: Path) -> tuple[list[Message], str]:
 
 
 def is_part(found: list[Message], of: list[Message]) -> bool:
-    """Whether all were recorded, in this order, none twice."""
+    """Return True if all were recorded, in this order, none twice."""
     rest = iter(of)
     return all(any(one == other for other in rest) for one in found)
 
@@ -163,7 +163,7 @@ def test_an_index_that_calls_itself_a_message_is_none(folder: Path) -> None:
 
 
 def unfinished(compression: str) -> bytes:
-    """What a killed recorder leaves: no index, no footer."""
+    """Return the file of a killed recorder: no index, no footer."""
     data = original(compression)
     return data[: places(data)[Opcode.DATA_END][0][0]]
 
@@ -286,7 +286,7 @@ def test_an_original_that_was_kept_before_stays(folder: Path) -> None:
 
 
 def finish_badly(change: Callable[[bytes], bytes]) -> Callable[[int], None]:
-    """A sync after which the file holds something else."""
+    """Return a sync after which the file holds something else."""
 
     def sync(descriptor: int) -> None:
         place = Path(f"/proc/self/fd/{descriptor}").readlink()

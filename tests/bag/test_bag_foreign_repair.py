@@ -26,7 +26,7 @@ Content = dict[str, Any]
 
 
 def write(path: Path, **options: Any) -> Path:
-    """A file with something of everything that the format knows."""
+    """Return a file with something of everything that the format knows."""
     with ForeignFile(path, profile="lab", library="another 1.0", **options) as file:
         writer = file.writer
         writer.add_attachment(7, 8, "map.png", "image/png", IMAGE)
@@ -58,7 +58,7 @@ def write(path: Path, **options: Any) -> Path:
 
 
 def content(path: Path) -> Content:
-    """All of it, by the MCAP package: messages with their channel and its schema."""
+    """Return all of it, by the MCAP package: messages with their channel and its schema."""
     with path.open("rb") as stream:
         reader = make_reader(stream, validate_crcs=True)
         header = reader.get_header()

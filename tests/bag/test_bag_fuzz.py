@@ -24,7 +24,7 @@ Message = tuple[str, bytes, int, int]
 MOST_BYTES = 1500 * 2**20
 """Of address space beyond what the process has: a length that is believed would need more."""
 MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None
-"""Where the files go: a repair waits for the disk, and hundreds of them would be slow."""
+"""Folder of the files, in memory: a repair waits for the disk, and hundreds would be slow."""
 FUZZ = settings(
     max_examples=25,
     deadline=None,
@@ -45,7 +45,7 @@ def original(compression: str) -> bytes:
 
 @cache
 def heads(compression: str) -> list[int]:
-    """Where each record's length stands."""
+    """Return the offset of each record's length."""
     with tempfile.TemporaryDirectory(dir=MEMORY) as folder:
         file = Path(folder) / "x.mcap"
         file.write_bytes(original(compression))
@@ -70,7 +70,7 @@ def one_line(error: BagError) -> None:
 
 
 def contents(file: Path) -> tuple[list[Message], bool]:
-    """The messages that come out, and whether that is told to be all."""
+    """Return the messages that come out, and whether that is told to be all."""
     found: list[Message] = []
     try:
         for m in BagReader(file).messages():
@@ -82,7 +82,7 @@ def contents(file: Path) -> tuple[list[Message], bool]:
 
 
 def are_recorded(found: list[Message]) -> bool:
-    """Whether each is one that was recorded, byte for byte, in this order, none twice."""
+    """Return True if each was recorded, byte for byte, in this order, none twice."""
     rest = iter([(topic, data, now, now - 1000) for topic, data, now in ride(STEPS)])
     return all(any(one == other for other in rest) for one in found)
 

@@ -46,7 +46,7 @@ def name_files(bag: Path, *names: str) -> None:
 
 
 def refusal(bag: Path) -> str:
-    """The one line in which the bag is refused."""
+    """Return the one line in which the bag is refused."""
     with pytest.raises(BagError) as told:
         BagReader(bag)
     text = str(told.value)

@@ -1,4 +1,4 @@
-"""Which topics, in which order, when: the parts of recorder and player that need no ROS."""
+"""Topics, their order and times: the parts of recorder and player that need no ROS."""
 
 from __future__ import annotations
 

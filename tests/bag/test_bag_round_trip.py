@@ -1,4 +1,4 @@
-"""What is written comes back, through this package and through the ones that people use."""
+"""Bags read back by this package and by the ones that people use."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ KINDS = {
 
 
 def recorded(path: Path, compression: str) -> Path:
-    """A ride, flushed as often as the recorder does; the file."""
+    """Return a ride, flushed as often as the recorder does; the file."""
     writer = BagWriter(path, compression=compression)
     for name, short in TYPES.items():
         type_name = f"bicycle_msgs/msg/{short}"
@@ -65,7 +65,7 @@ def cuts(start: int, end: int) -> set[int]:
 
 
 def written_before(file: Path, cut: int) -> list[Message]:
-    """What a whole file's chunks before a byte hold."""
+    """Return the messages in a whole file's chunks before a byte."""
     with file.open("rb") as stream:
         stream.read(len(container.MAGIC))
         count = 0

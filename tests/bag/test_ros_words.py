@@ -1,4 +1,4 @@
-"""Which words of a command line are ROS's, and which are an option's value."""
+"""ROS arguments of a command line, told from values of options."""
 
 from __future__ import annotations
 

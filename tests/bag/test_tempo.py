@@ -26,7 +26,7 @@ class Time:
 
 
 END = object()
-"""What an act gives that ends the wait."""
+"""Result of an act that ends the wait."""
 
 
 def end() -> object:

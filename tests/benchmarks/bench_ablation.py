@@ -1,4 +1,4 @@
-"""What each ingredient of the preset `fast` buys: the same run with one of them taken away.
+"""Gain by each ingredient of the preset `fast`: the same run without it.
 
 Every run makes the same number of updates on random goals at 10 km/h, d up to 20 cm, and every
 500 updates its actor is scored on the run's own fixed starts, far and near. Told are, by seed,
@@ -65,7 +65,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
 
 
 def run(title: str, seed: int, updates: int) -> dict[str, Any]:
-    """One run; its scores."""
+    """Make one run; its scores."""
     torch.set_num_threads(1)
     changes = (f"seed={seed}", "tensorboard=false", "save_every=100000", "evaluation.every=500")
     config = loading.preset("fast", [*changes, *VARIANTS[title]])

@@ -1,4 +1,4 @@
-"""How long a shipped policy takes to answer inside the controller, while it rides at 40 Hz.
+"""Answer time of a shipped policy inside the controller, while it rides at 40 Hz.
 
 `bench_policy_latency.py` asks it again and again, so that its weights stay in the processor's
 cache; here it sleeps 25 ms between two states, as on a ride, and other processes come between.
@@ -29,7 +29,7 @@ CONTROLLER = "bicycle_controller.nodes.controller_node"
 
 
 def controller_has_torch() -> bool:
-    """Whether the controller that this program has started has torch loaded."""
+    """Return True if the controller that this program started has torch loaded."""
     children = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
     (process,) = (
         Path("/proc", child)
@@ -40,7 +40,7 @@ def controller_has_torch() -> bool:
 
 
 def turn(listens: bool, seconds: float) -> dict[str, Any]:
-    """One ride; percentiles in us of its last 50 s at most."""
+    """Make one ride; percentiles in us of its last 50 s at most."""
     with ride(timing=listens) as ear:
         ear.listen(seconds)
         facts = ear.diagnostics[ENTRY]

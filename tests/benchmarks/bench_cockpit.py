@@ -49,7 +49,7 @@ async def dropped() -> int:
 
 
 def turn(ear: Ear, seconds: float, kind: str) -> dict[str, Any]:
-    """One turn of a kind."""
+    """Take one turn of a kind."""
     cockpit, pages, lost = None, [], 0
     if kind != KINDS[0]:
         cockpit = start("-m", "bicycle_cockpit.nodes.cockpit", "--no-ride", "--port", str(PORT))

@@ -1,4 +1,4 @@
-"""How well does the bicycle ride when simulator and controller are on two hosts, by the network?
+"""Rides with simulator and controller on two hosts, by the network's delay and losses.
 
 Two hosts with a network namespace each, joined by a cable in user space that delays and loses
 (`link_relay.py`): simulator and recorder on one, controller and goals on the other, all by
@@ -51,7 +51,7 @@ AT = 20
 
 
 def points() -> list[dict[str, Any]]:
-    """The states of the cable: one-way delay and its deviation in ms, loss in percent."""
+    """Return the states of the cable: one-way delay and its deviation in ms, loss in percent."""
     swept = [{"series": "delay", "delay": delay, "jitter": 0, "loss": 0} for delay in DELAYS]
     swept += [{"series": "jitter", "delay": AT, "jitter": jitter, "loss": 0} for jitter in JITTERS]
     return swept + [{"series": "loss", "delay": 0, "jitter": 0, "loss": loss} for loss in LOSSES]
@@ -91,7 +91,7 @@ def ride(point: dict[str, Any], policy: str, goals: list[Point2D], folder: Path)
 
 
 def told(bag: Path) -> dict[str, Any]:
-    """The figures of one ride."""
+    """Return the figures of one ride."""
     log = read_ride(bag)
     summary = summarise(log)
     reached = [goal.elapsed for goal in outcomes(log.statuses) if goal.status is Status.REACHED]

@@ -46,12 +46,12 @@ Work = Callable[[], None]
 
 
 def stepped(count: int, device: str) -> Work:
-    """The whole task: dynamics on `device`, goals and rewards in numpy."""
+    """Return the whole task: dynamics on `device`, goals and rewards in numpy."""
     return batched(count, plant=None if device == "cpu" else TensorDynamics(None, device))
 
 
 def resident(count: int, device: str) -> Work:
-    """The dynamics alone, with states that stay where they are."""
+    """Return the dynamics alone, with states that stay where they are."""
     names = [field.name for field in fields(State)]
     physics = Physics()
     zero = np.zeros(count)
@@ -69,7 +69,7 @@ def resident(count: int, device: str) -> Work:
 
 
 def updated(preset: str, batch: int, device: str) -> Work:
-    """One update from a full memory."""
+    """Make one update from a full memory."""
     config = loading.preset(preset, [f"ddpg.batch={batch}", f"ddpg.capacity={ROWS}"])
     memory, agent = make_memory(config, device), make_agent(config, device)
     rng = np.random.default_rng(0)
@@ -85,7 +85,7 @@ def updated(preset: str, batch: int, device: str) -> Work:
 
 
 def round_of(bicycles: int, batch: int, device: str) -> Work:
-    """A step of all bicycles and one update, preset `fast`."""
+    """Return a step of all bicycles and one update, preset `fast`."""
     config = loading.preset("fast", [f"bicycles={bicycles}", f"ddpg.batch={batch}", "warm_up=0"])
     memory, agent = make_memory(config, device), make_agent(config, device)
     collector = make_collector(config, memory, device)
@@ -100,7 +100,7 @@ def round_of(bicycles: int, batch: int, device: str) -> Work:
 
 
 def contestants(device: str) -> dict[str, tuple[Work, int]]:
-    """What takes turns, with how much one call counts for."""
+    """Return the functions that take turns, with the count of one call."""
     made: dict[str, tuple[Work, int]] = {}
     for count in SIZES:
         for where in ("cpu", device):

@@ -1,4 +1,4 @@
-"""How fast lock-step goes with the executor of the loop's nodes, and with rclpy's usual one.
+"""Speed of lock-step with the executor of the loop's nodes, and with rclpy's usual one.
 
 Simulator and controller ride to a far goal in lock-step, as fast as they answer each other, in
 turns with `runner.LOOP_EXECUTOR` and with `SingleThreadedExecutor`. Told are the steps per second
@@ -39,7 +39,7 @@ TICK = 1.0 / os.sysconf("SC_CLK_TCK")
 
 
 def begin(kind: str, module: str, parameter: str) -> subprocess.Popen[bytes]:
-    """One node on one kind of executor."""
+    """Run one node on one kind of executor."""
     code = f"import rclpy, {module} as node; {USUAL if kind == KINDS[1] else ''}node.main()"
     words = [sys.executable, "-c", code, "--ros-args", "-p", parameter]
     return subprocess.Popen(words, stdout=subprocess.DEVNULL)
@@ -52,7 +52,7 @@ def processor_time(process: subprocess.Popen[bytes]) -> float:
 
 
 def turn(kind: str, seconds: float) -> dict[str, float]:
-    """One ride; its steps per second, and us of processor time per step of each node."""
+    """Make one ride; its steps per second, and us of processor time per step of each node."""
     ear, newest = Ear(), BicycleState()
 
     def hear(state: BicycleState) -> None:

@@ -1,4 +1,4 @@
-"""How soon a learner rides to 99 % of 1,000 random goals: ours and stable-baselines3's.
+"""Time until a learner rides to 99 % of 1,000 random goals: ours and stable-baselines3's.
 
 One task for all: 10 km/h, displacement up to 20 cm, any start, goal and heading, faithful
 physics. Ours learns by the preset `fast`, from nothing: no teacher. stable-baselines3's DDPG, TD3
@@ -60,7 +60,7 @@ def reach_rate(controller: Any) -> float:
 
 
 def ours(seed: int, limit: float) -> Curve:
-    """One run of the preset `fast`, stopped at 99 % or after `limit` s."""
+    """Make one run of the preset `fast`, stopped at 99 % or after `limit` s."""
     changes = (f"seed={seed}", f"scenario={SCENARIO}", f"evaluation.every={EVERY}")
     small = ("evaluation.episodes=1", "evaluation.near_episodes=0", "tensorboard=false")
     config = loading.preset("fast", [*changes, *small])
@@ -90,7 +90,7 @@ class SmallRewards(gymnasium.RewardWrapper[Any, Any]):
     """Rewards of a hundredth, which keep Q within about -20 and 0."""
 
     def reward(self, reward: Any) -> float:
-        """A hundredth."""
+        """Return a hundredth."""
         return 0.01 * float(reward)
 
 
@@ -112,7 +112,7 @@ class Peer:
 
 
 def peer(name: str, seed: int, limit: float) -> Curve:
-    """One run of stable-baselines3's, stopped at 99 % or after `limit` s."""
+    """Make one run of stable-baselines3's, stopped at 99 % or after `limit` s."""
     from dataclasses import replace
 
     from stable_baselines3 import DDPG, SAC, TD3

@@ -1,4 +1,4 @@
-"""What can be learned from recorded rides alone: plain DDPG, TD3+BC and mere imitation.
+"""Learning from recorded rides alone: plain DDPG, TD3+BC and mere imitation.
 
 Makes an hour of riding: the LQR with Ornstein-Uhlenbeck noise of four sizes, a quarter of an hour
 each, by the nodes' own loop, driver, conversion and bag writer without DDS between them. Every
@@ -55,7 +55,7 @@ def record(folder: Path) -> None:
 
 
 def bicycle(*words: object) -> dict[str, Any]:
-    """What a command prints with --json; a failed one has kept nothing."""
+    """Return the output of a command with --json; a failed one has kept nothing."""
     command = [
         sys.executable,
         "-m",
@@ -72,7 +72,7 @@ def bicycle(*words: object) -> dict[str, Any]:
 
 
 def learn(work: Path, data: str, learner: str, seed: int) -> dict[str, Any]:
-    """One run, or what it came to before."""
+    """Make one run, or what it came to before."""
     folder = work / "runs" / f"{data}-{learner.replace(' ', '-')}-{seed}"
     files = {name: folder / f"{name}.json" for name in ("learn", "evaluate")}
     if not files["evaluate"].exists():

@@ -1,4 +1,4 @@
-"""What the shipped actors cannot do: rides under delay, at other speeds, with kicks and noise.
+"""Limits of the shipped actors: rides under delay, at other speeds, with kicks and noise.
 
 Each actor rides in the scenario that it was trained on, from the same random starts to the same
 random goals, in numpy and without ROS; beside it rides the LQR that may use the same actions and
@@ -58,7 +58,7 @@ KEPT = (
 
 
 def ride(controller: str, scenario: str, condition: dict[str, Any], rides: int) -> dict[str, Any]:
-    """One controller under one condition."""
+    """Evaluate one controller under one condition."""
     options = dict(condition)
     physics = ChoiPlant.named(options.pop("physics", "faithful"))
     found = evaluate(

@@ -28,7 +28,7 @@ START = 12.0
 
 
 def loaded(ear: Ear, seconds: float, folder: Path) -> dict[str, Any]:
-    """One turn beside everything."""
+    """Take one turn beside everything."""
     beside: list[Any] = [
         trainer(folder / "run", WARM_UP),
         start("-m", "bicycle_bag.nodes.recorder_node", "--output", str(folder / "bag")),

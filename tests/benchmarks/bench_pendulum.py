@@ -139,7 +139,7 @@ Contestant = tuple[str, Callable[[str, int], np.ndarray], str]
 
 
 def contestants(only: list[str] | None) -> list[Contestant]:
-    """All who take part, or those of the given titles."""
+    """Return all who take part, or those of the given titles."""
     found: list[Contestant] = [(f"ours, {name}", ours, name) for name in OURS]
     if machine(*PACKAGES)["stable-baselines3"] is None:
         print("without stable-baselines3: install ros2_ws/requirements/bench.lock")
@@ -149,7 +149,7 @@ def contestants(only: list[str] | None) -> list[Contestant]:
 
 
 def trial(learner: Callable[[str, int], np.ndarray], name: str, seed: int) -> dict[str, float]:
-    """One training, scored."""
+    """Run one training, scored."""
     start = time.process_time()
     found = learner(name, seed)
     row = {"seed": seed, "mean": float(found.mean()), "std": float(found.std())}

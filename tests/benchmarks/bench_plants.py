@@ -46,7 +46,7 @@ TURN = 0.3
 
 
 def plants(count: int) -> dict[str, Plant[Any]]:
-    """The contestants for `count` bicycles."""
+    """Return the contestants for `count` bicycles."""
     benchmark = catalogue.load("benchmark").parameters
     rng = np.random.default_rng(0)
     different = Bicycle(
@@ -76,7 +76,7 @@ def plants(count: int) -> dict[str, Plant[Any]]:
 
 
 def stepper(plant: Plant[Any], count: int) -> Callable[[], None]:
-    """Steps the same state again and again."""
+    """Step the same state again and again."""
     zero = np.zeros(count)
     state = plant.pushed(plant.initial(zero, zero, zero, zero + 4.6), 0.1)
     torque = 0.1 * np.random.default_rng(0).normal(size=count)

@@ -1,4 +1,4 @@
-"""How long one action takes from one observation: our policy, torch and ONNX Runtime.
+"""Time from one observation to one action: our policy, torch and ONNX Runtime.
 
 The actor is the paper's, 6-400-300-2, and beside it the shipped one that rides by default; every
 contestant takes a float64 observation in SI units and gives float64 physical actions. They take
@@ -38,7 +38,7 @@ Act = Callable[[np.ndarray], np.ndarray]
 
 
 def policy(norm: bool = False) -> Policy:
-    """The paper's actor with random weights."""
+    """Return the paper's actor with random weights."""
     rng = np.random.default_rng(0)
     tensors = {}
     for index, (inputs, outputs) in enumerate(pairwise(SIZES)):
@@ -54,7 +54,7 @@ def policy(norm: bool = False) -> Policy:
 
 
 def onnx_act(actor: Policy) -> Act:
-    """The actor in ONNX Runtime with one thread."""
+    """Return the actor in ONNX Runtime with one thread."""
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     model = to_onnx(actor).SerializeToString()
@@ -68,7 +68,7 @@ def onnx_act(actor: Policy) -> Act:
 
 
 def contestants() -> dict[str, Act]:
-    """All who take part, by name."""
+    """Return all who take part, by name."""
     plain, normed = policy(), policy(norm=True)
     return {
         "ours": plain.act,
@@ -117,7 +117,7 @@ def bench(turns: int, calls: int) -> dict[str, dict[str, float]]:
 
 
 def table(rows: dict[str, dict[str, Any]]) -> str:
-    """The results in lines."""
+    """Return the results in lines."""
     lines = [f"{'us':26}  wall p50      p99   cpu p50      p99   x ours"]
     for name, row in rows.items():
         cells = " ".join(f"{value:8.1f}" for key, value in row.items() if key.endswith("us"))

@@ -77,14 +77,14 @@ def publish(bag: Path, rate: float, seconds: float) -> None:
 
 
 def ride(folder: Path) -> Path:
-    """A real ride in real time; its bag."""
+    """Return a real ride in real time; its bag."""
     program, options = ROOT / "ros2_ws" / "ride.sh", ("--goals", "3", "--seed", "1")
     subprocess.run([program, *options, "--output", folder], check=True, stdout=subprocess.DEVNULL)
     return folder / "bag"
 
 
 def lost_by_topic(printed: str) -> dict[str, int]:
-    """What the recorder warned of."""
+    """Return the recorder's warnings."""
     told: dict[str, int] = {}
     for count, topic in re.findall(r"(\d+) messages of (\S+) lost: too many", printed):
         told[topic] = told.get(topic, 0) + int(count)
@@ -92,7 +92,7 @@ def lost_by_topic(printed: str) -> dict[str, int]:
 
 
 def record(bag: Path, rate: float, seconds: float, folder: Path) -> dict[str, Any]:
-    """One turn of publisher and recorder."""
+    """Take one turn of publisher and recorder."""
     words = [sys.executable, "-m", "bicycle_bag.nodes.recorder_node", "--output", str(folder)]
     recorder = subprocess.Popen(
         [*words, "--exclude", OWN], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True

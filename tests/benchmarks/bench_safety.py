@@ -1,4 +1,4 @@
-"""What the safety layer is worth: rides under faulty policies, with and without it.
+"""Value of the safety layer: rides under faulty policies, with and without it.
 
 Every shipped actor is made to fail in every way of `faulty_policies.py`, from the same
 random starts to the same random goals, in numpy and without ROS. Sound actors ride too: their
@@ -45,7 +45,7 @@ STEPS = 1500
 
 
 def summary(outcome: Outcome) -> dict[str, Any]:
-    """Rates with their 95 % intervals (Wilson), and what the layer did."""
+    """Return rates with their 95 % intervals (Wilson), and what the layer did."""
     count = len(outcome.steps)
     result: dict[str, Any] = {}
     for name, mask in (("reach", outcome.reached), ("fall", outcome.fallen)):

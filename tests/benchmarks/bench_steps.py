@@ -45,7 +45,7 @@ Step = Callable[[], None]
 
 
 def vector_env(count: int) -> Step:
-    """`BicycleVectorEnv`, which is what `gymnasium.make_vec` gives."""
+    """Return `BicycleVectorEnv`, which is what `gymnasium.make_vec` gives."""
     env = BicycleVectorEnv(count, fall="terminate")
     return _gym_step(env, count)
 
@@ -79,7 +79,7 @@ def dummy_vec_env(count: int) -> Step:
 
 
 def single(env: gymnasium.Env[Any, Any], actions: int) -> Step:
-    """One environment, begun again when it ends."""
+    """Return one environment, begun again when it ends."""
     env.reset(seed=0)
     action = np.full(actions, 0.01, dtype=np.float32)
 

@@ -26,7 +26,7 @@ WARM_UP = 100
 
 
 def turn(ear: Ear, seconds: float, folder: Path | None) -> dict[str, Any]:
-    """One turn, with the trainer where it has a folder."""
+    """Take one turn, with the trainer where it has a folder."""
     learning = None
     if folder is not None:
         learning = trainer(folder, WARM_UP)

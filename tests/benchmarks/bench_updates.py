@@ -55,7 +55,7 @@ def paper() -> DdpgConfig:
 
 
 def transitions() -> dict[str, np.ndarray]:
-    """The same random transitions for all."""
+    """Return the same random transitions for all."""
     rng = np.random.default_rng(0)
     return {
         "observation": rng.normal(size=(ROWS, 6)).astype(np.float32),
@@ -166,7 +166,7 @@ def stable_baselines3(batch: int, data: dict[str, np.ndarray]) -> Update:
 
 
 def contestants(batch: int) -> dict[str, Update]:
-    """All who take part, by name."""
+    """Return all who take part, by name."""
     data = transitions()
     found: dict[str, Update] = {}
     if native.load() is not None:
@@ -218,7 +218,7 @@ def bench(batch: int, turns: int) -> dict[str, Any]:
 
 
 def table(results: dict[str, dict[str, Any]]) -> str:
-    """The results in lines."""
+    """Return the results in lines."""
     lines = []
     for batch, rows in results.items():
         lines.append(f"batch {batch:28} updates/s    best  samples/s   x SB3  x CleanRL")

@@ -15,7 +15,7 @@ from bicycle_sim.task.task import BicycleTask
 def batched(
     count: int, seed: int = 0, plant: Plant[Any] | None = None, native: bool = False
 ) -> Callable[[], None]:
-    """Steps `count` bicycles of one task and starts again those that ended, as training does."""
+    """Step `count` bicycles of one task and restart those that ended, as training does."""
     rng = np.random.default_rng(seed)
     task = BicycleTask(named("random-start-random-goal"), plant, count, rng, native)
     action = rng.normal(size=(count, 3)) * (0.1, 0.01, 0.0)

@@ -1,4 +1,4 @@
-"""How long a newcomer waits: `cockpit.sh` in a fresh clone, then a click, until the bicycle rides.
+"""Waiting time of a newcomer: `cockpit.sh` in a fresh clone, a click, until the bicycle rides.
 
 The repository is cloned into an empty folder, with an empty HOME, so nothing is set up and no
 package is in a cache; `ros2_ws/cockpit.sh` is started, the address that it prints is opened in
@@ -33,7 +33,7 @@ OURS = ("PYTHONPATH", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH", "VIRTUAL_ENV", "BI
 
 
 def start(folder: Path) -> subprocess.Popen[str]:
-    """`cockpit.sh` in a fresh clone, by somebody who has nothing."""
+    """Return `cockpit.sh` in a fresh clone, by somebody who has nothing."""
     clone, home = folder / "clone", folder / "home"
     home.mkdir()
     subprocess.run(["git", "clone", "--quiet", str(ROOT), str(clone)], check=True)
@@ -48,7 +48,7 @@ def start(folder: Path) -> subprocess.Popen[str]:
 
 
 def said(cockpit: subprocess.Popen[str]) -> tuple[list[str], str]:
-    """What is printed until the page's address, and the address."""
+    """Return the output up to the page's address, and the address."""
     assert cockpit.stdout is not None
     lines = []
     for line in cockpit.stdout:

@@ -1,4 +1,4 @@
-"""What a benchmark ran on, for its results file."""
+"""Machine of a benchmark, for its results file."""
 
 from __future__ import annotations
 

@@ -61,12 +61,12 @@ class PendulumTask:
 
 
 def pendulum_run(preset: str, *overrides: str) -> RunConfig:
-    """A preset's run, for the pendulum."""
+    """Return a preset's run, for the pendulum."""
     return loading.preset(preset, [*OVERRIDES, *overrides])
 
 
 def train(config: RunConfig) -> Agent:
-    """The training loop, without evaluation and files."""
+    """Return the training loop, without evaluation and files."""
     memory = make_memory(config, "cpu")
     collector = make_collector(config, memory)
     task: Any = PendulumTask(config.bicycles, config.seed)
@@ -81,7 +81,7 @@ def train(config: RunConfig) -> Agent:
 
 
 def returns(actor: Actor, scale: tuple[float, ...], episodes: int, seed: int) -> np.ndarray:
-    """Return of each of so many episodes without noise, (episodes,)."""
+    """Return the return of each of so many episodes without noise, (episodes,)."""
     task = PendulumTask(episodes, seed)
     total = np.zeros(episodes)
     for _ in range(200):

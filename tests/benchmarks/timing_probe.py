@@ -1,4 +1,4 @@
-"""What the benchmarks of the 40 Hz loop share: a ride, an ear for its timing, percentiles."""
+"""Common part of the benchmarks of the 40 Hz loop: a ride, its timing, percentiles."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ class Ear:
             self.executor.spin_once(timeout_sec=0.05)
 
     def hear(self, seconds: float) -> dict[str, Any]:
-        """The loop's timing over a while, and the load that others put on the machine."""
+        """Return the loop's timing over a while, and the load that others put on the machine."""
         self.listen(1.0)  # what waited while nobody listened
         self.timing.clear()
         self.listen(seconds)
@@ -109,7 +109,7 @@ def ride(*controller: str, priority: int | None = None, timing: bool = True) -> 
 
 
 def options(doc: str | None, results: Path, seconds: float) -> argparse.ArgumentParser:
-    """The options that these benchmarks have in common."""
+    """Return the options that these benchmarks have in common."""
     parser = argparse.ArgumentParser(description=doc)
     parser.add_argument("--turns", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=seconds, help="of a turn")
@@ -125,19 +125,19 @@ def save(out: Path, result: dict[str, Any]) -> None:
 
 
 def start(*words: str) -> subprocess.Popen[str]:
-    """A process of this Python, its output kept."""
+    """Return a process of this Python, its output kept."""
     return subprocess.Popen([sys.executable, *words], stdout=subprocess.PIPE, text=True)
 
 
 def node(module: str, *parameters: str) -> subprocess.Popen[bytes]:
-    """A node with parameters such as `policy:=lqr`, its output thrown away."""
+    """Return a node with parameters such as `policy:=lqr`, its output thrown away."""
     words = [word for parameter in parameters for word in ("-p", parameter)]
     command = [sys.executable, "-m", module, "--ros-args", *words]
     return subprocess.Popen(command, stdout=subprocess.DEVNULL)
 
 
 def trainer(folder: Path, warm_up: int) -> subprocess.Popen[bytes]:
-    """A trainer that learns live, as fast as it can."""
+    """Return a trainer that learns live, as fast as it can."""
     settings = (f"out:={folder}", f"warm_up:={warm_up}", "updates_per_step:=1000.0")
     return node("bicycle_controller.nodes.trainer_node", *settings)
 

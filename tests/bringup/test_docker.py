@@ -1,4 +1,4 @@
-"""What docker/ holds fits its schema and the scripts; without_docker.py builds and runs it."""
+"""Files of docker/ against schema and scripts; without_docker.py builds and runs them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SERVICES = {
 
 
 def validated(path: Path) -> subprocess.CompletedProcess[str]:
-    """What the compose specification's own JSON schema says of a file."""
+    """Return the errors of a file by the compose specification's own JSON schema."""
     words = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", "vendor.compose-spec"]
     return subprocess.run([*words, str(path)], capture_output=True, text=True)
 

@@ -1,4 +1,4 @@
-"""What of the shell's environment holds and what is set aside: the table of lib/shell.sh."""
+"""Variables of the shell's environment that hold or are set aside: the table of lib/shell.sh."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ FOR_BUILDING = {
 
 
 def sourced(script: str, env: Mapping[str, str], shell: str = "bash") -> tuple[str, list[str]]:
-    """What a shell prints that sources env.sh and runs a script, and its complaints."""
+    """Return output and errors of a shell that sources env.sh and runs a script."""
     done = subprocess.run(
         [shell, "-c", f". '{WORKSPACE}/env.sh'; {script}"],
         env={**BASE, **env},
@@ -315,7 +315,7 @@ def test_zsh_sets_the_same_aside() -> None:
 
 
 def judged(env: Mapping[str, str]) -> tuple[dict[str, str], str]:
-    """The environment in which setup.sh installs and builds, and what it says is set aside."""
+    """Return the environment in which setup.sh builds, and what it says is set aside."""
     script = f'. lib/shell.sh; _bicycle_set_aside build "{ROOT}" "{ROOT}/.venv"; env -0; '
     script += 'printf "told=%s" "$_bicycle_aside"'
     done = subprocess.run(

@@ -1,4 +1,4 @@
-"""What became of each goal, also when controllers die and goals are sent again."""
+"""Outcome of each goal, also when controllers die and goals are sent again."""
 
 from __future__ import annotations
 

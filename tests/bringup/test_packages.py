@@ -23,7 +23,7 @@ WHEEL = "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-no
 
 
 def requirements(lock: Path) -> list[str]:
-    """The requirements of a lock, each with its hashes, on one line."""
+    """Return the requirements of a lock, each with its hashes, on one line."""
     text = re.sub(r"^\s*#.*\n", "", lock.read_text(), flags=re.MULTILINE)
     return [line for line in text.replace("\\\n", " ").splitlines() if line.strip()]
 
@@ -61,7 +61,7 @@ def test_sets_agree_where_they_share_a_package() -> None:
 
 @pytest.fixture
 def place(tmp_path: Path) -> Path:
-    """A workspace with a virtual environment and a wheel, and nothing of the network."""
+    """Return a workspace with a virtual environment and a wheel, and nothing of the network."""
     (tmp_path / "requirements").mkdir()
     (tmp_path / "lib").symlink_to(WORKSPACE / "lib")
     wheel = tmp_path / "pebble-1.0-py3-none-any.whl"
@@ -86,7 +86,7 @@ def digest(text: str) -> str:
 
 
 def install(place: Path, requirement: str, only_pip: bool) -> subprocess.CompletedProcess[str]:
-    """What setup.sh does with a lock of one requirement."""
+    """Run setup.sh with a lock of one requirement."""
     (place / "requirements" / "test.lock").write_text(requirement)
     script = f"ws={place} venv={place}/venv; . lib/packages.sh; "
     if only_pip:  # a setting that uv knows nothing of

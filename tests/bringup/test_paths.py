@@ -42,7 +42,7 @@ setup(name="bicycle_sim", version="0.0.1", packages=["bicycle_sim"],
 
 
 def clone(folder: Path) -> Path:
-    """A workspace with the scripts, one message and one Python package; nothing is set up."""
+    """Return a workspace of scripts, one message and one Python package; nothing is set up."""
     workspace = folder / "ros2_ws"
     messages, python = workspace / "src" / "bicycle_msgs", workspace / "src" / "bicycle_sim"
     (messages / "msg").mkdir(parents=True)

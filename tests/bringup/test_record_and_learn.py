@@ -18,7 +18,7 @@ RIDE = {"reached": 9, "falls": 1, "ridden_time": 61.25, "path_ratio": 1.125}
 def comparison(
     new: tuple[float, float], old: tuple[float, float], rides: tuple[int, int, int]
 ) -> dict[str, Any]:
-    """What `bicycle evaluate --against` gives, for (reach rate, fall rate) of both.
+    """Return the output of `bicycle evaluate --against` for (reach rate, fall rate) of both.
 
     The new one does better, as well and worse in so many rides.
     """

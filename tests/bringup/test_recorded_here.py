@@ -1,4 +1,4 @@
-"""What a bag holds of before it, whatever clocks did, and who drove."""
+"""Messages in a bag from before its start, whatever clocks did, and its drivers."""
 
 from __future__ import annotations
 

@@ -155,7 +155,7 @@ def test_a_bag_may_lack_any_topic(tmp_path: Path, topic: str) -> None:
 def test_a_bag_without_a_ride_is_one_line_and_no_page(
     tmp_path: Path, left: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What is latched comes into a bag without any bicycle being ridden."""
+    """A latched message comes into a bag although no bicycle is ridden."""
     bag = write(tmp_path / "ride", leave_out=set(TYPES) - set(left))
     assert main([str(bag)]) == 1
     said = capsys.readouterr()
@@ -240,7 +240,7 @@ def test_axes_show_values_and_no_offset(bag: Path) -> None:
 
 
 def chunk_ends(file: Path) -> list[int]:
-    """Where each chunk of messages ends."""
+    """Return the end of each chunk of messages."""
     with file.open("rb") as stream:
         stream.read(len(container.MAGIC))
         found = list(container.records(stream, file.stat().st_size))

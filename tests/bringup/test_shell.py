@@ -22,7 +22,7 @@ TOOLS = (
 
 @pytest.fixture
 def clone(tmp_path: Path) -> Path:
-    """The scripts in a folder of their own, with nothing set up."""
+    """Return the scripts in a folder of their own, with nothing set up."""
     place = tmp_path / "a clone" / "ros2_ws"
     place.mkdir(parents=True)
     for name in ("env.sh", "setup.sh", "sim.sh", "fastdds_local.xml"):
@@ -35,7 +35,7 @@ def clone(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def bare(tmp_path: Path) -> dict[str, str]:
-    """An environment with a few tools, and neither compiler nor Python nor ROS."""
+    """Return an environment with a few tools, and neither compiler nor Python nor ROS."""
     folder = tmp_path / "bin"
     folder.mkdir()
     for tool in TOOLS.split():

@@ -25,7 +25,7 @@ SLEEP = "print('up', flush=True); time.sleep(3600)"
 
 
 def begun(folder: Path, *lines: str) -> subprocess.Popen[str]:
-    """A program whose `main` has these lines, when it says that it is up."""
+    """Return a program whose `main` has these lines, when it says that it is up."""
     body = "".join(f"    {line}\n" for line in lines)
     (folder / "program.py").write_text(f"{BEGIN}\nimport signal, time\n\ndef main():\n{body}")
     process = subprocess.Popen(

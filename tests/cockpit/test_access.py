@@ -1,4 +1,4 @@
-"""Who is let in."""
+"""Access to the cockpit."""
 
 from __future__ import annotations
 

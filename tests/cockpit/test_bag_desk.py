@@ -28,7 +28,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def asked(folder: Path, story: Callable[[BagDesk], Awaitable[Result]]) -> Result:
-    """What a story with a desk comes to."""
+    """Run a story with a desk and return its result."""
 
     async def run() -> Result:
         desk = BagDesk(folder)

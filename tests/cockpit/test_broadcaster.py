@@ -33,7 +33,7 @@ async def emptied(box: Outbox) -> list[str]:
 
 
 def numbers(message: str) -> list[int]:
-    """The rows of a frame or a piece of the history."""
+    """Return the rows of a frame or a piece of the history."""
     data: dict[str, Any] = json.loads(message)
     found = [row[0] for row in data["rows"]]
     assert found == list(range(data["first"], data["first"] + len(found)))

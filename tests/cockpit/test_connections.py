@@ -49,7 +49,7 @@ def connected(desk: Desk, sends: bytes = b"") -> socket.socket:
 
 
 def closed(line: socket.socket) -> bool:
-    """Whether the server closes the connection; waits for it."""
+    """Wait until the server closes the connection; return True if it does."""
     try:
         return line.recv(1000) == b""
     except ConnectionError:
@@ -57,7 +57,7 @@ def closed(line: socket.socket) -> bool:
 
 
 def answer(line: socket.socket, request: bytes) -> bytes:
-    """All that comes until the connection ends."""
+    """Return all that comes until the connection ends."""
     with contextlib.suppress(ConnectionError):
         line.sendall(request)
     got = b""
@@ -297,7 +297,7 @@ def test_a_process_with_few_files_is_not_made_unreachable(tmp_path: Path) -> Non
 def test_running_out_of_files_is_one_line_and_no_traceback(
     desk: Desk, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """What asyncio says of it goes the same way as all lines of the log."""
+    """asyncio's own messages go the same way as all lines of the log."""
     error = OSError(24, "Too many open files")
     context = {"message": "socket.accept() out of system resource", "exception": error}
     for _ in range(1000):

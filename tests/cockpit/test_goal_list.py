@@ -1,4 +1,4 @@
-"""Which goals lie ahead, also when the controller's words are lost on the way."""
+"""Goals ahead, also when messages of the controller are lost on the way."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What becomes of goals, in words, and what of it is news."""
+"""Outcomes of goals in words, and which of them are new."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def test_a_film_shows_the_ride(bag: Path, tmp_path: Path) -> None:
 
 
 def jpeg(shade: int) -> bytes:
-    """A small grey picture."""
+    """Return a small grey picture."""
     file = io.BytesIO()
     Image.new("RGB", (64, 36), (shade, shade, shade)).save(file, "JPEG")
     return file.getvalue()

@@ -1,4 +1,4 @@
-"""What a page may ask for, and what is refused."""
+"""Requests that a page may make, and refusals."""
 
 from __future__ import annotations
 

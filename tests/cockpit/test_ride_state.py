@@ -1,4 +1,4 @@
-"""What a page is told of a ride that goes on, on a clock that the test turns."""
+"""Messages to a page about a ride in progress, on a clock that the test sets."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def sample(step: int, t: float | None = None, **changes: float) -> Sample:
 
 
 def steps(rows: Iterable[Rows | None]) -> list[float]:
-    """The steps in parts that follow one another."""
+    """Return the steps in parts that follow one another."""
     found = [part for part in rows if part is not None]
     return [json.loads(text)[2] for text in joined(found).texts] if found else []
 

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """A page that needs no cockpit."""
+    """Yield a page that needs no cockpit."""
     folder = tmp_path_factory.mktemp("page")
     with served_page([write_bag(folder / "bag")], folder / "web") as made:
         yield made
@@ -28,14 +28,14 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[BrowserContext]:
-    """A Chromium on its first visit."""
+    """Yield a Chromium on its first visit."""
     with chromium(main="") as context:
         yield context
 
 
 @pytest.fixture(scope="module")
 def page(browser: BrowserContext, address: str) -> Iterator[BrowserPage]:
-    """The page with its first ride."""
+    """Yield the page with its first ride."""
     with opened(browser, address, "bag") as made:
         until(made, "player.bag !== null && views.stage !== null")
         yield made
@@ -56,7 +56,7 @@ def shown(page: BrowserPage) -> list[int]:
 
 
 def wheels(page: BrowserPage, geometry: dict[str, float], row: dict[str, float]) -> Any:
-    """The axles and the turns of wheels and crank of a bicycle that is placed somewhere."""
+    """Return the axles and the turns of wheels and crank of a bicycle that is placed somewhere."""
     return page.evaluate(
         """async ([geometry, row]) => {
             const { Bicycle } = await import("/web/scene/bicycle.js");

@@ -33,7 +33,7 @@ Session = aiohttp.ClientSession
 
 
 async def opened(session: Session, desk: Desk) -> aiohttp.ClientWebSocketResponse:
-    """A page that was greeted."""
+    """Return a page that was greeted."""
     page = await session.ws_connect(f"{desk.url}/ws", origin=desk.url)
     assert (await page.receive_json())["type"] == "hello"
     assert (await page.receive_json())["type"] == "palette"
@@ -173,7 +173,7 @@ def test_too_many_messages_are_refused(desk: Desk, monkeypatch: pytest.MonkeyPat
 
 
 def stalled(desk: Desk, more: str = "") -> socket.socket:
-    """A page that opens its WebSocket and never reads from it."""
+    """Return a page that opens its WebSocket and never reads from it."""
     line = socket.create_connection(("127.0.0.1", desk.server.port))
     line.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     line.sendall(
@@ -291,7 +291,7 @@ def test_a_greeting_and_its_rows_come_compressed(desk: Desk) -> None:
 
 
 def frame_size(stream: BinaryIO) -> int:
-    """Bytes of the next message of a WebSocket, which is compressed."""
+    """Return bytes of the next message of a WebSocket, which is compressed."""
     first, length = stream.read(2)
     assert first & 0x40, "a message that is not compressed"
     if length >= 126:

@@ -1,4 +1,4 @@
-"""Where the secret comes from, and that no command line holds it."""
+"""Source of the secret, which no command line contains."""
 
 from __future__ import annotations
 

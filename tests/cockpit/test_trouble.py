@@ -1,4 +1,4 @@
-"""What keeps the bicycle from being ridden, in words."""
+"""Troubles that keep the bicycle from riding, in words."""
 
 from __future__ import annotations
 

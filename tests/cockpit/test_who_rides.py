@@ -1,4 +1,4 @@
-"""Who rides, who was chosen, and why another one rides."""
+"""The riding policy, the chosen one, and the reason if they differ."""
 
 from __future__ import annotations
 

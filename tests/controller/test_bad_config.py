@@ -49,7 +49,7 @@ def nested(path: tuple[str, ...], value: Any) -> Any:
 
 
 def base(path: tuple[str, ...]) -> RunConfig:
-    """A preset that has the field, or one beside it."""
+    """Return a preset that has the field, or one beside it."""
     beside = len(path) - 1
     return next(
         preset
@@ -71,7 +71,7 @@ def refused(path: tuple[str, ...], value: Any) -> str:
 
 
 def wrong(value: Any) -> Iterator[Any]:
-    """What a field with such a value cannot be."""
+    """Return the types that such a value does not fit."""
     yield {"a": 1}
     if isinstance(value, bool):
         yield from ("maybe", 3, 0.5, [True], None)

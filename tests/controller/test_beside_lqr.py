@@ -1,4 +1,4 @@
-"""What `bicycle train` says of a policy that rides clearly worse than the LQR."""
+"""Warning of `bicycle train` about a policy that rides clearly worse than the LQR."""
 
 from __future__ import annotations
 

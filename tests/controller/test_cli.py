@@ -23,7 +23,7 @@ QUICK = ["--scenario", "fixed-start-fixed-goal", "--episodes", "20", "--seed", "
 
 @pytest.fixture
 def policy(tmp_path: Path) -> Path:
-    """A policy file."""
+    """Return a policy file."""
     path = tmp_path / "random.safetensors"
     save_policy(make_policy(), path)
     return path
@@ -38,7 +38,7 @@ def output(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
 
 
 def mistake(capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
-    """The one line with which a command refuses its arguments."""
+    """Return the one line with which a command refuses its arguments."""
     status = main.main(list(arguments))
     out, err = capsys.readouterr()
     assert (status, out) == (2, "")

@@ -35,7 +35,7 @@ class Broken:
 
 
 def collected(steps: int, *overrides: str) -> tuple[Collector, Batch]:
-    """All transitions of a few steps of two bicycles, in order."""
+    """Return all transitions of a few steps of two bicycles, in order."""
     config = small_run("bicycles=2", "warm_up=0", "noise.kind=none", *overrides)
     replay = ReplayBuffer(10_000, 2)
     collector = Collector(config, replay)

@@ -266,7 +266,7 @@ def test_skipped_steps_are_counted(simulator: Simulator) -> None:
 
 
 def others(state: BicycleState, source: CommandSource = CommandSource.FRESH) -> BicycleState:
-    """The state as another controller's command led to it."""
+    """Return the state as another controller's command led to it."""
     return replace(state, controller="other", command_source=source)
 
 

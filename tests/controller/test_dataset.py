@@ -48,7 +48,7 @@ def offline_ddpg(*overrides: str) -> DdpgConfig:
 
 
 def without(ride: list[Message], topic: str, steps: set[int]) -> Iterator[Message]:
-    """The ride without some messages of a topic, by their place among them."""
+    """Yield the ride without some messages of a topic, by their place among them."""
     count = -1
     for message in ride:
         if message[0] == topic:

@@ -50,7 +50,7 @@ def target_of(
     truncated: np.ndarray = FALSE,
     fallen: np.ndarray = FALSE,
 ) -> float:
-    """The critic's target for one step that ends so, the whole way through the memory."""
+    """Return the critic's target for one step that ends so, the whole way through the memory."""
     config = agent.config
     returns = NStepAccumulator(1, 1, RewardShaping.of(config))
     replay = ReplayBuffer(4, 1)

@@ -34,7 +34,7 @@ class CpuGenerator(torch.Generator):
 
 @pytest.fixture(autouse=True)
 def _allow_meta(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What torch has for the CPU and GPUs only: generators, and Adam in one kernel."""
+    """Let torch's parts for CPU and GPUs only work here: generators, and Adam in one kernel."""
     adam = torch.optim.Adam
     monkeypatch.setattr(torch, "Generator", CpuGenerator)
     monkeypatch.setattr(

@@ -29,7 +29,7 @@ class Lean:
 
 
 def logged(folder: Path, steps: int, agent: object, *overrides: str) -> dict[str, np.ndarray]:
-    """The episodes of some steps of two bicycles."""
+    """Return the episodes of some steps of two bicycles."""
     config = small_run("bicycles=2", "warm_up=0", "noise.kind=none", *ON, *overrides)
     collector = Collector(config, ReplayBuffer(10_000, 2))
     for _ in range(steps):

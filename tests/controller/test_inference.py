@@ -22,7 +22,7 @@ def kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> typ
 
 
 def made(kind: type, seed: int, norm: bool, halves: str = "no") -> Policy:
-    """A policy of two hidden layers, whose second may be two halves."""
+    """Return a policy of two hidden layers, whose second may be two halves."""
     drawn = make_policy(seed, (32, 24), norm=norm)
     weight = drawn.tensors["layer.1.weight"]
     if halves != "no":

@@ -40,7 +40,7 @@ def small_naf(**changes: Any) -> NafConfig:
 
 
 def lively(actions: int = 3) -> Naf:
-    """An agent whose V, mu and L differ widely between states."""
+    """Return an agent whose V, mu and L differ widely between states."""
     agent = Naf(small_naf(), actions, 0)
     generator = torch.Generator().manual_seed(5)
     for parameter in agent.network.parameters():
@@ -81,7 +81,7 @@ def test_the_advantage_by_hand() -> None:
 
 
 def hand_worked_agent() -> Naf:
-    """One hidden unit, which is the first observation / 2."""
+    """Return one hidden unit, which is the first observation / 2."""
     config = small_naf(hidden=(1,), batch=1, tau=0.25, learning_rate=0.01, reward_scale=0.5)
     agent = Naf(replace(config, observation_scale=(2.0, 1, 1, 1, 1, 1)), 2, 0)
     for network in (agent.network, agent.target):

@@ -17,7 +17,7 @@ compiled = pytest.mark.skipif(native.load() is None, reason="no C++ compiler her
 
 @pytest.fixture
 def bare(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[pytest.MonkeyPatch]:
-    """A machine that has compiled nothing yet."""
+    """Yield a machine that has compiled nothing yet."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     native.load.cache_clear()
     yield monkeypatch

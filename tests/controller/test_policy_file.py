@@ -55,7 +55,7 @@ def test_shipped_policies_load() -> None:
 
 
 def refused(path: str | Path) -> str:
-    """The one line with which a policy is refused."""
+    """Return the one line with which a policy is refused."""
     with pytest.raises(PolicyError) as caught:
         load_policy(path)
     message = str(caught.value)

@@ -44,7 +44,7 @@ def small_ppo(**changes: Any) -> PpoConfig:
 
 
 def rollout_of(rounds: int, count: int, actions: int = 1) -> RolloutBuffer:
-    """A full rollout of random transitions in which nothing ends."""
+    """Return a full rollout of random transitions in which nothing ends."""
     rng = np.random.default_rng(0)
     rollout = RolloutBuffer(rounds, count, actions)
     for _ in range(rounds):
@@ -77,7 +77,7 @@ def test_the_clipped_objective_by_hand(
 
 
 def still(**changes: Any) -> Ppo:
-    """One action, whose mean is 0 everywhere, and V = -2."""
+    """Return one action, whose mean is 0 everywhere, and V = -2."""
     agent = Ppo(small_ppo(**changes), 1, 0)
     for network in (agent.network.actor, agent.network.value):
         for parameter in network.parameters():
@@ -159,7 +159,7 @@ def test_what_is_stored_is_what_was_drawn_so_that_ratios_start_at_one() -> None:
 
 
 def falling(fall: str) -> tuple[RolloutBuffer, np.ndarray]:
-    """What is stored while bicycles fall, and their rewards."""
+    """Return the stored transitions of falling bicycles, and their rewards."""
     config = small_run("ppo.log_std=1", f"ppo.fall={fall}", "starts.max_steps=60")
     rollout = RolloutBuffer(60, 8, 2)
     agent, collector = make_agent(config, "cpu"), make_collector(config, rollout)

@@ -39,7 +39,7 @@ AGAINST = {
 
 
 def cells(label: str) -> list[str]:
-    """The cells of the row that begins with a label."""
+    """Return the cells of the row that begins with a label."""
     (found,) = re.findall(rf"^\| {re.escape(label)} \|(.*)\|$", README, re.MULTILINE)
     return [cell.strip() for cell in found.split("|")]
 

@@ -11,7 +11,7 @@ GAMMA = 0.9
 
 
 def rows_of(numbers: Iterable[int], actions: int = 2) -> np.ndarray:
-    """Rows that hold their own number everywhere."""
+    """Return rows that hold their own number everywhere."""
     return np.repeat(np.array(list(numbers), dtype=np.float32)[:, None], 17 + actions, axis=1)
 
 

@@ -189,7 +189,7 @@ def test_a_limit_that_makes_no_sense_is_refused(name: str, value: float) -> None
 
 
 def commands(actor: str, layer: Safety | None, seed: int, steps: int = 700) -> list[Command]:
-    """What a ride of one bicycle is steered by, through the driver that the node uses."""
+    """Return the commands of one bicycle's ride, by the control loop that the node uses."""
     scenario = named(SHIPPED[actor])
     simulator = Simulator(scenario, seed=seed)
     simulator.reset()

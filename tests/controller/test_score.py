@@ -1,4 +1,4 @@
-"""What makes one policy better than another while it trains."""
+"""Order of policies by their scores in training."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ ARMS = (DDPG, "naf", "ppo")
 
 
 def lengthened(item: Result, factor: float = 1.0, runs: int | None = None) -> dict[str, Any]:
-    """The result's summary, as if all that a claim is about had been run at its length."""
+    """Return the result's summary, as if all that a claim is about had been run at its length."""
     found = copy.deepcopy(item.summary)
     full = item.experiment.full
     for entry in found["training"]:

@@ -51,7 +51,7 @@ def signals_as_they_were() -> Iterator[None]:
 
 @pytest.fixture
 def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
-    """A ROS_DOMAIN_ID that no other test on this machine uses, set in the environment."""
+    """Yield a ROS_DOMAIN_ID that no other test on this machine uses, set in the environment."""
     with claimed_domain() as domain:
         monkeypatch.setenv("ROS_DOMAIN_ID", str(domain))
         yield domain
@@ -61,7 +61,7 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 def start_node(
     ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[StartNode]:
-    """A function ``(module, args, env) -> NodeProcess`` in this test's own domain.
+    """Yield a function ``(module, args, env) -> NodeProcess`` in this test's own domain.
 
     A ``module`` with a slash or given as a path is run as a program instead of ``python -m``.
     Whatever still runs at the end of the test is killed.

@@ -32,7 +32,7 @@ def program(
 
 @pytest.fixture
 def said(program: Program, capfd: pytest.CaptureFixture[str]) -> Callable[[list[str]], str | None]:
-    """The one line with which the program refuses words; None when it takes them."""
+    """Return the one line with which the program refuses words; None when it takes them."""
 
     def call(words: list[str]) -> str | None:
         capfd.readouterr()
@@ -70,7 +70,7 @@ def is_number(action: argparse.Action) -> bool:
 
 
 def wrong(action: argparse.Action) -> Iterator[str]:
-    """Values that an argument never can have."""
+    """Yield values that an argument never can have."""
     if action.nargs == 0:
         yield "1"
         return
@@ -86,7 +86,7 @@ def wrong(action: argparse.Action) -> Iterator[str]:
 
 
 def odd(action: argparse.Action) -> Iterator[str]:
-    """Values that it may have, but that nobody thinks of."""
+    """Yield values that it may have, but that nobody thinks of."""
     if action.choices is None and action.nargs != 0:
         yield from HUGE if is_number(action) else ODD
 
@@ -98,7 +98,7 @@ def options(parser: argparse.ArgumentParser) -> list[argparse.Action]:
 
 
 def with_value(program: Program, folder: Path, action: argparse.Action, value: str) -> list[str]:
-    """The right command line, but for this value."""
+    """Return the right command line, but for this value."""
     if not action.option_strings:
         _, *others = program.positionals(folder) or [value]
         return [*program.verb, *program.options(folder), "--", value, *others]

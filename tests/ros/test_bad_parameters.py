@@ -31,7 +31,7 @@ NODES = {
 
 
 def wrong(item: Parameter) -> Iterator[str]:
-    """Values, as a user writes them, that a parameter cannot have."""
+    """Yield values, as a user writes them, that a parameter cannot have."""
     default = item.default
     yield from ("[1, 2]", "[]")
     if isinstance(default, bool):
@@ -58,7 +58,7 @@ def wrong(item: Parameter) -> Iterator[str]:
 
 
 def refused(capfd: pytest.CaptureFixture[str], make: object, *words: str) -> str:
-    """The one line with which a node refuses to start."""
+    """Return the one line with which a node refuses to start."""
     status = run("node", make, args=["node", "--ros-args", *words])  # type: ignore[arg-type]
     printed = capfd.readouterr().err
     own = [line for line in printed.splitlines() if line.startswith("node: ")]

@@ -100,7 +100,7 @@ def old_bag() -> str:
 
 @pytest.fixture
 def secured(tmp_path: Path) -> Path:
-    """What a library looks like that was built with security."""
+    """Make a library look as if it was built with security."""
     library = tmp_path / "libfastrtps.so.2.14"
     library.write_bytes(b"\x7fELF" + bytes(1000) + dds_security.PLUGIN + bytes(1000))
     return library

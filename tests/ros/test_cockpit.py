@@ -27,7 +27,7 @@ Made = tuple[NodeProcess, Page, Path, int]
 
 @pytest.fixture(scope="module")
 def cockpit(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Made]:
-    """A cockpit with its own ride under LQR, a page of it, its folder and its domain."""
+    """Yield a cockpit with its own ride under LQR, a page of it, its folder and its domain."""
     folder = tmp_path_factory.mktemp("bags")
     words = [str(COCKPIT), "--port", "0", "--bags", str(folder), "controller.policy:=lqr"]
     with claimed_domain() as domain, NodeProcess(words, {"ROS_DOMAIN_ID": str(domain)}) as process:
@@ -85,13 +85,13 @@ def test_a_ride_is_recorded_pushed_and_proved(cockpit: Made) -> None:
 
 
 def phases(page: Page) -> list[str]:
-    """What the page was told of the recorder, in order."""
+    """Return the messages to the page about the recorder, in order."""
     told = (m["recording"] for m in list(page.heard) if m["type"] == "status" and m["recording"])
     return [recording["phase"] for recording in told]
 
 
 def _log(domain: int, name: str) -> str:
-    """What a process that the cockpit started has printed."""
+    """Return the output of a process that the cockpit started."""
     path = COCKPIT.parent / "log" / "cockpit" / str(domain) / f"{name}.log"
     return path.read_text() if path.exists() else ""
 
@@ -159,7 +159,7 @@ def test_a_flood_of_goals_puts_no_page_out(cockpit: Made) -> None:
     rejected = GoalStatus(status=GoalStatus.REJECTED)
 
     def cut() -> bool:
-        """Whether the flood, which goes on, was too much to tell."""
+        """Return True if the ongoing flood was too much to report."""
         for _ in range(40):
             probe.say(topics.GOAL_STATUS, rejected)
         return any("are not listed" in m.get("text", "") for m in page.heard[heard:])
@@ -234,7 +234,7 @@ def test_a_cockpit_that_gives_up_tells_its_pages_why(start_node: Start) -> None:
 
 
 def starts(page: Page) -> int:
-    """How often the page was told that the simulator was started again."""
+    """Return the number of messages that the simulator was started again."""
     return sum(m.get("text") == "simulator started again" for m in list(page.heard))
 
 

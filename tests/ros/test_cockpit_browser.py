@@ -44,14 +44,14 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[BrowserContext]:
-    """A Chromium."""
+    """Yield a Chromium."""
     with chromium() as context:
         yield context
 
 
 @pytest.fixture(scope="module")
 def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Started]:
-    """A cockpit with its own ride."""
+    """Yield a cockpit with its own ride."""
     folder = tmp_path_factory.mktemp("bags")
     with cockpit("--bags", str(folder), "controller.policy:=lqr") as made:
         yield made
@@ -59,7 +59,7 @@ def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Started]:
 
 @pytest.fixture(scope="module")
 def page(browser: BrowserContext, started: Started) -> Iterator[BrowserPage]:
-    """The page, connected."""
+    """Yield the page, connected."""
     with opened(browser, started[0], "waits for a goal") as made:
         yield made
 
@@ -116,7 +116,7 @@ def test_a_drag_gives_a_heading_and_shift_adds_waypoints(page: BrowserPage) -> N
 
 
 def moment(page: BrowserPage, after: float = 0.0) -> str:
-    """The time that the page shows, after some milliseconds."""
+    """Return the time that the page shows, after some milliseconds."""
     page.wait_for_timeout(after)
     return page.locator("#time").inner_text()
 

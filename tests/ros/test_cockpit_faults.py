@@ -43,14 +43,14 @@ RELOADS = 12
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[BrowserContext]:
-    """A Chromium."""
+    """Yield a Chromium."""
     with chromium() as context:
         yield context
 
 
 @pytest.fixture(scope="module")
 def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Started]:
-    """A cockpit with its own ride."""
+    """Yield a cockpit with its own ride."""
     folder = tmp_path_factory.mktemp("bags")
     with cockpit("--bags", str(folder), "controller.policy:=lqr") as made:
         yield made
@@ -58,7 +58,7 @@ def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Started]:
 
 @pytest.fixture
 def page(browser: BrowserContext, started: Started) -> Iterator[BrowserPage]:
-    """The page, with a bicycle that waits at the origin."""
+    """Yield the page, with a bicycle that waits at the origin."""
     with opened(browser, started[0]) as made:
         made.set_viewport_size({"width": 1280, "height": 800})
         expect(made.locator("#controller")).not_to_have_value("")
@@ -71,7 +71,7 @@ def page(browser: BrowserContext, started: Started) -> Iterator[BrowserPage]:
 
 @pytest.fixture
 def other(started: Started) -> Iterator[Page]:
-    """A page without a browser."""
+    """Yield a page without a browser."""
     made = Page(started[0])
     yield made
     made.close()
@@ -103,7 +103,7 @@ def steps_of(page: BrowserPage) -> list[tuple[int, int]]:
 
 
 def hole(rows: list[tuple[int, int]]) -> Any:
-    """The first two rows that do not follow each other; None where all do."""
+    """Return the first two rows that do not follow each other; None where all do."""
     for before, after in itertools.pairwise(rows):
         goes_on = after == (before[0], before[1] + 1)
         if not goes_on and not (after[0] > before[0] and after[1] == 0):
@@ -390,13 +390,13 @@ def test_a_policy_has_one_colour_in_every_browser_and_no_other_has_it(
 
 
 def _hex(colour: str) -> str:
-    """`rgb(1, 2, 3)` as `#010203`."""
+    """Return `rgb(1, 2, 3)` as `#010203`."""
     red, green, blue = (int(word) for word in re.findall(r"\d+", colour)[:3])
     return f"#{red:02x}{green:02x}{blue:02x}"
 
 
 def contrast(one: str, other: str) -> float:
-    """Of two colours like `#010203`, as WCAG 2 has it."""
+    """Return the contrast of two colours like `#010203`, as WCAG 2 has it."""
 
     def luminance(colour: str) -> float:
         parts = [int(colour[at : at + 2], 16) / 255 for at in (1, 3, 5)]
@@ -520,7 +520,7 @@ def test_a_bicycle_that_waits_is_not_shown_as_riding_or_in_trouble(
 
 
 def preview_drawn(page: BrowserPage) -> bool:
-    """Whether the broad line of where the steering leads is drawn, by the map's own pixels."""
+    """Return True if the map's own pixels show the broad line along the steering."""
     drawn: bool = page.evaluate(
         """async () => {
             const { drawMap } = await import("/web/map.js");

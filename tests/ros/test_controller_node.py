@@ -79,7 +79,7 @@ def statuses(probe: Probe) -> list[tuple[int, int]]:
 
 
 def told(probe: Probe, count: int) -> list[GoalStatus]:
-    """The first `count` goal statuses, once they are there."""
+    """Return the first `count` goal statuses, once they are there."""
     probe.spin_until(lambda: len(probe[GOAL_STATUS]) >= count)
     return list(probe[GOAL_STATUS])
 

@@ -36,12 +36,12 @@ ELSEWHERE = {
     "bicycle train": "tests/controller/test_train.py",
     ". ros2_ws/env.sh": "tests/bringup/test_shell.py",
 }
-"""How such commands begin, and what runs their like."""
+"""Beginnings of such commands, and the tests that run their like."""
 LONGEST = 600.0
 
 
 def commands(page: str) -> list[str]:
-    """The lines of a page's blocks of shell commands, without their comments."""
+    """Return the lines of a page's blocks of shell commands, without their comments."""
     text = (ROOT / page).read_text(encoding="utf-8")
     blocks = re.findall(r"^```sh\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
     lines = [line.partition(" #")[0].strip() for block in blocks for line in block.splitlines()]
@@ -49,7 +49,7 @@ def commands(page: str) -> list[str]:
 
 
 def run_by(command: str) -> str:
-    """The test that runs the like of a command; empty for one that is run here."""
+    """Return the test that runs the like of a command; empty for one that is run here."""
     return next((test for start, test in ELSEWHERE.items() if command.startswith(start)), "")
 
 
@@ -66,7 +66,7 @@ def test_every_printed_command_is_run(page: str) -> None:
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    """A person's folder, with a policy where the pages' training would have left one."""
+    """Return a person's folder, with a policy where the pages' training would have left one."""
     (tmp_path / "ros2_ws").symlink_to(ROOT / "ros2_ws")
     mine = tmp_path / "runs" / "mine"
     mine.mkdir(parents=True)
@@ -82,7 +82,7 @@ def running() -> Iterator[ExitStack]:
 
 
 def ride(folder: Path, running: ExitStack) -> None:
-    """What the page says to have running while one records."""
+    """Return the commands that the page keeps running during a recording."""
     for command in ("./ros2_ws/sim.sh", "./ros2_ws/controller.sh"):
         begin(command, FOREVER[command.removeprefix("./ros2_ws/")], folder, running)
     subprocess.run(["./ros2_ws/goal.sh", "40", "15"], cwd=folder, check=True, timeout=LONGEST)

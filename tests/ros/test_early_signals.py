@@ -115,7 +115,7 @@ class Told:
 
     @property
     def words(self) -> str:
-        """What is meant for people."""
+        """Lines of the output that are meant for people."""
         lines = self.process.lines
         return "\n".join(line for line in lines if not line.startswith(("+", "import time:")))
 

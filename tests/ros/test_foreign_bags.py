@@ -30,12 +30,12 @@ Message = tuple[str, bytes, int]
 
 @cache
 def sound() -> list[Message]:
-    """A real ride's messages."""
+    """Return a real ride's messages."""
     return [(m.topic, m.data, m.log_time_ns) for m in BagReader(OLD).messages(RIDE)]
 
 
 def write(path: Path, messages: list[Message], extra: Callable[[ForeignFile], None]) -> Path:
-    """A ride beside what `extra` adds; no type hashes, as converters leave them out."""
+    """Return a ride beside what `extra` adds; no type hashes, as converters leave them out."""
     reader = BagReader(OLD)
     with ForeignFile(path) as file:
         for topic in RIDE:
@@ -60,7 +60,7 @@ def foreign_channels(file: ForeignFile) -> None:
 
 
 def line_of(bag: Path) -> str:
-    """What a verification of a bag ends in: the verdict or one line."""
+    """Return the end of a bag's verification: the verdict or one line."""
     try:
         (*_, verdict) = verify.verify(verify.read(bag))
     except BagError as error:
@@ -78,7 +78,7 @@ def numbers_of(topic: str) -> list[int]:
 
 
 def replaced(number: int, data: bytes) -> list[Message]:
-    """The ride with other bytes in one message."""
+    """Return the ride with other bytes in one message."""
     messages = list(sound())
     topic, _, now = messages[number]
     messages[number] = topic, data, now

@@ -46,7 +46,7 @@ def client(start_node: Start, bicycle: None) -> Iterator[FoxgloveClient]:
 
 
 def goal(x: object, y: object, frame: str = "odom") -> bytes:
-    """What Foxglove's 3D panel publishes."""
+    """Return the message that Foxglove's 3D panel publishes."""
     position = {"x": x, "y": y, "z": 0}
     orientation = {"x": 0, "y": 0, "z": 0, "w": 1}
     header = {"stamp": {"sec": 1, "nsec": 2}, "frame_id": frame}

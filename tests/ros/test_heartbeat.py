@@ -19,7 +19,7 @@ Start = Callable[..., NodeProcess]
 
 
 def touched_after(beat: Path, moment: float, patience: float) -> bool:
-    """Whether the file is touched later than `moment`, within some seconds."""
+    """Return True if the file is touched later than `moment`, within some seconds."""
     deadline = time.monotonic() + patience
     while time.monotonic() < deadline:
         if beat.exists() and beat.stat().st_mtime > moment:

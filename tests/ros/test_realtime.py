@@ -24,7 +24,7 @@ ORDINARY = {(os.SCHED_OTHER, 0)}
 
 
 def permitted() -> bool:
-    """Whether this user may have real-time priority."""
+    """Return True if this user may have real-time priority."""
     child = os.fork()
     if child == 0:
         try:

@@ -105,7 +105,7 @@ def test_killed_while_the_disk_hangs_it_has_written_what_came(
 
 @pytest.fixture
 def disk(tmp_path: Path) -> Iterator[Path]:
-    """A file system of 256 KiB."""
+    """Yield a file system of 256 KiB."""
     place = tmp_path / "disk"
     place.mkdir()
     words = ["mount", "-t", "tmpfs", "-o", "size=256k", "small", str(place)]

@@ -58,13 +58,13 @@ def payloads(bag: Path, topic: str) -> list[bytes]:
 
 @pytest.fixture(scope="module")
 def talk_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where the bag that several tests replay stays."""
+    """Return the folder of the bag that several tests replay."""
     return tmp_path_factory.mktemp("talk")
 
 
 @pytest.fixture
 def talk(start_node: StartNode, talk_folder: Path) -> Path:
-    """A bag of 300 states and a latched episode, recorded by the first test that needs it."""
+    """Return a bag of 300 states and a latched episode, recorded for the first test."""
     bag = talk_folder / "bag"
     if not bag.is_dir():
         record_talk(start_node, bag, 300)
@@ -168,7 +168,7 @@ def test_recorder_ends_on_a_signal_with_a_whole_bag(
 
 
 def written(bag: Path, folder: Path) -> int:
-    """How many states would be there if the recorder of a bag were killed now."""
+    """Return the number of states that a kill of the recorder would leave now."""
     copy = folder / "copy"
     shutil.rmtree(copy, ignore_errors=True)
     shutil.copytree(bag, copy)

@@ -1,4 +1,4 @@
-"""What the recorder hears: to its end, of publishers that come and go, after a standstill."""
+"""Messages that the recorder hears: to its end, of passing publishers, after a standstill."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def test_a_standstill_at_its_end_is_not_taken_for_the_end(
 def test_a_best_effort_publisher_that_came_and_went_costs_a_reliable_one_nothing(
     start_node: Start, tmp_path: Path
 ) -> None:
-    """What comes in a burst while the recorder stands still is more than its socket holds."""
+    """A burst during a standstill of the recorder is more than its socket holds."""
     bag, count = tmp_path / "bag", 2000
     recorder = recorder_of(start_node, bag, "/mixed")
     burst = ["--count", count, "--hz", 0, "--bytes", 10_000, "--wait"]

@@ -38,14 +38,14 @@ Start = Callable[..., NodeProcess]
 
 
 def pid_of(name: str, domain: int) -> int:
-    """The pid of one of the ride's processes."""
+    """Return the pid of one of the ride's processes."""
     (note,) = (RIDE.parent / "runs" / "pids" / str(domain)).glob(f"{name}.*")
     return int(note.suffix[1:])
 
 
 @pytest.fixture(scope="module")
 def ridden(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[NodeProcess, Path]]:
-    """One ride in lock-step to its end, and its folder."""
+    """Yield one ride in lock-step to its end, and its folder."""
     folder = tmp_path_factory.mktemp("ride") / "run"
     words = [str(RIDE), *NEAR, LOCKSTEP, "--output", str(folder)]
     with claimed_domain() as domain, NodeProcess(words, {"ROS_DOMAIN_ID": str(domain)}) as ride:

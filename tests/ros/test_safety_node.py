@@ -44,7 +44,7 @@ def test_the_reasons_are_the_message_s() -> None:
 
 
 def full_torque(path: Path) -> Path:
-    """The shipped actor with an output layer that always steers left with all it has."""
+    """Return the shipped actor with an output layer that always steers left with all it has."""
     sound = load_policy("fixed-speed")
     tensors = {name: tensor.copy() for name, tensor in sound.tensors.items()}
     last = max(name for name in tensors if name.startswith("layer.") and name.endswith(".bias"))
@@ -89,7 +89,7 @@ def test_under_a_policy_that_is_garbage_the_goal_is_reached_and_each_hand_over_t
 
 
 def controller_facts(probe: Probe) -> dict[str, str]:
-    """What the controller's diagnostics count, once it has warned of the fallback."""
+    """Return the counts of the controller's diagnostics after its warning of the fallback."""
     entries = [entry for array in probe[DIAGNOSTICS] for entry in array.status]
     mine = [entry for entry in entries if entry.name.startswith("bicycle_controller")]
     warned = [entry for entry in mine if entry.level == DiagnosticStatus.WARN]

@@ -63,7 +63,7 @@ def start_script(start_node: Start) -> Start:
 
 @pytest.fixture
 def bicycle(start_script: Start) -> tuple[NodeProcess, NodeProcess]:
-    """A simulator and a controller that ride as fast as they can."""
+    """Return a simulator and a controller that ride as fast as they can."""
     simulator = start_script("sim", "pace:=lockstep")
     simulator.wait_for_line("waits for its first command")
     controller = start_script("controller", "policy:=lqr")

@@ -31,7 +31,7 @@ Start = Callable[..., NodeProcess]
 
 @pytest.fixture(scope="session")
 def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """`slow_disk.c`, built with the compiler that set-up needs."""
+    """Return `slow_disk.c`, built with the compiler that set-up needs."""
     built = tmp_path_factory.mktemp("slow") / "slow_disk.so"
     source = str(Path(__file__).parents[1] / "support" / "slow_disk.c")
     build = ["g++", "-x", "c", "-shared", "-fPIC", "-Wall", "-Werror", source, "-o", str(built)]
@@ -41,18 +41,18 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def slow(library: Path) -> dict[str, str]:
-    """The environment of a process whose disk takes three seconds for each sync."""
+    """Return the environment of a process whose disk takes three seconds for each sync."""
     return {"LD_PRELOAD": str(library), "SLOW_DISK": "3"}
 
 
 @pytest.fixture
 def hanging(slow: dict[str, str], tmp_path: Path) -> dict[str, str]:
-    """The same for ten minutes, once the file "hang" is there."""
+    """Return the same for ten minutes, once the file "hang" is there."""
     return {**slow, "SLOW_DISK": "600", "SLOW_DISK_FILE": str(tmp_path / "hang")}
 
 
 def recorded(start_node: Start, bag: Path, env: dict[str, str], *words: object) -> NodeProcess:
-    """A recorder by its script, which has heard 100 states or more."""
+    """Return a recorder by its script, which has heard 100 states or more."""
     recorder = start_node(WORKSPACE / "record.sh", ["--output", bag, *words], env)
     recorder.wait_for_line("recording into", LONG)
     start_node(sys.executable, [TALKER, "--count", 400]).wait_for_line("said", LONG)
@@ -60,7 +60,7 @@ def recorded(start_node: Start, bag: Path, env: dict[str, str], *words: object) 
 
 
 def is_whole(bag: Path) -> bool:
-    """Whether a bag has all that a finished one has, and every state of the talker's."""
+    """Return True if a bag has all parts of a finished one, and every state of the talker's."""
     assert (bag / "metadata.yaml").is_file()
     reader = BagReader(bag)
     assert list(columns.load(reader, STATE)["step"]) == list(range(400))
@@ -68,7 +68,7 @@ def is_whole(bag: Path) -> bool:
 
 
 def note_of(name: str, domain: int) -> Path:
-    """What a script leaves for stop.sh."""
+    """Write the entry that a script leaves for stop.sh."""
     (note,) = (WORKSPACE / "runs" / "pids" / str(domain)).glob(f"{name}.*")
     return note
 

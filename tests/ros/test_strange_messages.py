@@ -68,7 +68,7 @@ def controller(ros: None) -> Iterator[ControllerNode]:
 
 
 def state(step: int = 0, episode: int = 1) -> BicycleState:
-    """A sound one."""
+    """Return a sound one."""
     simulator = Simulator(SCENARIO)
     simulator.reset(InitialPose(0.0, 0.0, 0.0, SCENARIO.start_speed))
     for _ in range(3):
@@ -115,7 +115,7 @@ SOUND: dict[Any, Callable[[], Any]] = {
     PathMessage: path,
     PoseWithCovarianceStamped: start_pose,
 }
-"""What is varied, where a message of zeros would not come far."""
+"""Messages to vary whose zeros would be rejected at once."""
 
 
 def sound(kind: Any) -> Any:
@@ -123,7 +123,7 @@ def sound(kind: Any) -> Any:
 
 
 def strange_json(text: str) -> Iterator[str]:
-    """A JSON mapping with each of its values, however deep, replaced by strange ones."""
+    """Yield a JSON mapping with each of its values, however deep, replaced by strange ones."""
 
     def walk(value: Any, put: Callable[[Any], Any]) -> Iterator[Any]:
         for other in (None, "text", -1, 1e308, math.nan, [1, 2, 3]):
@@ -149,7 +149,7 @@ def heard_by(node: Node) -> list[Any]:
 
 
 def drives(node: ControllerNode, count: int) -> bool:
-    """Whether a sound goal and a sound state are answered by a sound command."""
+    """Return True if a sound goal and a sound state are answered by a sound command."""
     node._on_episode(episode())
     node._on_goal_pose(goal())
     node._on_state(state(step=count, episode=7))
@@ -209,7 +209,7 @@ def test_no_mixture_breaks_the_controller(controller: ControllerNode, data: st.D
 
 
 def rides(node: SimNode) -> bool:
-    """Whether a sound command still makes a step to a finite state, after a reset."""
+    """Return True if a sound command still makes a step to a finite state, after a reset."""
     node._begin(InitialPose(0.0, 0.0, 0.0, 2.5), 1)
     now = node._loop.snapshot
     node._loop.gate.release = -1.0  # whoever was in charge is not any more

@@ -88,7 +88,7 @@ def calls(name: str) -> Iterator[tuple[Path, ast.Call]]:
 
 
 def rides_on(probe: Probe, step: int) -> bool:
-    """Whether the bicycle has come beyond that step."""
+    """Return True if the bicycle has passed that step."""
     return bool(probe[STATE][-1].step > step)
 
 

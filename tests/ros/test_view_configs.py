@@ -35,7 +35,7 @@ UNUSED = ("/clicked_point",)
 
 
 def texts(value: Any) -> Iterator[str]:
-    """All strings in plain data, keys and values."""
+    """Yield all strings in plain data, keys and values."""
     if isinstance(value, str):
         yield value
     elif isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""What other tools see of the bicycle: odometry against a ride's own geometry."""
+"""The bicycle as other tools see it: odometry against a ride's own geometry."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def ride(torque: float) -> list[BicycleState]:
 
 
 def rotation(turn: Quaternion) -> np.ndarray:
-    """The matrix of a unit quaternion, (3, 3)."""
+    """Return the matrix of a unit quaternion, (3, 3)."""
     w, x, y, z = turn.w, turn.x, turn.y, turn.z
     return np.array(
         [

@@ -90,7 +90,7 @@ def test_estimates_are_the_means_of_the_measured_bicycles() -> None:
 
 
 def tape(b: Bicycle, **more: float) -> Measured:
-    """What a tape measure and a scale would give of a measured bicycle."""
+    """Return the readings of tape measure and scale on a measured bicycle."""
     return Measured(
         wheelbase=b.w,
         head_angle=90.0 - math.degrees(b.lam),

@@ -1,4 +1,4 @@
-"""Which commands are obeyed, and what is said about the others."""
+"""Commands that are accepted, and the reports about the others."""
 
 from __future__ import annotations
 

@@ -107,7 +107,7 @@ def test_wheelbase_is_kept(bicycle: Bicycle, actions: Actions, physics: Physics)
 
 
 def turned(state: State, angle: float) -> State:
-    """The same bicycle after turning the world counter-clockwise about the origin."""
+    """Return the same bicycle after turning the world counter-clockwise about the origin."""
     sine, cosine = math.sin(angle), math.cos(angle)
     front = (
         cosine * state.front_x - sine * state.front_y,
@@ -124,7 +124,7 @@ def turned(state: State, angle: float) -> State:
 
 
 def mirrored(state: State) -> State:
-    """The same bicycle in a mirror that stands along the y axis."""
+    """Return the same bicycle in a mirror that stands along the y axis."""
     even = ("speed", "front_y", "rear_y")
     return replace(state, **{name: -getattr(state, name) for name in SYMBOLS if name not in even})
 

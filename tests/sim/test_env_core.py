@@ -1,4 +1,4 @@
-"""What both environments share: the same bits however a step is made, variants, options, ends."""
+"""Common part of both environments: equal bits of every way to step, variants, options, ends."""
 
 from __future__ import annotations
 

@@ -48,7 +48,7 @@ def step(
 
 
 def steered(angle: float, heading: float, seconds: float, physics: Physics) -> tuple[State, float]:
-    """An upright bicycle whose steering was held for a while, and the rad that it turned by."""
+    """Return an upright bicycle after its steering was held, and the angle of its turn (rad)."""
     state, zero, turn = riding(heading=heading), np.zeros(1), 0.0
     for _ in range(round(seconds / K.time_step)):
         held = {"steer_angle": zero + angle, "steer_rate": zero}
@@ -131,7 +131,7 @@ def test_row_07_theta_of_zero_is_finite_and_as_the_large_constant() -> None:
 
 
 def lean_torque(**values: float) -> float:
-    """The bracket of equation 5 plus gravity, N m, of a bicycle with such a state."""
+    """Return the bracket of equation 5 plus gravity, N m, of a bicycle with such a state."""
     state = replace(riding(), **{name: np.array([value]) for name, value in values.items()})
     turn = dynamics.curvatures(state.steer_angle, K)
     found = dynamics.lean_equation(state, np.zeros(1), state.speed, turn, K)

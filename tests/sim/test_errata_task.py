@@ -75,7 +75,7 @@ def test_row_25_a_fall_freezes_and_its_reward_repeats() -> None:
 
 
 def placed_task(goal: tuple[float, float], max_steps: int = 400) -> BicycleTask:
-    """One bicycle at the origin, heading along +y."""
+    """Return one bicycle at the origin, heading along +y."""
     scenario = Scenario(
         "placed",
         start=Region.point(0.0, 0.0),

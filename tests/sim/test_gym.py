@@ -268,7 +268,7 @@ def test_a_picture_shows_the_bicycle() -> None:
 
 
 def frame(picture: np.ndarray) -> np.ndarray:
-    """Where the bicycle's frame is."""
+    """Return the place of the bicycle's frame."""
     return (picture[:, :, 0] > 150) & (picture[:, :, 1] < 90)
 
 

@@ -119,7 +119,7 @@ def test_lockstep_steps_at_each_answer_and_at_nothing_else() -> None:
 
 
 def late(step: int) -> Command:
-    """The answer to a state that is past."""
+    """Return the answer to a state that is past."""
     return Command(1, step, 0.5, 0.0, 0.0, FAR, 1, "me")
 
 

@@ -30,7 +30,7 @@ PLANTS = {
 
 
 def pair(scenario: Scenario, plant: ChoiPlant, count: int, seed: int = 1) -> list[BicycleTask]:
-    """The same task twice: stepped in C++, and in numpy."""
+    """Return the same task twice: stepped in C++, and in numpy."""
     tasks = [
         BicycleTask(scenario, plant, count, np.random.default_rng(seed), native)
         for native in (True, False)
@@ -91,7 +91,7 @@ def test_thousands_of_bicycles_have_the_bits_of_numpy() -> None:
 
 
 def test_the_steering_stop_and_the_goal_were_met() -> None:
-    """What the rides above are worth: each of a step's branches is taken in them."""
+    """The rides above take each branch of a step."""
     task = pair(replace(named("fixed-start-fixed-goal"), goal_radius=17.0), ChoiPlant(), 64)[0]
     met = dict.fromkeys(("stop", "goal", "fall", "limit"), False)
     for action, _ in zip(actions(64, np.random.default_rng(2)), range(450), strict=False):

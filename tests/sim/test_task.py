@@ -17,7 +17,7 @@ RANDOM = named("random-start-random-goal")
 
 
 def corridor(goals: list[float], max_steps: int = 400) -> BicycleTask:
-    """Bicycles at the origin that head along +y to goals so many metres away."""
+    """Return bicycles at the origin that head along +y to goals so many metres away."""
     count = len(goals)
     scenario = Scenario(
         "corridor", Region.point(0.0, 0.0), Region.point(0.0, 50.0), max_steps=max_steps

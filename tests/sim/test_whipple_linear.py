@@ -45,7 +45,7 @@ def test_eigenvalues_of_the_benchmark() -> None:
 
 
 def polished(root: complex, coefficients: list[Decimal]) -> complex:
-    """A root of a polynomial by Newton's method with 50 digits."""
+    """Return a root of a polynomial by Newton's method with 50 digits."""
     getcontext().prec = 50
     x, y = Decimal(root.real), Decimal(root.imag)
     for _ in range(4):
@@ -127,7 +127,7 @@ def test_the_two_mass_skate_balances_itself_above_2_8_m_s() -> None:
 
 
 def leaning_rider() -> Parameters:
-    """The bicycle and the limp rider that the published matrices are of."""
+    """Return the bicycle and the limp rider that the published matrices are of."""
     p = catalogue.load("browser-leaning-rider").parameters
     assert p.rider is not None
     rider = Rider(**{**vars(p.rider), "frequency": 0.0})

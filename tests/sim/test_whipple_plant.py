@@ -1,4 +1,4 @@
-"""What is bolted to a Whipple bicycle: motor, delay, friction, stop, drive, air, road, rider."""
+"""Parts bolted to a Whipple bicycle: motor, delay, friction, stop, drive, air, road, rider."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from bicycle_sim.plants.whipple.plant import WhipplePlant, WhippleState
 
 
 def made(**parts: Any) -> WhipplePlant:
-    """The benchmark with something bolted to it."""
+    """Return the benchmark with something bolted to it."""
     return WhipplePlant(Parameters(benchmark(), **parts))
 
 
@@ -35,7 +35,7 @@ IDLE = np.zeros(1), np.zeros(1), np.zeros(1)
 
 
 def torques(plant: WhipplePlant, commands: list[float]) -> list[float]:
-    """The motor's torque after each substep under one command for each control period."""
+    """Return the motor's torque after each substep under one command for each control period."""
     state, found = riding(plant, 4.0), []
     zero = np.zeros(1)
     for command in commands:
@@ -302,7 +302,7 @@ def test_nothing_makes_it_anything_but_a_number(how: str, substeps: int) -> None
 
 
 def test_beyond_88_degrees_of_steering_it_rests() -> None:
-    """Where the front wheel is across the bicycle it could turn it no more."""
+    """A front wheel across the bicycle could turn it no more."""
     plant = WhipplePlant(Parameters(benchmark(), steering=Steering(stop=math.radians(85.0))))
     state = riding(plant, 2.0, count=2)
     lean, steer = np.array([1.2, 1.0]), np.radians([80.0, 75.0])

@@ -48,9 +48,9 @@ LONG = 1000 * PATIENCE
 expect.set_options(timeout=LONG)
 
 MAIN = "bicycle-cockpit-main"
-"""Where the page remembers which picture is large."""
+"""Key under which the page stores its large picture."""
 GUIDE = "bicycle-cockpit-guide"
-"""Where it remembers that the guide of the first minute is done."""
+"""Key under which it stores that the guide of the first minute is done."""
 WIDE: ViewportSize = {"width": 1280, "height": 800}
 Started = tuple[str, NodeProcess, int]
 """Address, process and domain of a cockpit."""
@@ -119,19 +119,19 @@ def opened(context: BrowserContext, address: str, mode: str = "") -> Iterator[Br
 
 
 def place(page: BrowserPage, across: float, down: float) -> tuple[float, float]:
-    """A point of the map, given as shares of its width and height."""
+    """Return a point of the map, given as shares of its width and height."""
     box = page.locator("#map").bounding_box()
     assert box is not None
     return box["x"] + across * box["width"], box["y"] + down * box["height"]
 
 
 def said(page: BrowserPage, pattern: str) -> re.Match[str]:
-    """What the line below the controls says, once it matches."""
+    """Return the line below the controls, once it matches."""
     return matched(page, "#answer", pattern)
 
 
 def matched(page: BrowserPage, selector: str, pattern: str) -> re.Match[str]:
-    """What an element says, once it matches."""
+    """Return an element's text, once it matches."""
     found = page.locator(selector)
     expect(found).to_have_text(re.compile(pattern))
     match = re.search(pattern, found.inner_text())
@@ -146,7 +146,7 @@ def position(page: BrowserPage) -> tuple[float, float]:
 
 
 def inside(page: BrowserPage, expression: str) -> Any:
-    """A value of the page's own `live`, `view`, `views`, `link` and `player`."""
+    """Return a value of the page's own `live`, `view`, `views`, `link` and `player`."""
     script = f"({{ live, view, views, link, player }}) => {expression}"
     return page.evaluate(f"async () => ({script})(await import('/web/main.js'))")
 
@@ -178,7 +178,7 @@ def drawn(page: BrowserPage) -> None:
 
 
 def told(page: BrowserPage) -> list[str]:
-    """What the line below the head has said since the first call."""
+    """Return the texts of the line below the head since the first call."""
     found: list[str] = page.evaluate(
         """() => {
             const line = document.getElementById("who");
@@ -194,7 +194,7 @@ def told(page: BrowserPage) -> list[str]:
 
 
 def saw(page: BrowserPage, pattern: str) -> str:
-    """The first thing that matches of what `told` has kept; waits for it."""
+    """Return the first thing that matches of what `told` has kept; waits for it."""
     told(page)
     page.wait_for_function(
         "(pattern) => window.told.some((line) => new RegExp(pattern).test(line))",

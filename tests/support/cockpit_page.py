@@ -18,7 +18,7 @@ COCKPIT = Path(__file__).resolve().parents[2] / "ros2_ws" / "cockpit.sh"
 
 
 def address_of(cockpit: NodeProcess, timeout: float = PATIENCE) -> str:
-    """What it prints for the browser."""
+    """Return the address that it prints for the browser."""
     return cockpit.wait_for_line(r"cockpit: (http://\S+)", timeout)[1]
 
 
@@ -61,16 +61,16 @@ class Page:
         return value
 
     def newest(self, kind: str) -> dict[str, Any]:
-        """The last message of a type."""
+        """Return the last message of a type."""
         found = (message for message in reversed(self.heard) if message["type"] == kind)
         return self.until(lambda: next(found, None))
 
     def event(self, kind: str) -> dict[str, Any]:
-        """The first event of a kind."""
+        """Return the first event of a kind."""
         return self.until(lambda: next((m for m in self.heard if m.get("kind") == kind), None))
 
     def ask(self, kind: str, **fields: object) -> dict[str, Any]:
-        """The answer to a request."""
+        """Return the answer to a request."""
         self._number += 1
         number = self._number
         text = json.dumps({"type": kind, "id": number, **fields})
@@ -83,7 +83,7 @@ class Page:
         )
 
     def get(self, path: str) -> dict[str, Any]:
-        """What the server has under a path, decoded."""
+        """Return the server's answer for a path, decoded."""
 
         async def fetch() -> Any:
             url = f"{self.address}/{path}"

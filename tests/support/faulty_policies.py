@@ -22,10 +22,10 @@ DRIFT = 0.05
 
 @dataclass
 class Moment:
-    """What a fault is made of."""
+    """Inputs of a fault."""
 
     sound: Callable[[], np.ndarray]
-    """What the sound policy does, (N, 3)."""
+    """Actions of the sound policy, (N, 3)."""
     limits: np.ndarray
     """(3,)."""
     count: int
@@ -41,7 +41,7 @@ class Moment:
 
 
 Fault = Callable[[Moment], np.ndarray]
-"""What is done instead, (N, 3)."""
+"""Faulty actions, (N, 3)."""
 
 FAULTS: dict[str, Fault] = {
     "sound": lambda now: now.sound(),
@@ -60,7 +60,7 @@ FAULTS: dict[str, Fault] = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """What N rides came to, (N,) each; a ride ends at the goal, at a fall or at the step limit."""
+    """Results of N rides, (N,) each; a ride ends at the goal, at a fall or at the step limit."""
 
     reached: np.ndarray
     fallen: np.ndarray

@@ -64,7 +64,7 @@ class ForeignFile:
 
 
 def ride_with_times(path: Path, times: Sequence[tuple[int, int]], **options: Any) -> Path:
-    """The ride of `ride_bag` with other log and publish times, one pair for each message."""
+    """Return the ride of `ride_bag` with other log and publish times, a pair per message."""
     messages = ride((len(times) + 1) // 2)[: len(times)]
     with ForeignFile(path, **options) as file:
         file.ride_channels()

@@ -20,7 +20,7 @@ UNKNOWN_CHANNEL = re.compile(r"Unknown channel ID: (\d+)")
 
 
 def subscription(channel: int) -> str:
-    """The command to subscribe to a channel, under the channel's own number."""
+    """Return the command to subscribe to a channel, under the channel's own number."""
     asked = [{"id": channel, "channelId": channel}]
     return json.dumps({"op": "subscribe", "subscriptions": asked})
 

@@ -62,7 +62,7 @@ def leaves(
 
 
 def changed(message: Any, path: tuple[Any, ...], value: Any) -> Any:
-    """A copy of a message with one field set."""
+    """Return a copy of a message with one field set."""
     made = copy.deepcopy(message)
     holder = made
     for part in path[:-1]:

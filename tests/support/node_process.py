@@ -74,7 +74,7 @@ class NodeProcess:
 
     @property
     def running(self) -> bool:
-        """Whether the child has not ended yet."""
+        """True if the child has not ended yet."""
         return self._child.poll() is None
 
     @property
@@ -164,7 +164,7 @@ def children_of(pid: int) -> list[int]:
 
 
 def alive(pid: int) -> bool:
-    """Whether a process runs, which one that is only to be waited for does not."""
+    """Return True if a process runs; a zombie does not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except (FileNotFoundError, ProcessLookupError):

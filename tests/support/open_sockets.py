@@ -1,4 +1,4 @@
-"""What a process and its children have bound, from the kernel's own tables."""
+"""Sockets that a process and its children have bound, from the kernel's own tables."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ class Socket:
 
     @property
     def loopback(self) -> bool:
-        """Whether only this machine reaches it."""
+        """True if only this machine reaches it."""
         return ipaddress.ip_address(self.address).is_loopback
 
     @property
     def multicast(self) -> bool:
-        """Whether it is bound to a group's address, so that it hears that group alone."""
+        """True if it is bound to a group's address, so that it hears that group alone."""
         return ipaddress.ip_address(self.address).is_multicast
 
 
 def family(pid: int) -> list[int]:
-    """A process and all that descend from it."""
+    """Return a process and all that descend from it."""
     parents = {}
     for entry in Path("/proc").glob("[0-9]*/stat"):
         try:
@@ -74,6 +74,6 @@ def _of_tables(pid: int, name: str, inodes: set[str]) -> Iterator[Socket]:
 
 
 def _readable(address: str) -> str:
-    """An address as people write it; the kernel prints words in this machine's byte order."""
+    """Return an address as people write it; the kernel prints this machine's byte order."""
     words = [bytes.fromhex(address[at : at + 8])[::-1] for at in range(0, len(address), 8)]
     return str(ipaddress.ip_address(b"".join(words)))

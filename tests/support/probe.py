@@ -69,7 +69,7 @@ class Probe:
         self.spin_while(lambda: True, seconds)
 
     def publisher(self, topic: Topic) -> Any:
-        """A publisher that somebody listens to."""
+        """Return a publisher that somebody listens to."""
         if topic.name not in self._publishers:
             made = self.node.create_publisher(topic.type, topic.name, topic.publish)
             self._publishers[topic.name] = made
@@ -80,7 +80,7 @@ class Probe:
         self.publisher(topic).publish(message)
 
     def call(self, service: Service, request: Any) -> Any:
-        """The answer of a service."""
+        """Return the answer of a service."""
         client = self.node.create_client(service.type, service.name)
         self.spin_until(client.service_is_ready)
         future = client.call_async(request)
@@ -96,13 +96,13 @@ class Probe:
 
 
 def command(state: BicycleState, **changes: Any) -> BicycleCommand:
-    """A valid answer that keeps an upright bicycle upright, with `changes`."""
+    """Return a valid answer that keeps an upright bicycle upright, with `changes`."""
     values = {"episode": state.episode, "step": state.step, "controller": "probe", **changes}
     return BicycleCommand(**values)
 
 
 def goal(x: float, y: float, frame: str = "odom") -> PoseStamped:
-    """A goal at a place, m."""
+    """Return a goal at a place, m."""
     made = PoseStamped()
     made.header.frame_id = frame
     made.pose.position.x, made.pose.position.y = float(x), float(y)

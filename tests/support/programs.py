@@ -66,7 +66,7 @@ class Program:
         return [*self.verb, *self.positionals(folder), *self.options(folder)]
 
     def parser(self, monkeypatch: pytest.MonkeyPatch) -> argparse.ArgumentParser:
-        """The parser that it makes, taken just before it reads anything."""
+        """Return the parser that it makes, taken just before it reads anything."""
 
         def caught(parser: argparse.ArgumentParser, *_: Any, **__: Any) -> None:
             raise Parser(parser)
@@ -130,7 +130,7 @@ _numbers = itertools.count()
 
 
 def new(folder: Path, suffix: str = "") -> str:
-    """A path where nothing is yet."""
+    """Return a path where nothing is yet."""
     return str(folder / f"new-{next(_numbers)}{suffix}")
 
 

@@ -33,7 +33,7 @@ Told = tuple[int, int, float, float]
 
 
 def messages(told: Sequence[Told] | None = None, late_from: int = 0) -> Iterator[Message]:
-    """Topic, fields, ns since the start at which it was received and was sent."""
+    """Yield topic, fields, ns since the start at which it was received and was sent."""
     for name, fields, received in _ride(late_from):
         if told is None or name != "/bicycle/goal_status":
             yield name, fields, received, received

@@ -45,7 +45,7 @@ def schemas() -> Schemas:
 
 @cache
 def store() -> Any:
-    """The rosbags package's own idea of Jazzy's types and ours."""
+    """Return the rosbags package's own idea of Jazzy's types and ours."""
     found = get_typestore(Stores.ROS2_JAZZY)
     for path in (REPOSITORY / "bicycle_msgs" / "msg").glob("*.msg"):
         found.register(get_types_from_msg(path.read_text(), f"bicycle_msgs/msg/{path.stem}"))
@@ -79,7 +79,7 @@ def _header(step: int) -> dict[str, Any]:
 
 @cache
 def ride(steps: int) -> list[Message]:
-    """The first steps of a ride as (topic, data, log time)."""
+    """Return the first steps of a ride as (topic, data, log time)."""
     info = {"episode": 1, "pace": "lockstep", "physics": "{}", "version": "0.1.0"}
     messages: list[Message] = [(EPISODE, serialise("EpisodeInfo", info), START_NS - 1000)]
     for step in range(steps):

@@ -82,7 +82,7 @@ class Rider:
         return self.steps * PERIOD_NS
 
     def _begin(self) -> Iterator[Message]:
-        """The next episode, as after a fall."""
+        """Yield the next episode, as after a fall."""
         yield from self._transitions(self.loop.reset(None, None))
         simulator = self.loop.simulator
         yield (

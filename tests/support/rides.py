@@ -14,7 +14,7 @@ SPEED = 2.0
 
 
 def states(count: int, episode: int = 1, fall_at: int | None = None) -> dict[str, Any]:
-    """`count` states from step 0; fallen from `fall_at` on."""
+    """Return `count` states from step 0; fallen from `fall_at` on."""
     step = np.arange(count)
     x = SPEED * PERIOD * step
     zero = np.zeros(count)
@@ -38,7 +38,7 @@ def states(count: int, episode: int = 1, fall_at: int | None = None) -> dict[str
 
 
 def commands(count: int) -> dict[str, Any]:
-    """The commands that answer the first `count` states."""
+    """Return the commands that answer the first `count` states."""
     return {
         "episode": np.ones(count, np.uint32),
         "step": np.arange(count, dtype=np.uint64),
@@ -49,7 +49,7 @@ def commands(count: int) -> dict[str, Any]:
 
 
 def timing(period: list[float], late: list[int] | None = None) -> dict[str, Any]:
-    """One row for each period, s; NaN for the first step after a stop."""
+    """Return one row for each period, s; NaN for the first step after a stop."""
     count = len(period)
     return {
         "period": np.array(period),
@@ -61,7 +61,7 @@ def timing(period: list[float], late: list[int] | None = None) -> dict[str, Any]
 
 
 def statuses(*rows: tuple[int, int, tuple[float, float], float, float]) -> dict[str, Any]:
-    """Rows of (goal id, status, position, distance, path length)."""
+    """Return rows of (goal id, status, position, distance, path length)."""
     return {
         "goal_id": np.array([row[0] for row in rows], np.uint32),
         "status": np.array([row[1] for row in rows], np.uint8),
@@ -84,7 +84,7 @@ def ride(
     times: Columns | None = None,
     given: Columns | None = None,
 ) -> RideLog:
-    """A log as `read_ride` makes it."""
+    """Return a log as `read_ride` makes it."""
     kept, segment = distinct(recorded)
     return RideLog(
         path=Path("made-up"),

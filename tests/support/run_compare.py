@@ -17,19 +17,19 @@ CLOCKS = {"wall_s", "cpu_s"}
 
 
 def rows(folder: Path) -> list[dict[str, Any]]:
-    """The log without its clocks."""
+    """Return the log without its clocks."""
     lines = (folder / "log.jsonl").read_text().splitlines()
     return [{k: v for k, v in json.loads(line).items() if k not in CLOCKS} for line in lines]
 
 
 def state_of(folder: Path) -> dict[str, Any]:
-    """The checkpoint without clocks and origin."""
+    """Return the checkpoint without clocks and origin."""
     state = checkpoint.load(folder / "checkpoint" / "state.pt")
     return {k: v for k, v in state.items() if k not in ("spent", "origin", "log_bytes")}
 
 
 def same(one: Any, other: Any) -> bool:
-    """Whether two nested states are equal to the bit."""
+    """Return True if two nested states are equal to the bit."""
     if isinstance(one, dict):
         return one.keys() == other.keys() and all(same(one[key], other[key]) for key in one)
     if isinstance(one, list):

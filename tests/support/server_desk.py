@@ -41,5 +41,5 @@ class Desk:
 
     @property
     def url(self) -> str:
-        """Where it listens."""
+        """Address on which it listens."""
         return f"http://127.0.0.1:{self.server.port}"

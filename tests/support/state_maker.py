@@ -27,7 +27,7 @@ SYMBOLS = {
 
 
 def state_of(*bicycles: Bicycle, xp: ModuleType = np) -> State:
-    """The same bicycles as the simulator's state."""
+    """Return the same bicycles as the simulator's state."""
     columns = {
         name: [getattr(bicycle, symbol) for bicycle in bicycles]
         for name, symbol in SYMBOLS.items()
@@ -37,7 +37,7 @@ def state_of(*bicycles: Bicycle, xp: ModuleType = np) -> State:
 
 
 def riding(heading: Any = 0.0, speed: float = 10.0 / 3.6, count: int = 1, **values: Any) -> State:
-    """`count` bicycles with the rear contact at the origin; `values` replaces fields."""
+    """Return `count` bicycles with the rear contact at the origin; `values` replaces fields."""
     zero = np.zeros(count)
     state = upright(zero, zero, zero + heading, zero + speed, Constants())
     for name, value in values.items():
@@ -46,5 +46,5 @@ def riding(heading: Any = 0.0, speed: float = 10.0 / 3.6, count: int = 1, **valu
 
 
 def rows(state: State) -> np.ndarray:
-    """All fields, (11, N)."""
+    """Return all fields, (11, N)."""
     return np.stack([np.asarray(getattr(state, name)) for name in SYMBOLS])

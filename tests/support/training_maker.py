@@ -31,12 +31,12 @@ SMALL = (
 
 
 def small_run(*overrides: str, preset: str = "paper") -> RunConfig:
-    """A preset, small enough for a test."""
+    """Return a preset, small enough for a test."""
     return loading.preset(preset, [*SMALL, *overrides])
 
 
 def ddpg_of(config: RunConfig) -> DdpgConfig:
-    """The DDPG part of a run that has one."""
+    """Return the DDPG part of a run that has one."""
     assert config.ddpg is not None
     return config.ddpg
 
@@ -49,7 +49,7 @@ def small_ddpg(**changes: Any) -> DdpgConfig:
 def batch_of(
     observation: Any, action: Any, reward: Any, discount: Any, next_observation: Any = None
 ) -> Batch:
-    """A batch from plain lists; the flags, which no update reads, are zero."""
+    """Return a batch from plain lists; the flags, which no update reads, are zero."""
     following = observation if next_observation is None else next_observation
     zero = [0.0] * len(reward)
     columns = (observation, action, following, reward, discount, zero, zero, zero)
@@ -63,7 +63,7 @@ def random_replay(
     observations: int = 6,
     expert_action: bool = False,
 ) -> ReplayBuffer:
-    """A memory full of random transitions, one in ten final."""
+    """Return a memory full of random transitions, one in ten final."""
     rng = np.random.default_rng(seed)
     replay = ReplayBuffer(rows, actions, observations=observations, expert_action=expert_action)
     replay.add(

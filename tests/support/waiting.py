@@ -1,4 +1,4 @@
-"""How tests wait: for what happens, and on a busy machine as long as it takes."""
+"""Waiting in tests: for events, and on a busy machine as long as it takes."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def until(
 
 
 def finish(process: subprocess.Popen[str], patience: float = PATIENCE) -> tuple[str, str]:
-    """What a process printed, when it has ended.
+    """Wait for a process to end and return its output.
 
     Raises:
         AssertionError: it has not ended; then it is killed first, and what it printed is told.
@@ -54,7 +54,7 @@ def finish(process: subprocess.Popen[str], patience: float = PATIENCE) -> tuple[
 
 
 def rest_of(process: subprocess.Popen[str] | subprocess.Popen[bytes] | None) -> str:
-    """What a process printed; it is killed first, for a read of one that runs may hang."""
+    """Kill a process, since reading a running one may hang, and return its output."""
     if process is None:
         return "no process"
     process.kill()

@@ -35,13 +35,13 @@ def benchmark() -> Bicycle:
 
 
 def riding(plant: WhipplePlant, speed: Any, lean_rate: Any = 0.0, count: int = 1) -> WhippleState:
-    """`count` bicycles at the origin, heading 0, pushed."""
+    """Return `count` bicycles at the origin, heading 0, pushed."""
     zero = np.zeros(count)
     return plant.pushed(plant.initial(zero, zero, zero, zero + speed), zero + lean_rate)
 
 
 def coast(plant: WhipplePlant, state: WhippleState, steps: int, **inputs: Any) -> WhippleState:
-    """`steps` control periods under inputs that stay."""
+    """Return `steps` control periods under inputs that stay."""
     zero = np.zeros(len(state.lean_angle))
     held = {"torque": zero, "displacement": zero, "pedal_force": zero, **inputs}
     for _ in range(steps):
@@ -82,7 +82,7 @@ def _moments(plant: WhipplePlant, s: WhippleState) -> tuple[Any, Any, Any]:
 
 
 def various(count: int, seed: int, rider: bool = False, plain: bool = False) -> Parameters:
-    """`count` different bicycles with everything bolted to them, or with nothing."""
+    """Return `count` different bicycles with everything bolted to them, or with nothing."""
     rng = np.random.default_rng(seed)
 
     def spread(value: float) -> np.ndarray:

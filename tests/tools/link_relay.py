@@ -30,7 +30,7 @@ BURST = 64
 
 
 def open_end(pid: int) -> int:
-    """A TAP device in the network namespace of a process; its file descriptor."""
+    """Return a TAP device in the network namespace of a process; its file descriptor."""
     namespace = os.open(f"/proc/{pid}/ns/net", os.O_RDONLY)
     if ctypes.CDLL(None, use_errno=True).setns(namespace, CLONE_NEWNET) != 0:
         raise OSError(ctypes.get_errno(), "setns")

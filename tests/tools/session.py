@@ -1,4 +1,4 @@
-"""What a person does with README's commands, in any order: a state machine over real scripts.
+"""README's commands in any order, as a person gives them: a state machine over real scripts.
 
 Each rule runs a script of the workspace as a process and compares what it says and how it ends
 with what is so: what runs, whether the bicycle lies, where it was when a goal was reached, what a
@@ -130,7 +130,7 @@ class Session:
             self.ended(one, process)
 
     def ended(self, name: str, made: NodeProcess) -> None:
-        """What is so after a process has ended."""
+        """Check the state after a process has ended."""
         assert "Traceback" not in made.output, made.output
         if name == "simulator":
             self.probe[STATE].clear()
@@ -145,17 +145,17 @@ class Session:
         self.bags.append(bag)
 
     def new_bag(self) -> Path:
-        """A folder for the next bag, which is not there yet."""
+        """Return a folder for the next bag, which is not there yet."""
         self._recording = self.folder / f"bag-{next(self._numbers)}"
         return self._recording
 
     def lies(self) -> bool:
-        """Whether the bicycle lies, by its newest state."""
+        """Return True if the bicycle lies, by its newest state."""
         states = self.probe[STATE]
         return bool(states) and bool(states[-1].fallen)
 
     def rides(self) -> bool:
-        """Whether a bicycle and a controller are there."""
+        """Return True if there are a bicycle and a controller."""
         return {"simulator", "controller"} <= self.running.keys()
 
     def forget(self) -> None:
@@ -187,7 +187,7 @@ One = TypeVar("One")
 
 
 def chosen(those: Sequence[One], which: int) -> One:
-    """One of what is there, by a number that knows nothing of it."""
+    """Return one of what is there, by a number that knows nothing of it."""
     return those[which % len(those)]
 
 
@@ -206,7 +206,7 @@ COMMANDS: dict[str, Command] = {}
 def command(
     needs: Callable[[Any], object] = lambda _: True, **drawn: Any
 ) -> Callable[[Rule], Rule]:
-    """A method that gives a command, for when its needs are met."""
+    """Return a method that gives a command, for when its needs are met."""
 
     def decorate(function: Rule) -> Rule:
         COMMANDS[function.__name__] = Command(needs, drawn)
@@ -247,7 +247,7 @@ class Person(RuleBasedStateMachine):
         self.failed = False
 
     def lacks(self, name: str) -> bool:
-        """Whether nothing of this name runs."""
+        """Return True if nothing of this name runs."""
         return name not in self.session.running
 
     # One terminal each.
@@ -314,7 +314,7 @@ class Person(RuleBasedStateMachine):
         session.forget()
 
     def _reached(self, heard: int, point: tuple[int, int]) -> bool:
-        """Whether the goal was told reached, and the bicycle was there at that time."""
+        """Return True if the goal was reported reached, and the bicycle was there at that time."""
         for told in self.session.probe[GOAL_STATUS][heard:]:
             if told.status == GoalStatus.REACHED:
                 assert (told.position.x, told.position.y) == point

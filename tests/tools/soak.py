@@ -40,7 +40,7 @@ from bicycle_sim.plants.choi.parameters import Constants
 
 DT = Constants().time_step
 SAMPLES = 200
-"""How often memory is read in a whole run."""
+"""Number of memory readings in a whole run."""
 LOOK = 0.05
 """s between two looks at the bicycle in lock-step: to hear every state would slow it down."""
 START = 60.0
@@ -146,7 +146,7 @@ class Soak:
 
 
 def usage(pid: int) -> dict[str, int]:
-    """What a process holds of the machine."""
+    """Return the resources that a process holds."""
     lines = Path(f"/proc/{pid}/status").read_text().splitlines()
     status = dict(line.split(":", 1) for line in lines)
     return {

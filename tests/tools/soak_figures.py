@@ -1,4 +1,4 @@
-"""What a long ride's samples and bag say: memory, lost steps, drift, and whether it is true."""
+"""Figures of a long ride's samples and bag: memory, lost steps, drift, proof."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ OUTCOMES = ("REACHED", "MISSED", "GIVEN_UP", "FALLEN")
 
 
 def growth(samples: list[dict[str, Any]], name: str) -> dict[str, Any]:
-    """How one process's memory went after it had settled."""
+    """Return the trend of one process's memory after it had settled."""
     kept = [sample for sample in samples if sample["step"] >= SETTLED * samples[-1]["step"]]
     hours = np.array([sample["step"] for sample in kept]) * DT / 3600.0
     rss = np.array([sample[name]["rss_kib"] for sample in kept], dtype=float)
@@ -102,7 +102,7 @@ def loop_figures(timing: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
 
 
 def verified(bag: Path, steps: int) -> str:
-    """What `replay.sh --verify` says of its last steps."""
+    """Return the verdict of `replay.sh --verify` on its last steps."""
     recording = verify.read(bag)
     recording.states = recording.states[-steps - 1 :]
     gc.collect()

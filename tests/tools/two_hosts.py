@@ -61,7 +61,7 @@ class Host:
         return self._holder.pid
 
     def words(self, command: Sequence[object]) -> list[str]:
-        """The command that runs `command` there."""
+        """Return the command that runs `command` there."""
         enter = ["nsenter", "--target", str(self.pid), "--net", "--mount", "--uts"]
         return [*enter, *(str(word) for word in command)]
 
@@ -90,7 +90,7 @@ class Host:
 
 
 class Cable:
-    """What joins two hosts; `set` changes it. See link_relay.py."""
+    """Link of two hosts; `set` changes it. See link_relay.py."""
 
     def __init__(self, left: Host, right: Host) -> None:
         self._relay = subprocess.Popen(
@@ -134,7 +134,7 @@ class Cable:
 
 
 def command_ages(bag: BagReader) -> NDArray[np.float64]:
-    """How old the state is that each command answers when the command comes in, s.
+    """Return the age of the answered state at each command's arrival, s.
 
     The bag must have been recorded beside the simulator: both times are the recorder's.
     """

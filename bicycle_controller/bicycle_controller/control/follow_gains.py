@@ -53,7 +53,7 @@ class FollowConfig:
     steer_limit: float = 0.6
     """rad, largest steering wanted in a turn."""
     lean_lead: float = 1.4
-    """How far the wanted lean may run ahead of the present one; 1 is where full torque answers."""
+    """Largest lead of the wanted lean over the present one; 1 is where full torque answers."""
     near: float = 2.0
     """m of cross-track error up to which the path's curvature counts; at twice as much not."""
     speed_gain: float = 200.0

@@ -1,4 +1,4 @@
-"""What a controller may remember of a ride: past observations, speeds and commands."""
+"""Memory of a controller during a ride: past observations, speeds and commands."""
 
 from __future__ import annotations
 

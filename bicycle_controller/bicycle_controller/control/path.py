@@ -41,7 +41,7 @@ class Path:
     closed: bool = False
     """True for a loop: the last sample is the first one again."""
     notes: tuple[str, ...] = ()
-    """What was changed of the points that the path was made from, one line each."""
+    """Changes to the points that the path was made from, one line each."""
 
     @property
     def length(self) -> float:
@@ -100,7 +100,7 @@ def _rate(heading: np.ndarray, closed: bool) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Place:
-    """Where N bicycles are on their paths; every field is (N,)."""
+    """Places of N bicycles on their paths; every field is (N,)."""
 
     along: np.ndarray
     """m from the path's start; it grows beyond the length on a loop."""

@@ -32,7 +32,7 @@ class PathRefusedError(ValueError):
 
 @dataclass(frozen=True)
 class Rounding:
-    """How corners become turns.
+    """Rules by which corners become turns.
 
     Raises:
         ValueError: unless all are above zero and `tightest` is the smallest radius.

@@ -1,4 +1,4 @@
-"""What no observation shows of a bicycle, a motor's torque and commands under way.
+"""Hidden state of a bicycle that no observation shows: a motor's torque, commands under way.
 
 A linear gain on such states is a linear gain on the last commands: those under way are the
 commands themselves, and a motor's torque is what it has made of them.

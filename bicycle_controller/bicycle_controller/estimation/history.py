@@ -1,4 +1,4 @@
-"""What was estimated at the last instants, for readings that come late."""
+"""Estimates at the last instants, for readings that come late."""
 
 from __future__ import annotations
 

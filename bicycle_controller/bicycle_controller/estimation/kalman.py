@@ -49,7 +49,7 @@ MEMORY = 0.4
 
 @dataclass(frozen=True)
 class Estimate:
-    """What N bicycles do at one time; arrays (N,) unless said."""
+    """Motion of N bicycles at one time; arrays (N,) unless said otherwise."""
 
     time: float
     """s of the sensors' clock."""

@@ -10,9 +10,9 @@ import numpy as np
 from bicycle_sim.plants.base import Linear, Plant
 
 AXES = ("lean_angle", "lean_rate", "steer_angle", "steer_rate")
-"""What accelerations and yaw rate depend on, in the order of the filter's first four states."""
+"""Inputs of accelerations and yaw rate, in the order of the filter's first four states."""
 ROWS = ("lean_rate", "steer_rate", "heading_error")
-"""Whose derivatives are used; the heading error grows with the yaw rate."""
+"""Outputs whose derivatives are used; the heading error grows with the yaw rate."""
 SPEEDS = (1.0, 3.0, 6.0)
 """m/s through which a parabola goes; the Whipple bicycle's coefficients are one in the speed."""
 STEEPEST = 1.2

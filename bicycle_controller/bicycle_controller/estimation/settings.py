@@ -1,4 +1,4 @@
-"""What the filter trusts, beside the sensors' own figures."""
+"""Settings of the filter, beside the sensors' own figures."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ STUCK_SPEED = 1.0
 
 @dataclass
 class _Last:
-    """What was last heard of a sensor."""
+    """Last message of a sensor."""
 
     stamp: float = -math.inf
     arrival: float = -math.inf
@@ -82,7 +82,7 @@ class SensorWatch:
             self._contradict(values, yaw_bias, gap)
 
     def _contradict(self, values: np.ndarray, yaw_bias: float, gap: float) -> None:
-        """What an IMU's reading says of encoders that do not change."""
+        """Judge unchanging encoders by an IMU's reading."""
         self._gained += float(values[3]) * min(gap, 0.1)
         speed = max(abs(self._speed), 0.5)
         steer = math.atan((float(values[2]) - yaw_bias) * self.wheelbase / speed)
@@ -93,7 +93,7 @@ class SensorWatch:
                 last.extremes = min(low, value), max(high, value)
 
     def problems(self, now: float) -> tuple[str, ...]:
-        """What is wrong at `now`, s of the sensors' clock, one text a sensor, in their order."""
+        """Return the faults at `now`, s of the sensors' clock, one text a sensor, in their order."""
         found = []
         for name in ORDER:
             timing: Sampled = getattr(self.settings, name)

@@ -29,7 +29,7 @@ PATIENCE = 3.0
 
 
 class Follower(Protocol):
-    """What rides along paths, such as `PathFollower`."""
+    """Controller that rides along paths, such as `PathFollower`."""
 
     @property
     def policy_id(self) -> str:
@@ -54,7 +54,7 @@ class Follower(Protocol):
 
 @dataclass(frozen=True)
 class Start:
-    """How rides begin; every field is (N,)."""
+    """Starts of rides; every field is (N,)."""
 
     left: np.ndarray
     """m to the left of the path's start."""
@@ -95,7 +95,7 @@ class CourseRides:
 
 @dataclass
 class Trace:
-    """What one ride did at each step; arrays of (steps,)."""
+    """Record of one ride at each step; arrays of (steps,)."""
 
     x: np.ndarray
     y: np.ndarray

@@ -40,7 +40,7 @@ SPEEDS = (1.5, 2.0, 3.0, 4.0, 6.0)
 
 @dataclass(frozen=True)
 class Trial:
-    """How kicks are tried.
+    """Settings of trials with kicks.
 
     Raises:
         ValueError: on a number that is not above zero.

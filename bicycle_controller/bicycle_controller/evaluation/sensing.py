@@ -35,7 +35,7 @@ TURN_PERIOD = 5.0
 
 @dataclass(frozen=True)
 class Conditions:
-    """What the rides are like.
+    """Settings of the rides.
 
     Raises:
         ValueError: on a value that makes no sense.
@@ -100,7 +100,7 @@ class Conditions:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of N rides."""
+    """Results of N rides."""
 
     fallen: np.ndarray
     """(N,) bool."""
@@ -277,7 +277,7 @@ class _Rides:
         self.sums[3] += upright * torque**2
 
     def outcome(self) -> Outcome:
-        """What became of all."""
+        """Return the summary of all rides."""
         number = np.maximum(self.counted, 1.0)
         square, mean, heading, torque = self.sums / number
         return Outcome(

@@ -85,7 +85,7 @@ class Inputs:
 
     @cached_property
     def _columns(self) -> np.ndarray:
-        """Where each input stands in the row that `gather` makes."""
+        """Place of each input in the row that `gather` makes."""
         width = len(ROW_FIELDS)
         first = width * (self.memory + 1)
         return np.array(

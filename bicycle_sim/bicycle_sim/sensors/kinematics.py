@@ -15,7 +15,7 @@ from bicycle_sim.plants.base import BodyState, Plant
 
 @dataclass(frozen=True)
 class Motion:
-    """What sensors are computed from, each (N,); the paper's signs, positive to the left."""
+    """Inputs of the sensors' models, each (N,); the paper's signs, positive to the left."""
 
     lean: np.ndarray
     lean_rate: np.ndarray

@@ -15,7 +15,7 @@ FIELDS = {
     "wheel": ("speed",),
     "gnss": ("x", "y", "velocity_x", "velocity_y"),
 }
-"""What a reading holds. IMU: rad/s and m/s^2 in the sensor's axes (REP-103, at rest and level
+"""Fields of a reading. IMU: rad/s and m/s^2 in the sensor's axes (REP-103, at rest and level
 force_z is g). Steer: rad and N m, positive to the left. Wheel: m/s. GNSS: m and m/s on the map."""
 
 

@@ -1,4 +1,4 @@
-"""What the sensors of a bicycle are like, in plain numbers; presets by name.
+"""Properties of a bicycle's sensors, in plain numbers; presets by name.
 
 Positions are in m from the rear contact of the upright bicycle: x forward, y left, z up. Angles of
 a mounting are roll, pitch and yaw (REP-103) in degrees, as people write them.

@@ -1,4 +1,4 @@
-"""What one bicycle and N bicycles have in common as Gymnasium environments.
+"""Common part of one bicycle and N bicycles as Gymnasium environments.
 
 Spaces, units, starts, rewards, ends and information are decided here once; `gym_env.py` and
 `vector_env.py` give them the shapes that Gymnasium asks for.

@@ -18,7 +18,7 @@ _WIDTHS = {"start": 2, "goal": 2, "heading": 0, "speed": 0}
 
 @dataclass(frozen=True)
 class ResetOptions:
-    """What `reset(options=...)` asked for; None where it is drawn."""
+    """Options of `reset(options=...)`; None for those that are drawn."""
 
     start: np.ndarray | None = None
     """(N, 2) m, rear contacts."""

@@ -105,7 +105,7 @@ _ARRAYS = 12
 
 
 class Face(ctypes.Structure):
-    """How an environment scales actions and observations, as `Face` of native_task.cpp."""
+    """Scales of an environment's actions and observations, as `Face` of native_task.cpp."""
 
     _fields_ = (
         ("actions", ctypes.c_int64),

@@ -1,4 +1,4 @@
-"""What a picture of a bicycle shows, whoever draws it."""
+"""Contents of a bicycle's picture, for every renderer."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Scene:
-    """What a picture shows, in the paper's signs."""
+    """Contents of a picture, in the paper's signs."""
 
     rear: tuple[float, float]
     """m, rear contact."""

@@ -28,7 +28,7 @@ NOT_FINITE = "action holds a value that is not finite"
 
 @dataclass(frozen=True)
 class Step:
-    """What one step of the task gives; arrays of shape (N,) unless said otherwise."""
+    """Result of one step of the task; arrays of shape (N,) unless said otherwise."""
 
     observation: np.ndarray
     """(N, 6), see OBSERVATION_FIELDS."""
@@ -215,7 +215,7 @@ class BicycleTask:
         return native
 
     def advanced(self) -> Step:
-        """What the last `advance` gave, as `step` gives it."""
+        """Return the result of the last `advance` as `step` does."""
         assert self._native is not None
         return self._outcome_of(self._native)
 

@@ -1,4 +1,4 @@
-"""How the training variant of a scenario differs from the one that is evaluated.
+"""Training variant of a scenario, and its differences from the evaluated one.
 
 What the paper evaluates cannot be learned by stock learners: frozen falls fill their memory, a
 step away from the goal costs more than lying, and goals are seldom near. Each difference here is

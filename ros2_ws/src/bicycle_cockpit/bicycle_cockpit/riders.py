@@ -36,7 +36,7 @@ LABELS = {
     "lqr-displacement-pedal": ("LQR with pedals, body ±2 cm", LINEAR),
     "lqr-20cm": ("LQR, body ±20 cm", LINEAR),
 }
-"""What a person reads instead of the names of shipped policies and tunings, and what they are."""
+"""Labels for people of shipped policies and tunings, with their kinds."""
 
 
 def label(name: str) -> str:
@@ -55,9 +55,9 @@ class Rider:
     colour: str
     """Key in the palette: the name if that identifies the policy, else the id."""
     label: str
-    """What a person reads."""
+    """Label for people."""
     kind: str
-    """What it is, such as a neural network; empty where that is not known."""
+    """Kind, such as a neural network; empty if unknown."""
 
 
 def rider(policy: str, names: Mapping[str, str]) -> Rider:
