@@ -93,7 +93,7 @@ class SensorWatch:
                 last.extremes = min(low, value), max(high, value)
 
     def problems(self, now: float) -> tuple[str, ...]:
-        """Return the faults at `now`, s of the sensors' clock, one text a sensor, in their order."""
+        """Return the faults at `now`, s of the sensors' clock, one text a sensor, in order."""
         found = []
         for name in ORDER:
             timing: Sampled = getattr(self.settings, name)
