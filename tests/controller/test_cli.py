@@ -183,7 +183,7 @@ def test_a_mistake_is_one_line_with_the_remedy(
     assert expected in mistake(capsys, *words)
 
 
-WITHOUT_CHANCE = ("info",)
+WITHOUT_CHANCE = ("import", "info")
 """Commands that draw nothing and run no network."""
 
 

@@ -30,6 +30,7 @@ COMMANDS = {
     "sweep": "train many presets on many scenarios with many seeds",
     "reproduce": "run the paper's experiments and draw its figures",
     "export": "write a policy under a name, as ONNX, and its card",
+    "import": "turn a stable-baselines3 or torch actor into a policy",
     "info": "tell a bicycle's geometry, critical speeds and eigenvalues",
 }
 
@@ -128,6 +129,10 @@ def _module(name: str) -> ModuleType:
         from bicycle_controller.cli import export
 
         return export
+    if name == "import":
+        from bicycle_controller.cli import import_policy
+
+        return import_policy
     from bicycle_controller.cli import info
 
     return info

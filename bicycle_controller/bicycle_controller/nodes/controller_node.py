@@ -351,7 +351,8 @@ class ControllerNode(Node):
 def limits_of(policy: Controller) -> np.ndarray:
     """Return (3,) the largest |T|, |d| and |F| that a policy may use; infinite if unknown."""
     info = getattr(policy, "info", None)
-    return NO_LIMITS if info is None else np.array(info.action_limits, dtype=np.float64)
+    known = getattr(policy if info is None else info, "action_limits", None)
+    return NO_LIMITS if known is None else np.array(known, dtype=np.float64)
 
 
 def _shown(limits: np.ndarray) -> str:

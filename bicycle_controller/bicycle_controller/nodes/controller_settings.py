@@ -25,7 +25,8 @@ class ControllerSettings:
 
     policy: str = parameter(
         DEFAULT_POLICY,
-        f"what rides: a policy file, a shipped policy's name, or one of {', '.join(LQR)}",
+        "what rides: a policy file or an ONNX file, a shipped policy's name, a Python class as "
+        f"module:Class, the name of an installed one, or one of {', '.join(LQR)}",
     )
     fallback: str = parameter(
         "lqr",

@@ -225,23 +225,49 @@ def load_controller(
     name_or_path: str | Path,
     plant: Plant[Any] | None = None,
     torque_limit: float | None = None,
+    may_import: bool = True,
 ) -> Controller:
-    """Return a classical controller by one of the names LQR, or a policy as `load_policy` does.
+    """Return any controller, by its name or file.
 
     Args:
-        name_or_path: see there.
+        name_or_path: one of the names LQR, what `load_policy` takes, an ONNX file (see
+            `onnx_policy`), or a class of one's own (see `own_controller`).
         plant: what a classical controller is designed for; the paper's bicycle by default.
         torque_limit: N m of its torque on another bicycle; the motor's by default.
+        may_import: False refuses `module:Class`, which would run any code that Python finds.
 
     Raises:
         PolicyError: as `load_policy`.
     """
-    if name_or_path not in LQR:
-        return load_policy(name_or_path)
+    text = os.fspath(name_or_path)
+    if text not in LQR:
+        return _loaded(text, may_import)
     # Imported here: it needs scipy, which a policy does not.
     from bicycle_controller.control.lqr import LqrController
 
     return LqrController.named(str(name_or_path), plant, torque_limit)
+
+
+def _loaded(text: str, may_import: bool) -> Controller:
+    """Return a controller that is not classical; see `load_controller`."""
+    if text in shipped_policies() or _is_file(Path(text, BEST)):
+        return load_policy(text)
+    if text.endswith(".onnx") and _is_file(Path(text)):
+        from bicycle_controller.policy.onnx_policy import load_onnx
+
+        return load_onnx(Path(text))
+    if not _is_file(Path(text)):
+        from bicycle_controller.policy import own_controller
+
+        if not may_import and own_controller.is_class(text):
+            raise PolicyError(
+                f"{text!r} runs code of yours: give it to the parameter policy at the start, or "
+                f"install it as an entry point of {own_controller.GROUP}"
+            )
+        found = own_controller.load_own(text)
+        if found is not None:
+            return found
+    return load_policy(text)
 
 
 def load_policy(name_or_path: str | Path = DEFAULT_POLICY) -> Policy:
@@ -279,7 +305,10 @@ def _read(path: Path, shipped: list[str]) -> bytes:
         if not path.is_file():
             what = "is not a file" if path.exists() else "does not exist"
             hint = nearest(str(path), [*shipped, *LQR])
-            raise PolicyError(f"policy {name} {what}{hint}; give a {SUFFIX} file; {choices}")
+            raise PolicyError(
+                f"policy {name} {what}{hint}; give a {SUFFIX} or .onnx file, module:Class, or an "
+                f"installed controller; {choices}"
+            )
         with path.open("rb") as file:
             data = file.read(MAX_FILE_BYTES + 1)
     except (OSError, ValueError) as error:

@@ -174,7 +174,7 @@ def decode(data: bytes) -> tuple[PolicyInfo, Tensors]:
         PolicyError: on anything but a complete policy of this version for this bicycle.
     """
     header = _header(data)
-    info = _info(header.pop("__metadata__", None))
+    info = info_of(header.pop("__metadata__", None))
     kinds = {entry.get("dtype") for entry in header.values() if isinstance(entry, dict)}
     _check(kinds == {"F32"}, "its tensors are not all float32")
     try:
@@ -192,7 +192,8 @@ def _header(data: bytes) -> dict[str, Any]:
     if size > MAX_HEADER_BYTES and data.startswith((b"PK\x03\x04", b"\x80")):
         raise PolicyError(
             "it is a pickle or a PyTorch checkpoint, which is never opened; give the "
-            ".safetensors file that 'bicycle train' writes beside it"
+            ".safetensors file that 'bicycle train' writes beside it, or convert a "
+            "stable-baselines3 .zip or a torch file with 'bicycle import'"
         )
     _check(0 < size <= MAX_HEADER_BYTES, "it is not a safetensors file, or its header is too big")
     _check(8 + size <= len(data), "it is cut short")
@@ -204,8 +205,12 @@ def _header(data: bytes) -> dict[str, Any]:
     return dict(header)
 
 
-def _info(metadata: Any) -> PolicyInfo:
-    """Return the policy info in a file's metadata, or raise PolicyError."""
+def info_of(metadata: Any) -> PolicyInfo:
+    """Return the policy info in a file's metadata.
+
+    Raises:
+        PolicyError: if they are not complete and of a known version.
+    """
     _check(
         isinstance(metadata, dict) and metadata.get("format") == FORMAT,
         "it is a safetensors file, but not a bicycle policy",
