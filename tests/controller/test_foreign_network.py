@@ -18,6 +18,7 @@ from policies import make_policy
 
 from bicycle_controller.cli.main import main
 from bicycle_controller.control.controller import Controller
+from bicycle_controller.evaluation.evaluate import evaluate
 from bicycle_controller.nodes.policy_loader import load as load_by_service
 from bicycle_controller.policy.export import save_onnx
 from bicycle_controller.policy.policy import PolicyError, load_controller
@@ -198,3 +199,15 @@ def test_help_names_the_scenarios() -> None:
         check=True,
     )
     assert "learning-to-turn-fixed-speed" in done.stdout
+
+
+def test_an_algorithm_outside_the_package_makes_a_policy(tmp_path: Path) -> None:
+    example = Path(__file__).parents[2] / "ros2_ws" / "src" / "examples" / "own_algorithm.py"
+    path = tmp_path / "own.onnx"
+    done = subprocess.run(
+        [sys.executable, str(example), str(path), "3"], capture_output=True, text=True, check=True
+    )
+    first, *_, last = (float(line.split()[4].rstrip(",")) for line in done.stdout.splitlines())
+    assert last > first, "it learns"
+    rides = evaluate(load_controller(path), named("random-start-random-goal"), episodes=20).rides
+    assert len(rides.steps) == 20
