@@ -4,7 +4,8 @@
 #
 # Usage: report.sh BAG [BAG2] [--output FILE.html] [--png] [--namespace NAME]
 #        report.sh BAG --video FILE [--camera NAME] [--from S] [--to S] [--speed X] [--size WxH] [--fps N]
-#        report.sh BAG... --viewer FOLDER
+#                      [--against NAME]
+#        report.sh BAG... --viewer FOLDER [--against NAME]
 #
 #   BAG                a bag's folder, an .mcap file, or the folder of a run of ride.sh; one that was
 #                      cut short is repaired in a copy, and the page says what was lost
@@ -19,6 +20,8 @@
 #   --from S, --to S   the part of the ride, s; all of it unless named
 #   --speed X          seconds of the ride in a second of the film, 1 unless named
 #   --size WxH         pixels, 960x540 unless named; --fps N: pictures a second, 25 unless named
+#   --against NAME     a controller that rides the same start, goals and pushes as a ghost: lqr, naf, ppo,
+#                      fixed-speed, ... or a policy file; with --video and --viewer
 #   --viewer FOLDER    what a browser needs to play the rides: put the folder on any web server, or
 #                      try it by python3 -m http.server --directory FOLDER
 #

@@ -87,6 +87,19 @@ def test_a_bag_comes_as_the_page_draws_it_and_again_without_being_read(
     assert loaded.colours == ["first", "naf"]
 
 
+def test_another_controller_rides_a_bag_again() -> None:
+    folder = Path(__file__).resolve().parents[1] / "data"
+
+    async def story(desk: BagDesk) -> Any:
+        loaded = await desk.load("film-ride", "ppo")
+        return json.loads(gzip.decompress(loaded.body)), loaded.colours
+
+    ride, colours = asked(folder, story)
+    assert colours == ["ppo"]
+    assert [one["label"] for one in ride["riders"]] == ["PPO actor"]
+    assert {"reached", "push"} <= {mark["kind"] for mark in ride["marks"]}
+
+
 @pytest.mark.parametrize("kind", BOMBS)
 def test_a_yaml_bomb_does_not_freeze_the_list(
     bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str

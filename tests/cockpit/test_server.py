@@ -60,7 +60,14 @@ def test_the_page_and_its_parts_with_strict_headers(desk: Desk) -> None:
 
 @pytest.mark.parametrize(
     "path",
-    ["/web/../server.py", "/web/%2e%2e/server.py", "/bags/../../etc", "/bags/%2Fetc", "/nothing"],
+    [
+        "/web/../server.py",
+        "/web/%2e%2e/server.py",
+        "/bags/../../etc",
+        "/bags/%2Fetc",
+        "/bags/a?rider=x",
+        "/nothing",
+    ],
 )
 def test_nothing_else_is_served(desk: Desk, path: str) -> None:
     with socket.create_connection(("127.0.0.1", desk.server.port)) as line:

@@ -77,8 +77,12 @@ class BagDesk:
                     slow = [{"name": n, "problem": why} for n, (_, why) in self._too_slow.items()]
                     return found + slow
 
-    async def load(self, name: str) -> Loaded:
+    async def load(self, name: str, rider: str = "") -> Loaded:
         """Return a bag.
+
+        Args:
+            name: of the bag.
+            rider: controller that rides it again, see `same_ride`; empty for the ride itself.
 
         Raises:
             BagProblemError: there is no such bag, it cannot be shown, it takes too long, or too
@@ -89,7 +93,7 @@ class BagDesk:
             if name in self._too_slow:
                 raise BagProblemError(422, self._too_slow[name][1])
             try:
-                answer = await self._ask({"do": "load", "name": name}, LOAD_TIME)
+                answer = await self._ask({"do": "load", "name": name, "rider": rider}, LOAD_TIME)
                 if "size" in answer:
                     return Loaded(await self._bytes(int(answer["size"])), answer["colours"])
             except (asyncio.TimeoutError, EOFError, ValueError) as error:

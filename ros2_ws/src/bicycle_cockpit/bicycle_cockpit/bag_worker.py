@@ -1,9 +1,10 @@
 """Process that reads bags for the web server, so that a bad file cannot break the pages.
 
 Requests come on standard input, one JSON object a line: ``{"do": "list", "skip": [...]}`` and
-``{"do": "load", "name": ...}``. Answers go to standard output: a line of JSON and, where it has
-a `size`, so many bytes after it. The list comes bag by bag, each announced before it is read, so
-that the server knows which one takes too long.
+``{"do": "load", "name": ..., "rider": ...}``, where a `rider` rides the bag's goals again. Answers
+go to standard output: a line of JSON and, where it has a `size`, so many bytes after it. The list
+comes bag by bag, each announced before it is read, so that the server knows which one takes too
+long.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from typing import Any, BinaryIO
 
 from bicycle_bag.errors import BagError
 from bicycle_cockpit.bags import session
+from bicycle_cockpit.same_ride import same_ride
 from bicycle_cockpit.shelf import BagShelf, Signature, entry, signature
 from bicycle_common.processes import end_with_parent
 
@@ -54,7 +56,7 @@ class Worker:
         if request["do"] == "list":
             self._list(set(request["skip"]))
         else:
-            self._load(str(request["name"]))
+            self._load(str(request["name"]), str(request.get("rider", "")))
 
     def _say(self, data: dict[str, Any], body: bytes = b"") -> None:
         self._out.write(json.dumps(data).encode() + b"\n" + body)
@@ -75,7 +77,7 @@ class Worker:
             self._say({"entry": known[1]})
         self._say({"done": True})
 
-    def _load(self, name: str) -> None:
+    def _load(self, name: str, controller: str) -> None:
         """Send a bag in the page's form, compressed."""
         try:
             path = self._shelf.path(name)
@@ -83,17 +85,18 @@ class Worker:
             self._say({"missing": True})
             return
         now = signature(path)
-        kept = self._kept.pop(name, None)
+        key = f"{name}?{controller}"
+        kept = self._kept.pop(key, None)
         if kept is None or kept[0] != now:
             try:
-                kept = (now, *_packed(name, path))
+                kept = (now, *_packed(name, path, controller))
             except BagError as error:
                 self._say({"problem": str(error)})
                 return
             except Exception as error:
                 self._say({"problem": _unforeseen(name, error)})
                 return
-        self._kept[name] = kept
+        self._kept[key] = kept
         while len(self._kept) > 1 and self._size() > MOST_KEPT:
             self._kept.popitem(last=False)
         self._say(kept[1], kept[2])
@@ -117,9 +120,9 @@ def _unforeseen(name: str, error: Exception) -> str:
     return f"{name} cannot be read ({type(error).__name__}: {text})"
 
 
-def _packed(name: str, path: Path) -> tuple[dict[str, Any], bytes]:
+def _packed(name: str, path: Path, controller: str) -> tuple[dict[str, Any], bytes]:
     """Return a bag's description and its compressed content."""
-    data = session(path)
+    data = same_ride(path, controller) if controller else session(path)
     text = json.dumps({"name": name, **data}, allow_nan=False, separators=(",", ":"))
     body = gzip.compress(text.encode(), compresslevel=5, mtime=0)
     return {"size": len(body), "colours": [one["colour"] for one in data["riders"]]}, body

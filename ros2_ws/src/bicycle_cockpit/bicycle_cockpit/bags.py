@@ -16,11 +16,13 @@ from bicycle_cockpit.marks import Ridden, marks
 from bicycle_cockpit.riders import Rider, lqr_names, rider, shipped_names
 from bicycle_cockpit.samples import COLUMNS, plain_column, reward_columns
 from bicycle_sim.plants import registry
+from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.reward import RewardWeights
-from bicycle_sim.task.scenario import Scenario
+from bicycle_sim.task.scenario import SCENARIOS, Scenario
 from bicycle_tools.ride_log import RideLog, read_ride
 from bicycle_tools.summary import dropped_steps, late_steps
 
+DEFAULT_SCENARIO = "random-start-random-goal"
 MOST_ROWS = 24_000
 """Largest number of rows of a bag on the page, ten minutes at 40 Hz; longer ones are thinned."""
 
@@ -44,8 +46,7 @@ def session(path: Path) -> dict[str, Any]:
     if not len(ride.states["step"]):
         raise BagError(f"{path} holds no state of a bicycle: record a ride with record.sh")
     time = _simulated_time(ride)
-    scenario = _first(ride, "scenario", Scenario.from_json)
-    plant = _first(ride, "physics", registry.from_json)
+    plant, scenario = _setting(ride)
     names = {**shipped_names(), **lqr_names(plant or registry.default())}
     newest = _newest_before(ride.commands, ride.states["recorded_order"])
     riders, numbers = _riders(ride, newest, names)
@@ -67,6 +68,17 @@ def session(path: Path) -> dict[str, Any]:
         "geometry": asdict((plant or registry.default()).geometry),
         "duration": float(time[-1] - time[0]),
     }
+
+
+def setting_of(ride: RideLog) -> tuple[Plant[Any], Scenario]:
+    """Return bicycle and scenario of a ride; the paper's where the bag does not tell."""
+    plant, scenario = _setting(ride)
+    return plant or registry.default(), scenario or SCENARIOS[DEFAULT_SCENARIO]
+
+
+def _setting(ride: RideLog) -> tuple[Plant[Any] | None, Scenario | None]:
+    plant = _first(ride, "physics", registry.from_json)
+    return plant, _first(ride, "scenario", Scenario.from_json)
 
 
 def _simulated_time(ride: RideLog) -> Numbers:

@@ -10,19 +10,23 @@ from typing import Any
 
 from bicycle_cockpit.bags import session
 from bicycle_cockpit.riders import Palette
+from bicycle_cockpit.same_ride import same_ride
 
 WEB = Path(__file__).parent / "web"
 RIDES = "rides"
 _MARK = '<meta name="color-scheme"'
 
 
-def export_page(bags: Sequence[Path], folder: Path, names: Sequence[str] = ()) -> Path:
+def export_page(
+    bags: Sequence[Path], folder: Path, names: Sequence[str] = (), against: str = ""
+) -> Path:
     """Write the page of some bags.
 
     Args:
         bags: folders or files, in the order of the page's list.
         folder: receives `index.html`, `web` and the rides; made if it does not exist.
         names: displayed names of the bags; by default those of their files.
+        against: controller that rides each of them again, see `same_ride`; empty for none.
 
     Returns:
         The path of `index.html`.
@@ -33,6 +37,11 @@ def export_page(bags: Sequence[Path], folder: Path, names: Sequence[str] = ()) -
     """
     chosen = list(names) or _distinct([bag.name.removesuffix(".mcap") for bag in bags])
     rides = [exported(bag, name) for bag, name in zip(bags, chosen, strict=True)]
+    if against:
+        rides += [
+            exported(bag, f"{name} by {Path(against).stem}", against)
+            for bag, name in zip(bags, chosen, strict=True)
+        ]
     shutil.copytree(WEB, folder / "web", dirs_exist_ok=True)
     (folder / RIDES).mkdir(exist_ok=True)
     for ride in rides:
@@ -44,9 +53,15 @@ def export_page(bags: Sequence[Path], folder: Path, names: Sequence[str] = ()) -
     return index
 
 
-def exported(bag: Path, name: str) -> dict[str, Any]:
-    """Return a ride in the page's form, with the colours of its policies."""
-    ride = session(bag)
+def exported(bag: Path, name: str, controller: str = "") -> dict[str, Any]:
+    """Return a ride in the page's form, with the colours of its policies.
+
+    Args:
+        bag: folder or file.
+        name: displayed name.
+        controller: that rides it again; empty for the ride itself.
+    """
+    ride = same_ride(bag, controller) if controller else session(bag)
     palette = Palette()
     palette.add([one["colour"] for one in ride["riders"]])
     slots = palette.message()["slots"]

@@ -105,7 +105,8 @@ def _others(ridden: Ridden) -> Iterator[Mark]:
         pushes = load(reader, prefix + PUSHED)
         rows = _rows(ridden, pushes)
         for row, rate in zip(rows, pushes["lean_rate"], strict=True):
-            yield _mark(ridden, row, "push", "info", push_text(float(rate)))
+            text = push_text(float(rate))
+            yield {**_mark(ridden, row, "push", "info", text), "lean_rate": float(rate)}
     if there(HAND_OVER):
         changes = load(reader, prefix + HAND_OVER)
         # It is latched: a recorder also gets messages from before it joined.

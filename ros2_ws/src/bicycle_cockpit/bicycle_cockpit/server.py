@@ -29,6 +29,7 @@ from bicycle_cockpit.page_socket import PageSocket
 from bicycle_cockpit.requests import MOST_BYTES, Request
 from bicycle_cockpit.riders import Palette
 from bicycle_cockpit.rows import Rows
+from bicycle_cockpit.same_ride import NAMES
 
 WEB = Path(__file__).parent / "web"
 HEADERS = {
@@ -225,7 +226,10 @@ class Server:
     async def _open_bag(self, request: web.Request) -> web.Response:
         self._door.check_token(_bearer(request))
         try:
-            bag = await self._bags.load(request.match_info["name"])
+            rider = request.query.get("rider", "")
+            if rider and rider not in NAMES:
+                raise BagProblemError(404, f"there is no controller {rider[:40]!r}")
+            bag = await self._bags.load(request.match_info["name"], rider)
         except BagProblemError as problem:
             return _json_response({"error": str(problem)}, problem.status)
         self.colour(bag.colours)

@@ -37,6 +37,7 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     wanted = parser.add_mutually_exclusive_group(required=True)
     wanted.add_argument("--video", type=Path)
     wanted.add_argument("--viewer", type=Path)
+    parser.add_argument("--against", default="")
     parser.add_argument("--size", type=_size)
     parser.add_argument("--fps", type=float)
     parser.add_argument("--speed", type=float)
@@ -65,7 +66,7 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     if len(options.bags) > MOST_BAGS:
         parser.error(f"a page holds {MOST_BAGS} bags at most, not {len(options.bags)}")
     try:
-        options.film = FilmOptions(**given)
+        options.film = FilmOptions(**given, against=options.against)
     except ValueError as error:
         parser.error(str(error))
     return options
@@ -98,7 +99,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(options.video)
         else:
             options.viewer.mkdir(parents=True, exist_ok=True)
-            print(export_page([bag_in(bag) for bag in options.bags], options.viewer))
+            bags = [bag_in(bag) for bag in options.bags]
+            print(export_page(bags, options.viewer, against=options.against))
     except (BagError, BrowserError, EncoderError, ValueError) as error:
         print(f"report.sh: {error}", file=sys.stderr)
         return 1

@@ -48,6 +48,8 @@ class FilmOptions:
     """s of the ride; None for its end."""
     camera: str = TOUR
     """One of CAMERAS, or TOUR."""
+    against: str = ""
+    """Controller that rides along as a ghost, see `same_ride`; empty for none."""
 
     def __post_init__(self) -> None:
         """Check."""
@@ -101,7 +103,7 @@ def make_film(
         BrowserError, EncoderError, ValueError, OSError: if the film cannot be made.
     """
     with tempfile.TemporaryDirectory() as folder:
-        export_page([bag], Path(folder))
+        export_page([bag], Path(folder), against=options.against)
         return asyncio.run(_film(Path(folder), film, options, progress))
 
 
@@ -126,7 +128,8 @@ async def _loaded(tab: BrowserTab) -> float:
         if (document.readyState !== "complete") return null;
         globalThis.page ??= await import(document.querySelector("script[type=module]").src);
         if (page.views.refused) throw new Error(page.views.refused);
-        return page.player.bag && page.views.stage ? page.player.bag.duration : null;
+        const ready = page.player.bag && page.views.stage && page.complete();
+        return ready ? page.player.bag.duration : null;
     })()"""
     deadline = asyncio.get_running_loop().time() + READY
     while asyncio.get_running_loop().time() < deadline:

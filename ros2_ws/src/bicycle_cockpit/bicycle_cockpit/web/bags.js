@@ -67,8 +67,9 @@ export class BagPlayer {
   }
 
   /** Shows the list to choose from; `take` gets the name of the chosen one. */
-  async choose(take = (name) => this.open(name), title = "Bags") {
+  async choose(take = (name) => this.open(name), title = "Bags", riders = []) {
     this.take = take;
+    this.offer(riders);
     byId("bags-title").textContent = title;
     const list = byId("bag-list");
     list.textContent = "reading the folder…";
@@ -81,6 +82,16 @@ export class BagPlayer {
     } catch (error) {
       list.textContent = error.message;
     }
+  }
+
+  /** Controllers that can ride the open bag's goals again. */
+  offer(riders) {
+    byId("again").hidden = !riders.length;
+    byId("again-by").replaceChildren(...riders.map(({ name, label }) => {
+      const button = element("button", { type: "button", textContent: label ?? name, title: name });
+      button.addEventListener("click", () => this.take(this.bag.name, name));
+      return button;
+    }));
   }
 
   entry({ name, start, duration, ridden, messages }) {
@@ -101,10 +112,10 @@ export class BagPlayer {
   }
 
   /** Reads a ride while the list is shown; null where that fails, and the list says why. */
-  async read(name) {
-    byId("bag-list").textContent = `reading ${name}…`;
+  async read(name, rider = "") {
+    byId("bag-list").textContent = rider ? `${rider} rides ${name}…` : `reading ${name}…`;
     try {
-      const bag = new Bag(await loaded(name));
+      const bag = new Bag(await loaded(name, rider));
       byId("bags").close();
       return bag;
     } catch (error) {

@@ -44,7 +44,7 @@ const guide = new Guide(!RIDES && !asked("film"));
 const takers = {
   hello(message) {
     live.hello(message);
-    offer(message.controllers);
+    offer((controllers = message.controllers));
     showStatus();
   },
   history: (message) => live.history(message),
@@ -114,12 +114,34 @@ let ghostGap = NaN;
 let gapAt = 0;
 const GAP_EVERY = 150;
 
+/** Controllers that the cockpit can let ride a bag again: those that come along with it. */
+let controllers = [];
+
 async function compare() {
   if (ghost) return beside(null);
-  await player.choose(async (name) => {
-    const bag = await player.read(name);
-    if (bag) beside(bag);
-  }, "A ride to compare with");
+  const again = player.bag && !RIDES ? controllers.filter(({ group }) => group !== "trained here") : [];
+  await player.choose(async (name, rider) => {
+    const bag = await player.read(name, rider);
+    if (!bag) return;
+    beside(bag);
+    if (!player.bag) race(bag);
+  }, player.bag ? "A ride to compare with" : "A ride to race against", again);
+}
+
+/** m from the origin up to which a ride began there. */
+const AT_ORIGIN = 0.05;
+const MOST_GOALS = 50;
+
+/** Sends the live bicycle on the ride of its ghost: the same start and the same goals. */
+async function race(bag) {
+  const { x, y, heading } = bag.series;
+  if (![x[0], y[0], heading[0]].every((value) => Math.abs(value) < AT_ORIGIN)) {
+    return answer({ ok: true, message: `${bag.name} began elsewhere: send goals, and it rides along from step 0.` });
+  }
+  const points = bag.events.filter(({ kind }) => kind === "active").map((one) => [one.x, one.y]).slice(0, MOST_GOALS);
+  await ask("reset", { random: false });
+  if (points.length) await ask("waypoints", { points });
+  answer({ ok: true, message: `Race against ${bag.name}: the same start, the same ${points.length} goals.` });
 }
 
 function beside(bag) {
@@ -392,7 +414,7 @@ function caption() {
   return {
     who: labelOf(riders[number]), colour: paint(number), level,
     facts: row ? `${shown(row.t, 1)} s   ${shown(row.speed, 1)} m/s   lean ${shown((row.lean * 180) / Math.PI, 0)}°` : "",
-    alarm: ["warn", "bad"].includes(level) ? text : "",
+    alarm: ["warn", "bad"].includes(level) ? text.replace(/ \(.*\)/, "") : "",
     gap: ghost ? gapWords(ghostGap, labelOf(ghost.bag.riders[0]) || ghost.bag.name) : "",
   };
 }
@@ -416,6 +438,18 @@ function stopFilm() {
   byId("film").setAttribute("aria-pressed", "false");
   byId("film").textContent = "Film";
 }
+
+let recorded = false;
+
+/** Opens the first ride; in a film the second one comes along. */
+async function openRecorded(bags) {
+  if (bags.length) await player.open(bags[0].name);
+  if (asked("film") && bags.length > 1) beside(await player.read(bags[1].name));
+  recorded = true;
+}
+
+/** Whether all that a film shows has been read. */
+export const complete = () => recorded;
 
 /** One picture of a film of a bag, for `report.sh --video`: a data URL. */
 export function frame(time, camera, kind = "image/jpeg") {
@@ -458,7 +492,7 @@ if (asked("film")) {
 }
 if (RIDES) {
   document.body.classList.add("recorded");
-  listed().then(({ bags }) => bags.length && player.open(bags[0].name), (error) => answer({ ok: false, message: error.message }));
+  listed().then(({ bags }) => openRecorded(bags), (error) => answer({ ok: false, message: error.message }));
 }
 if (!asked("film")) views.start();
 requestAnimationFrame(picture);

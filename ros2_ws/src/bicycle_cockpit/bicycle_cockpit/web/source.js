@@ -17,8 +17,8 @@ async function get(path) {
 /** The rides to choose from, as the cockpit lists bags. */
 export const listed = () => get(RIDES ? `${RIDES}/index.json` : "bags");
 
-/** One ride in the page's form. */
-export function loaded(name) {
+/** One ride in the page's form; `rider` rides it again in simulation, which needs a cockpit. */
+export function loaded(name, rider = "") {
   const path = name.split("/").map(encodeURIComponent).join("/");
-  return get(RIDES ? `${RIDES}/${path}.json` : `bags/${path}`);
+  return get(RIDES ? `${RIDES}/${path}.json` : `bags/${path}${rider ? `?rider=${encodeURIComponent(rider)}` : ""}`);
 }
