@@ -144,6 +144,7 @@ export class BagPlayer {
     const told = bag.events.filter(({ kind }) => MARKED.includes(kind)).slice(0, MOST_MARKS);
     byId("marks").replaceChildren(...told.map(({ t, kind, level, text }) => {
       const button = element("button", { type: "button", title: `${t.toFixed(1)} s: ${text}` });
+      button.tabIndex = -1; // with the keyboard the times of the events are there
       button.dataset.kind = kind;
       button.dataset.level = level;
       button.setAttribute("aria-label", button.title);

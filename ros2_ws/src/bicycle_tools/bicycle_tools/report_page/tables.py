@@ -30,7 +30,7 @@ def table(
     """
     lines = list(lines)
     kinds = ["n" if number in numbers else "t" for number in range(len(heads))]
-    head = "".join(f'<th class="{k}">{escape(h)}</th>' for h, k in zip(heads, kinds, strict=True))
+    head = "".join(_head(text, kind) for text, kind in zip(heads, kinds, strict=True))
     body = "".join(
         "<tr>"
         + "".join(f'<td class="{k}">{c}</td>' for c, k in zip(line, kinds, strict=True))
@@ -44,6 +44,12 @@ def table(
         f'<div class="wide"><table><thead><tr>{head}</tr></thead>'
         f"<tbody>\n{body}</tbody></table></div>"
     )
+
+
+def _head(text: str, kind: str) -> str:
+    """Return a cell of the head; one without words is no heading."""
+    name = "th" if text else "td"
+    return f'<{name} class="{kind}">{escape(text)}</{name}>'
 
 
 def figures(pages: Sequence[RidePage]) -> str:

@@ -1,0 +1,82 @@
+"""The page and the ride report, looked through by axe-core: WCAG 2.2 A and AA, best practice."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from chromium import BrowserContext, BrowserPage, chromium, expect, opened, until
+from made_bag import write_bag
+from served_page import served_page
+
+from bicycle_tools.report_page.command import main as write_report
+
+pytestmark = pytest.mark.slow
+
+AXE = (Path(__file__).resolve().parents[1] / "support" / "axe" / "axe.min.js").read_text()
+RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
+SIZES = {"laptop": (1440, 900), "phone": (390, 844)}
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_bag(tmp_path_factory.mktemp("bag") / "ride")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[BrowserContext]:
+    """A Chromium on its first visit."""
+    with chromium(main="") as context:
+        yield context
+
+
+@pytest.fixture(scope="module")
+def page(browser: BrowserContext, bag: Path, tmp_path_factory: Any) -> Iterator[BrowserPage]:
+    """The page with a ride and its ghost."""
+    with (
+        served_page([bag], tmp_path_factory.mktemp("page")) as address,
+        opened(browser, address, "bag") as made,
+    ):
+        until(made, "player.bag !== null && views.stage !== null")
+        made.locator("#compare").click()
+        made.locator("#bag-list button").first.click()
+        expect(made.locator("#gap")).to_be_visible()
+        yield made
+
+
+def problems(page: BrowserPage) -> list[tuple[str, Any]]:
+    """Rules that are broken, and where."""
+    page.evaluate(AXE)
+    found = page.evaluate("(rules) => axe.run({ runOnly: rules })", RULES)
+    return [(one["id"], [n["target"] for n in one["nodes"]]) for one in found["violations"]]
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("size", SIZES)
+def test_the_page_breaks_no_rule(page: BrowserPage, size: str, scheme: Any) -> None:
+    page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
+    page.set_viewport_size({"width": SIZES[size][0], "height": SIZES[size][1]})
+    assert problems(page) == []
+
+
+@pytest.mark.parametrize("dialog", ["bag", "help"])
+def test_its_dialogs_break_no_rule(page: BrowserPage, dialog: str) -> None:
+    page.set_viewport_size({"width": 1440, "height": 900})
+    page.locator(f"#{dialog}").click()
+    assert problems(page) == []
+    page.keyboard.press("Escape")
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_ride_report_breaks_no_rule(
+    browser: BrowserContext, bag: Path, tmp_path: Path, scheme: Any
+) -> None:
+    file = tmp_path / "report.html"
+    assert write_report([str(bag), str(bag), "--output", str(file)]) == 0
+    made = browser.new_page()
+    made.emulate_media(color_scheme=scheme)
+    made.goto(file.as_uri())
+    assert problems(made) == []
+    made.close()
