@@ -11,7 +11,7 @@ from bicycle_controller.cli import options
 from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.evaluation import beside_lqr
-from bicycle_controller.training import online
+from bicycle_controller.training import imitation, online
 from bicycle_controller.training.run_folder import RunFolder
 
 
@@ -67,9 +67,18 @@ def run_command(args: argparse.Namespace) -> int:
     if args.resume:
         if args.config is not None or args.preset is not None:
             raise ValueError("a resumed run has its own config.yaml: leave out --config, --preset")
-        result = online.resume(args.out, overrides_of(args), progress)
+        kept = (
+            loading.load(RunFolder(args.out).config)
+            if RunFolder(args.out).config.exists()
+            else None
+        )
+        imitates = kept is not None and kept.imitation is not None
+        resume = imitation.resume if imitates else online.resume
+        result = resume(args.out, overrides_of(args), progress)
     else:
-        result = online.run(config_of(args), args.out, progress)
+        config = config_of(args)
+        run = online.run if config.imitation is None else imitation.run
+        result = run(config, args.out, progress)
     print(
         json.dumps({"out": str(args.out), **asdict(result)}) if args.json else told(result, args),
         flush=True,

@@ -13,6 +13,7 @@ from typing import Any
 
 from bicycle_common.validation import require, require_between, require_choice, require_positive
 from bicycle_controller.config.algorithms import DdpgConfig, LearnerConfig, NafConfig, PpoConfig
+from bicycle_controller.config.imitation import ImitationConfig
 from bicycle_controller.control.exploration_noise import NoiseConfig
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
@@ -31,7 +32,7 @@ __all__ = [
     "TeacherConfig",
 ]
 
-ALGORITHMS = ("ddpg", "naf", "ppo")
+ALGORITHMS = ("ddpg", "naf", "ppo", "imitation")
 """Fields of `RunConfig` of which a run has exactly one."""
 
 
@@ -194,6 +195,7 @@ class RunConfig:
     ddpg: DdpgConfig | None = None
     naf: NafConfig | None = None
     ppo: PpoConfig | None = None
+    imitation: ImitationConfig | None = None
     bicycles: int = 1
     """Bicycles stepped at once."""
     warm_up: int = 1_000
@@ -275,7 +277,12 @@ class RunConfig:
 
     @property
     def learner(self) -> LearnerConfig:
-        """Configuration of this run's algorithm."""
+        """Configuration of this run's algorithm.
+
+        Raises:
+            ValueError: for imitation, which has no such learner.
+        """
+        require(self.imitation is None, "imitation is for 'bicycle train' alone")
         found: LearnerConfig = getattr(self, self.algorithm)
         return found
 

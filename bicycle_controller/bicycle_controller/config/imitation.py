@@ -1,0 +1,152 @@
+"""Configuration of imitation: one actor learns to ride any bicycle from each bicycle's own LQR."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, fields
+
+from bicycle_common.validation import as_pair, require, require_between, require_positive
+from bicycle_sim.plants.whipple.random_bicycles import Ranges
+
+
+@dataclass(frozen=True)
+class TeacherWeights:
+    """One set of weights that the teachers are tuned by.
+
+    Raises:
+        ValueError: on a weight that is not above zero.
+    """
+
+    lean: float
+    """Cost of a squared rad."""
+    lean_rate: float
+    """Of a squared rad/s."""
+    steer: float
+    """Of a squared rad."""
+    steer_rate: float
+    """Of a squared rad/s."""
+    torque: float
+    """Of a squared N m."""
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            require_positive(f"teacher weight {item.name}", getattr(self, item.name))
+
+
+@dataclass(frozen=True)
+class TurnConfig:
+    """The turns that teachers want for a heading error.
+
+    Raises:
+        ValueError: on a value that is not above zero.
+    """
+
+    heading_time: float = 1.2
+    """s in which a wanted turn would undo a small heading error."""
+    tilt_limit: float = 0.35
+    """rad, the steepest wanted lean."""
+    steer_limit: float = 0.6
+    """rad, the largest wanted steering."""
+    hold_share: float = 0.5
+    """Share of the torque limit that may be needed to hold a turn."""
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            require_positive(f"imitation.turns.{item.name}", getattr(self, item.name))
+
+
+@dataclass(frozen=True)
+class RidingConfig:
+    """What happens on the training rides.
+
+    Raises:
+        ValueError: on a value out of range.
+    """
+
+    speeds: tuple[float, float] = (0.9, 6.6)
+    """m/s at which rides begin."""
+    seconds: float = 12.0
+    """s, mean duration of a ride that does not end in a fall."""
+    kick_every: float = 2.0
+    """s, mean time between two kicks."""
+    kick_share: float = 1.15
+    """Largest kick, as a share of what the teacher catches on that bicycle at that speed."""
+    turn_every: float = 5.0
+    """s, mean time between two changes of the wanted heading or of its rate."""
+    gust: float = 15.0
+    """N, standard deviation of the gusts at the most exposed bicycle."""
+    noise: float = 1.0
+    """Largest share of the sensor noise below; each bicycle has a share of its own."""
+    lean_noise: tuple[float, float] = (0.005, 0.009)
+    """rad, white noise and largest bias of the lean angle."""
+    rate_noise: tuple[float, float] = (0.01, 0.02)
+    """rad/s, the same of the gyro."""
+    steer_noise: tuple[float, float] = (0.001, 0.009)
+    """rad, the same of the steering angle."""
+    steer_rate_noise: float = 0.05
+    """rad/s, white noise of the steering rate."""
+
+    def __post_init__(self) -> None:
+        for name in ("speeds", "lean_noise", "rate_noise", "steer_noise"):
+            object.__setattr__(self, name, as_pair(getattr(self, name)))
+        low, high = self.speeds
+        require(
+            0 < low < high, f"imitation.riding.speeds must grow from above zero, not {low, high}"
+        )
+        for name in ("seconds", "kick_every", "turn_every"):
+            require_positive(f"imitation.riding.{name}", getattr(self, name))
+        for name in ("kick_share", "gust", "noise", "steer_rate_noise"):
+            require_between(f"imitation.riding.{name}", getattr(self, name), 0.0, math.inf)
+
+
+@dataclass(frozen=True)
+class ImitationConfig:
+    """How an actor imitates the teachers while it rides (DAgger).
+
+    Raises:
+        ValueError: on a value out of range.
+    """
+
+    now: tuple[str, ...]
+    """Inputs of the present, see `policy.inputs`."""
+    before: tuple[str, ...]
+    """Inputs that it also sees of each of the last `periods`."""
+    periods: int
+    """Control periods that it remembers."""
+    hidden: tuple[int, ...]
+    """Widths of the hidden layers of one of its two mirrored halves."""
+    torque_limit: float
+    """N m, the actor's largest torque; the bicycle's own limit cuts it."""
+    teachers: tuple[TeacherWeights, ...]
+    """Weights of which each bicycle has the best at each speed."""
+    turns: TurnConfig = field(default_factory=TurnConfig)
+    riding: RidingConfig = field(default_factory=RidingConfig)
+    ranges: Ranges = field(default_factory=Ranges)
+    """Of the random bicycles."""
+    rounds: int = 3
+    """Times that all bicycles are drawn anew, over the run."""
+    teacher_share: float = 0.1
+    """Share of the rides that the teachers ride; in the first round they begin with all."""
+    substeps: int = 3
+    """Steps of integration in a control period."""
+    rows: int = 600_000
+    """States that are remembered, with the teachers' answers."""
+    batch: int = 2048
+    """States per update."""
+    rate: float = 0.001
+    """Learning rate of Adam at the beginning; it falls to a hundredth along a cosine."""
+    beta: float = 1.0
+    """N m of error from which on the loss grows linearly (Huber)."""
+    average: float = 0.995
+    """Share of the averaged weights that an update keeps."""
+
+    def __post_init__(self) -> None:
+        for name in ("periods", "rounds", "substeps", "rows", "batch"):
+            require(getattr(self, name) >= 1, f"imitation.{name} must be at least 1")
+        for name in ("torque_limit", "rate", "beta"):
+            require_positive(f"imitation.{name}", getattr(self, name))
+        require_between("imitation.teacher_share", self.teacher_share, 0.0, 1.0)
+        require_between("imitation.average", self.average, 0.0, 1.0)
+        require(bool(self.hidden), "imitation.hidden needs a layer")
+        require(bool(self.teachers), "imitation.teachers needs a set of weights")
+        require(self.batch <= self.rows, "imitation.batch must be at most imitation.rows")

@@ -1,0 +1,116 @@
+"""Imitation of each bicycle's LQR, from the command line to the policy that rides."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bicycle_controller.cli import main
+from bicycle_controller.config import loading
+from bicycle_controller.config.imitation import ImitationConfig
+from bicycle_controller.policy.policy import load_policy
+from bicycle_controller.training import imitation
+from bicycle_controller.training.bicycle_park import SPEEDS, Park
+
+SMALL = [
+    "bicycles=64",
+    "steps=12800",
+    "warm_up=640",
+    "log_every=20",
+    "tensorboard=false",
+    "imitation.rounds=2",
+    "imitation.rows=8000",
+    "imitation.batch=256",
+    "imitation.hidden=[16, 16]",
+    "imitation.periods=4",
+    "evaluation.episodes=4",
+    "evaluation.max_steps=200",
+]
+
+
+def own(*changes: str) -> ImitationConfig:
+    found = loading.preset("any-bicycle", [*SMALL, *changes]).imitation
+    assert found is not None
+    return found
+
+
+def test_a_run_ends_with_a_policy_for_any_bicycle(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sets = [word for change in SMALL for word in ("--set", change)]
+    out = tmp_path / "run"
+    words = ["train", "--preset", "any-bicycle", "--out", str(out), "--json", "--quiet", *sets]
+    assert main.main(words) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert (told["status"], told["steps"]) == ("finished", 12800)
+    policy = load_policy(out)
+    assert policy.memory == 4
+    assert policy.info.plants == ("whipple",)
+    assert policy.info.speeds == (0.9, 6.6)
+    assert policy.info.trained["teachers"] == "each random bicycle's own LQR"
+    losses = [
+        row["loss"]
+        for row in map(json.loads, (out / "log.jsonl").read_text().splitlines())
+        if row["kind"] == "train"
+    ]
+    assert losses[-1] < 0.6 * losses[0]
+
+
+def test_an_interrupted_run_goes_on(tmp_path: Path) -> None:
+    config = loading.preset("any-bicycle", SMALL)
+    calls = iter(range(1000))
+    first = imitation.run(config, tmp_path / "run", stop=lambda: next(calls) > 60)
+    assert first.status == "interrupted"
+    result = imitation.resume(tmp_path / "run")
+    assert (result.status, result.steps) == ("finished", 12800)
+    assert result.updates > first.updates > 0
+
+
+def test_the_teacher_s_rides_do_not_fall_without_kicks() -> None:
+    config = own("imitation.riding.kick_share=0.0", "imitation.riding.gust=0.0")
+    park = Park(config, 64, 4, np.random.default_rng(1))
+    good = park.caught.min(axis=0) > 5.0
+    assert good.mean() > 0.6
+    fallen = 0
+    for _ in range(200):
+        park.step(park.taught_torque(), 1.0)
+        fallen += park.metrics()["fall_share"] > 0
+    assert park.caught.shape == (len(SPEEDS), 64)
+    assert fallen < 30
+
+
+def test_the_actor_sees_noise_and_the_teacher_does_not() -> None:
+    park = Park(own(), 64, 4, np.random.default_rng(2))
+    np.testing.assert_array_equal(park.state.lean_angle, np.zeros(64))
+    assert np.abs(park.seen[:, 2]).max() > 0.001
+    assert not park.taught_torque().any()
+    quiet = replace(own(), riding=replace(own().riding, noise=0.0))
+    assert not Park(quiet, 64, 4, np.random.default_rng(2)).seen[:, 2].any()
+
+
+def test_what_it_remembers_is_what_happened() -> None:
+    park = Park(own(), 64, 4, np.random.default_rng(3))
+    kept = []
+    for _ in range(5):
+        kept.append((park.seen.copy(), park.rides))
+        park.step(park.taught_torque() + 0.5, 0.0)
+    same = park.past.observation[:, 0, 2] == kept[-1][0][:, 2]
+    begun = ~same
+    assert begun.sum() <= park.rides
+    assert same.mean() > 0.9
+    limits = park.limits[same]
+    assert (np.abs(park.past.action[same, 0, 0]) <= limits + 1e-12).all()
+
+
+def test_an_input_without_a_scale_is_told() -> None:
+    with pytest.raises(ValueError, match="takes no input"):
+        imitation.inputs_of(replace(own(), before=("displacement",)))
+
+
+def test_other_trainings_refuse_it() -> None:
+    with pytest.raises(ValueError, match="bicycle train"):
+        _ = loading.preset("any-bicycle").learner
