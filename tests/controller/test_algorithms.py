@@ -15,7 +15,7 @@ from bicycle_controller.config import loading
         ("ppo", "ppo.batch=5000", "ppo.batch must be at most 2048"),
         ("ppo", "ppo.clip=0", "clip must be above zero"),
         ("ppo", "ppo.gae_lamda=0.9", "did you mean 'gae_lambda'"),
-        ("ppo", "ppo=null", "exactly one of ddpg, naf, ppo, not none"),
+        ("ppo", "ppo=null", "exactly one of ddpg, naf, ppo, imitation, not none"),
         ("naf", "naf.tau=2", "tau must lie within"),
         ("naf", "naf.hidden=[]", "hidden needs sizes"),
         ("naf", "naf.gamma=1", "gamma must lie within 0 and below 1"),
@@ -34,7 +34,9 @@ def test_a_run_has_one_algorithm(tmp_path: Path) -> None:
     path.write_text(loading.dump(loading.preset("naf")).replace("ddpg: null\n", ""))
     assert loading.load(path).algorithm == "naf"
     path.write_text("extends: naf\nppo:\n" + _ppo_part())
-    with pytest.raises(ValueError, match="exactly one of ddpg, naf, ppo, not naf and ppo"):
+    with pytest.raises(
+        ValueError, match="exactly one of ddpg, naf, ppo, imitation, not naf and ppo"
+    ):
         loading.load(path)
 
 

@@ -33,7 +33,11 @@ def test_they_lie_within_the_ranges() -> None:
         assert high - 0.1 * (high - low) < np.max(values) <= high
     mass = np.asarray(p.bicycle.mass)
     ridden = mass > ranges.mass[1]
-    assert 0.65 < ridden.mean() < 0.75
+    assert 0.45 < ridden.mean() < 0.55
+    for values in (p.motor.lag, p.steering.friction, p.road.grade_x):
+        assert 0.2 < np.mean(np.equal(values, 0.0)) < 0.3
+    periods = np.asarray(p.delay) / p.time_step
+    assert 0.2 < np.mean(np.isclose(periods, np.rint(periods), atol=1e-9)) < 0.3
     assert mass.max() < ranges.mass[1] + ranges.rider_mass[1]
 
 
@@ -42,7 +46,7 @@ def test_they_behave_like_bicycles() -> None:
     bicycle = draw(300, np.random.default_rng(2)).bicycle
     slow = eigenvalues(bicycle, 1.0)[:, 0].real
     assert (slow > 0.5).all()
-    assert (slow < 8.0).all()
+    assert np.percentile(slow, 95) < 8.0
     fastest = np.array([eigenvalues(bicycle, v)[:, 0].real for v in (4.0, 5.0, 6.0, 7.0)]).min(0)
     assert np.mean(fastest < 0.5) > 0.8
 

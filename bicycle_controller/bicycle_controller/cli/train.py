@@ -67,12 +67,9 @@ def run_command(args: argparse.Namespace) -> int:
     if args.resume:
         if args.config is not None or args.preset is not None:
             raise ValueError("a resumed run has its own config.yaml: leave out --config, --preset")
-        kept = (
-            loading.load(RunFolder(args.out).config)
-            if RunFolder(args.out).config.exists()
-            else None
-        )
-        imitates = kept is not None and kept.imitation is not None
+        files = RunFolder(args.out)
+        files.require()
+        imitates = loading.load(files.config).imitation is not None
         resume = imitation.resume if imitates else online.resume
         result = resume(args.out, overrides_of(args), progress)
     else:

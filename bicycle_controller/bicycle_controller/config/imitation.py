@@ -41,7 +41,7 @@ class TurnConfig:
         ValueError: on a value that is not above zero.
     """
 
-    heading_time: float = 1.2
+    heading_time: float = 2.0
     """s in which a wanted turn would undo a small heading error."""
     tilt_limit: float = 0.35
     """rad, the steepest wanted lean."""
@@ -90,9 +90,7 @@ class RidingConfig:
         for name in ("speeds", "lean_noise", "rate_noise", "steer_noise"):
             object.__setattr__(self, name, as_pair(getattr(self, name)))
         low, high = self.speeds
-        require(
-            0 < low < high, f"imitation.riding.speeds must grow from above zero, not {low, high}"
-        )
+        require(0 < low < high, f"imitation.riding.speeds must grow, not be {low, high}")
         for name in ("seconds", "kick_every", "turn_every"):
             require_positive(f"imitation.riding.{name}", getattr(self, name))
         for name in ("kick_share", "gust", "noise", "steer_rate_noise"):
@@ -135,15 +133,16 @@ class ImitationConfig:
     """States per update."""
     rate: float = 0.001
     """Learning rate of Adam at the beginning; it falls to a hundredth along a cosine."""
-    beta: float = 1.0
-    """N m of error from which on the loss grows linearly (Huber)."""
+    fine: float = 0.5
+    """N m up to which errors count in full; of larger torques it is their logarithm that counts,
+    so that calm rides weigh as much as those after a kick."""
     average: float = 0.995
     """Share of the averaged weights that an update keeps."""
 
     def __post_init__(self) -> None:
         for name in ("periods", "rounds", "substeps", "rows", "batch"):
             require(getattr(self, name) >= 1, f"imitation.{name} must be at least 1")
-        for name in ("torque_limit", "rate", "beta"):
+        for name in ("torque_limit", "rate", "fine"):
             require_positive(f"imitation.{name}", getattr(self, name))
         require_between("imitation.teacher_share", self.teacher_share, 0.0, 1.0)
         require_between("imitation.average", self.average, 0.0, 1.0)

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from bicycle_common.signals import InterruptError, StopRequest
 from bicycle_controller.agents.mirrored import MirroredActor
 from bicycle_controller.config import loading
 from bicycle_controller.config.imitation import ImitationConfig
@@ -31,7 +32,6 @@ from bicycle_controller.training.bicycle_park import Park
 from bicycle_controller.training.logger import Logger, Progress
 from bicycle_controller.training.online import Result
 from bicycle_controller.training.run_folder import RunFolder, origin
-from bicycle_controller.training.signals import InterruptError, StopRequest
 
 SCALES = {
     "steer_angle": 0.5,
@@ -114,12 +114,12 @@ class Imitation:
         self._began = time.monotonic(), time.process_time()
         status, saved = "finished", time.monotonic()
         per_round = math.ceil(config.steps / self.own.rounds)
-        park: Park | None = None
+        park, drawn = self._park(), self.steps // per_round
         log = Logger(self.files.path, self.log_bytes, self.steps, config.tensorboard)
         with log, Progress(config.steps, self.steps, progress) as bar, StopRequest() as interrupt:
             while self.steps < config.steps:
                 number = self.steps // per_round
-                if park is None or number != drawn:
+                if number != drawn:
                     drawn, park = number, self._park()
                 self._step(park, log, bar)
                 if interrupt.signal or stop():
@@ -162,7 +162,10 @@ class Imitation:
         if self.updates // config.log_every > before // config.log_every:
             loss, count = self._loss
             self._loss = [0.0, 0]
-            row = {"loss": loss / max(1, count), "teacher_share": share} | park.metrics()
+            row: dict[str, float] = {
+                "loss": loss / max(1, count),
+                "teacher_share": share,
+            } | park.metrics()
             wall, cpu = self._time()
             log.write(
                 "train", self.steps, {"updates": self.updates, **row, "wall_s": wall, "cpu_s": cpu}
@@ -188,9 +191,10 @@ class Imitation:
         limits = rows[:, -1]
         torque = own.torque_limit * self.actor(rows[:, :-2])
         torque = torch.maximum(torch.minimum(torque, limits), -limits)
-        loss = torch.nn.functional.huber_loss(torque, rows[:, -2], delta=own.beta)
+        error = torch.asinh(torque / own.fine) - torch.asinh(rows[:, -2] / own.fine)
+        loss = torch.nn.functional.smooth_l1_loss(error, torch.zeros_like(error))
         self.optimiser.zero_grad(set_to_none=True)
-        loss.backward()
+        loss.backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(self.actor.parameters(), 1.0)
         self.optimiser.step()
         self.updates += 1

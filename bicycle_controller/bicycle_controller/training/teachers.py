@@ -1,8 +1,8 @@
 """An LQR for each of thousands of bicycles at once, which knows its delay and its motor's lag.
 
 What `control.lqr` does for one bicycle, with the steady turns of the linear model: a heading loop
-wants a turn, and a linear regulator rides it. The regulator sees everything, the motor's torque and
-the commands under way too. It is a teacher: an actor that sees less imitates it.
+wants a turn, and a linear regulator rides it. The regulator sees everything, the motor's torque
+and the commands under way too. It is a teacher: an actor that sees less imitates it.
 """
 
 from __future__ import annotations
@@ -123,7 +123,12 @@ class Teachers:
         """Return the torques, (N,) N m, within the limits.
 
         Args:
-            lean, lean_rate, steer, steer_rate, error, speed: (N,) of the present.
+            lean: (N,) rad.
+            lean_rate: (N,) rad/s.
+            steer: (N,) rad.
+            steer_rate: (N,) rad/s.
+            error: (N,) rad, the heading less the wanted one.
+            speed: (N,) m/s.
             motor_torque: (N,) N m on the steering now.
             commands: (N, COMMANDS) N m of the last periods, the newest first.
         """

@@ -7,6 +7,7 @@ bicycles; inertias follow from radii of gyration, which are drawn around the mea
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 
@@ -42,14 +43,14 @@ class Ranges:
     """m, the rear wheel's; the front one's differs by a few percent."""
     mass: tuple[float, float] = (8.0, 35.0)
     """kg, without rider."""
-    rider_share: float = 0.7
+    rider_share: float = 0.5
     """Share of the bicycles that have a rider."""
     rider_mass: tuple[float, float] = (50.0, 110.0)
     """kg."""
     torque_limit: tuple[float, float] = (2.0, 20.0)
     """N m of the steering motor; drawn evenly in its logarithm."""
     delay: tuple[float, float] = (0.0, 0.075)
-    """s from a command until the motor follows it."""
+    """s from a command until the motor follows it; long ones are drawn more often."""
     motor_lag: tuple[float, float] = (0.0, 0.04)
     """s."""
     friction: tuple[float, float] = (0.0, 0.5)
@@ -60,12 +61,15 @@ class Ranges:
     """m per m, along x and along y."""
     wind: tuple[float, float] = (-3.0, 3.0)
     """m/s, along x and along y."""
+    plain_share: float = 0.25
+    """Share of the bicycles that have none of something: no lag, friction, damping, grade, wind or
+    air, each drawn for itself. As many have a delay of whole control periods."""
 
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
-            if item.name == "rider_share":
-                require(0.0 <= value <= 1.0, f"rider_share must be 0 to 1, not {value!r}")
+            if item.name.endswith("_share"):
+                require(0.0 <= value <= 1.0, f"{item.name} must be 0 to 1, not {value!r}")
                 continue
             low, high = as_pair(value)
             object.__setattr__(self, item.name, (low, high))
@@ -91,20 +95,32 @@ def draw(
     ranges = ranges or Ranges()
 
     def between(name: str) -> np.ndarray:
-        return rng.uniform(*getattr(ranges, name), count)
+        low, high = getattr(ranges, name)
+        return rng.uniform(low, high, count)
+
+    def some(values: np.ndarray) -> np.ndarray:
+        return np.where(rng.uniform(size=count) < ranges.plain_share, 0.0, values)
 
     bicycle = _bicycle(between, rng, count, ranges)
-    limit = np.exp(rng.uniform(*np.log(ranges.torque_limit), count))
-    friction = between("friction")
-    air = rng.uniform(0.0, 1.0, count)
+    least_torque, most_torque = ranges.torque_limit
+    limit = np.exp(rng.uniform(math.log(least_torque), math.log(most_torque), count))
+    friction = some(between("friction"))
+    air = some(rng.uniform(0.0, 1.0, count))
+    least, most = ranges.delay
+    # Long delays are the hard ones: half of them lie in the last 30 % of the range.
+    delay, period = least + (most - least) * np.sqrt(rng.uniform(size=count)), Parameters.time_step
+    whole = np.clip(np.rint(delay / period) * period, least, most)
+    delay = np.where(rng.uniform(size=count) < ranges.plain_share, whole, delay)
+    along, across = some(between("grade")), some(between("grade"))
+    wind_x, wind_y = some(between("wind")), some(between("wind"))
     return Parameters(
         bicycle,
         name="random",
-        steering=Steering(friction=friction, stiction=friction, damping=between("damping")),
-        motor=Motor(limit=limit, lag=between("motor_lag")),
+        steering=Steering(friction=friction, stiction=friction, damping=some(between("damping"))),
+        motor=Motor(limit=limit, lag=some(between("motor_lag"))),
         resistance=Resistance(drag_area=0.5 * air, side_area=0.8 * air, rolling=0.005),
-        road=Road(between("grade"), between("grade"), between("wind"), between("wind")),
-        delay=between("delay"),
+        road=Road(along, across, wind_x, wind_y),
+        delay=delay,
         substeps=substeps,
     )
 
