@@ -5,8 +5,26 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, fields
 
-from bicycle_common.validation import as_pair, require, require_between, require_positive
+from bicycle_common.validation import (
+    as_pair,
+    require,
+    require_between,
+    require_choice,
+    require_positive,
+)
 from bicycle_sim.plants.whipple.random_bicycles import Ranges
+
+SCALES = {
+    "steer_angle": 0.5,
+    "steer_rate": 3.0,
+    "lean_angle": 0.3,
+    "lean_rate": 1.0,
+    "lean_acceleration": 5.0,
+    "heading_error": 2.0,
+    "speed": 4.0,
+    "torque": 7.0,
+}
+"""Natural ranges of the inputs."""
 
 
 @dataclass(frozen=True)
@@ -146,6 +164,12 @@ class ImitationConfig:
             require_positive(f"imitation.{name}", getattr(self, name))
         require_between("imitation.teacher_share", self.teacher_share, 0.0, 1.0)
         require_between("imitation.average", self.average, 0.0, 1.0)
+        for name in ("now", "before"):
+            words = getattr(self, name)
+            for word in words:
+                require_choice(f"imitation.{name}", word, tuple(SCALES))
+            require(len(set(words)) == len(words), f"imitation.{name} names an input twice")
+        require("torque" not in self.now, "imitation.now: the torque is what the actor chooses")
         require(bool(self.hidden), "imitation.hidden needs a layer")
         require(bool(self.teachers), "imitation.teachers needs a set of weights")
         require(self.batch <= self.rows, "imitation.batch must be at most imitation.rows")

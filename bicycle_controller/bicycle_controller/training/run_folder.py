@@ -120,7 +120,7 @@ class RunFolder:
         self.require()
         old, new = loading.load(self.config), loading.load(self.config, overrides)
         # Annealed learning rates depend on the total number of steps.
-        annealed = old.learner.learning_rate_end < 1.0
+        annealed = old.imitation is not None or old.learner.learning_rate_end < 1.0
         free = [name for name in RESUMABLE if not (annealed and name == "steps")]
         for name in vars(old):
             if name not in free and getattr(old, name) != getattr(new, name):
