@@ -183,7 +183,7 @@ def test_a_mistake_is_one_line_with_the_remedy(
     assert expected in mistake(capsys, *words)
 
 
-WITHOUT_CHANCE = ("import", "info")
+WITHOUT_CHANCE = ("import", "info", "plot")
 """Commands that draw nothing and run no network."""
 
 

@@ -21,7 +21,11 @@ Written are NAME.safetensors, NAME.onnx and the card NAME.md. The ONNX model tak
 in SI units and gives actions in N m, m and N; before it is written, ONNX Runtime, torch (where
 installed) and numpy must agree about it to 5e-5 of the action limits.
 
-example:
+With --csv, POLICY is the folder of a run (its log) or a bag (one topic of it).
+
+examples:
+  bicycle export runs/a --csv a.csv
+  bicycle export my-ride --csv states.csv --topic bicycle/command
   bicycle evaluate runs/a --episodes 10000 --out a.json
   bicycle export runs/a --name my-policy --evaluation a.json --to policies
 """
@@ -31,7 +35,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `bicycle export`."""
     add = parser.add_argument
     add("policy", metavar="POLICY", help="what to write")
-    add("--to", type=Path, required=True, metavar="DIR", help="the folder to write to")
+    add("--to", type=Path, metavar="DIR", help="the folder to write to")
+    add("--csv", type=Path, metavar="FILE", help="write a run's log or a bag's topic as CSV")
+    add("--topic", metavar="NAME", help="with --csv, of a bag (default: bicycle/state)")
     add("--name", metavar="NAME", help="the policy's new name (default: its own)")
     add("--format", action="append", metavar="FORMAT", help="safetensors or onnx (default: both)")
     add(
@@ -57,6 +63,10 @@ def run_command(args: argparse.Namespace) -> int:
         ValueError: on a user's mistake; one line with the remedy.
         ExportError: if the runtimes disagree.
     """
+    if args.csv is not None:
+        return _export_csv(args)
+    require(args.topic is None, "--topic goes with --csv")
+    require(args.to is not None, "give --to DIR for a policy, or --csv FILE for a run or a bag")
     formats = args.format or list(FORMATS)
     for name in formats:
         if name not in FORMATS:
@@ -79,6 +89,17 @@ def run_command(args: argparse.Namespace) -> int:
         save_policy(policy, files["safetensors"])
     write_atomically(files["md"], page.encode())
     print(json.dumps(result, indent=2) if args.json else _told(result))
+    return 0
+
+
+def _export_csv(args: argparse.Namespace) -> int:
+    """Write a table instead of a policy."""
+    from bicycle_controller.data import csv_table
+
+    require(args.to is None, "give --csv or --to, not both")
+    rows = csv_table.write(csv_table.table_of(Path(args.policy), args.topic), args.csv)
+    result = {"file": str(args.csv), "rows": rows}
+    print(json.dumps(result, indent=2) if args.json else f"wrote {args.csv}: {rows} rows")
     return 0
 
 

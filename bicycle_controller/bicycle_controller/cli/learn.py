@@ -77,7 +77,7 @@ def run_command(args: argparse.Namespace) -> int:
     Raises:
         ValueError: on a user's mistake; one line with the remedy.
     """
-    progress = options.shows_progress(args)
+    progress = options.progress_of(args)
     if args.out is None and not args.report:
         raise ValueError("name the run's folder with --out DIR, or ask for a --report only")
     if args.resume:

@@ -28,8 +28,9 @@ COMMANDS = {
     "evaluate": "ride a controller from many starts and score it",
     "learn": "learn to ride from recorded rides",
     "sweep": "train many presets on many scenarios with many seeds",
+    "plot": "draw learning curves of runs and sweeps",
     "reproduce": "run the paper's experiments and draw its figures",
-    "export": "write a policy under a name, as ONNX, and its card",
+    "export": "write a policy as ONNX with its card, or a run or bag as CSV",
     "import": "turn a stable-baselines3 or torch actor into a policy",
     "info": "tell a bicycle's geometry, critical speeds and eigenvalues",
 }
@@ -129,6 +130,10 @@ def _module(name: str) -> ModuleType:
         from bicycle_controller.cli import export
 
         return export
+    if name == "plot":
+        from bicycle_controller.cli import plot
+
+        return plot
     if name == "import":
         from bicycle_controller.cli import import_policy
 

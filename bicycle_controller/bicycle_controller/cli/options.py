@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from bicycle_controller.config.loading import Override
 
@@ -78,12 +78,19 @@ def add_json(parser: argparse.ArgumentParser, text: str = "print the result as J
 
 def add_quiet(parser: argparse.ArgumentParser) -> None:
     """Declare `--quiet`; ask `shows_progress` for it."""
-    parser.add_argument("--quiet", action="store_true", help="draw no progress bar")
+    parser.add_argument("--quiet", action="store_true", help="show no progress")
 
 
 def shows_progress(args: argparse.Namespace) -> bool:
     """True to draw a progress bar on standard error."""
     return not args.quiet and sys.stderr.isatty()
+
+
+def progress_of(args: argparse.Namespace) -> bool | Literal["lines"]:
+    """Return how a run shows its progress: a bar in a terminal, lines elsewhere, or nothing."""
+    if args.quiet:
+        return False
+    return True if sys.stderr.isatty() else "lines"
 
 
 def changes(args: argparse.Namespace, **names: str) -> list[Override]:

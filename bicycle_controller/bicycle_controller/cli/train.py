@@ -13,6 +13,21 @@ from bicycle_controller.config.run import RunConfig
 from bicycle_controller.evaluation import beside_lqr
 from bicycle_controller.training import imitation, online
 from bicycle_controller.training.run_folder import RunFolder
+from bicycle_sim.task.scenario import SCENARIOS
+
+EPILOG = f"""\
+scenarios: {", ".join(SCENARIOS)}
+presets:
+  fast                   from nothing, the quickest to ride
+  guided, guided-speed   from a classical controller's rides, as the shipped actors
+  paper, authors         the paper's tables, and what its authors ran
+  naf, ppo               the paper's baselines
+  offline, offline-plain from recorded rides alone, for 'bicycle learn'
+
+example:
+  bicycle train --preset fast --scenario learned-speed --seed 1 --out runs/mine
+  bicycle plot runs/mine
+"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -63,7 +78,7 @@ def run_command(args: argparse.Namespace) -> int:
     Raises:
         ValueError: on a user's mistake; one line with the remedy.
     """
-    progress = options.shows_progress(args)
+    progress = options.progress_of(args)
     if args.resume:
         if args.config is not None or args.preset is not None:
             raise ValueError("a resumed run has its own config.yaml: leave out --config, --preset")

@@ -1,16 +1,22 @@
-"""Output of a run: JSON lines, TensorBoard if it is installed, and a progress bar."""
+"""Output of a run: JSON lines, TensorBoard if it is installed, and its progress."""
 
 from __future__ import annotations
 
 import json
 import math
 import os
+import sys
 import time
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Literal
 
 from tqdm import tqdm
+
+BETWEEN_LINES = 10.0
+"""s between two lines of progress where there is no terminal."""
+Shown = bool | Literal["lines"]
+"""A bar, or nothing, or lines."""
 
 
 class Logger:
@@ -73,17 +79,21 @@ def _json_number(value: Any) -> Any:
 
 
 class Progress:
-    """Progress bar over environment steps, with both rates and the time left."""
+    """Progress over environment steps, with both rates and the time left."""
 
-    def __init__(self, total: int, done: int, shown: bool, unit: str = "step") -> None:
-        """Draw it on standard error if `shown`; `unit` names what is counted."""
+    def __init__(self, total: int, done: int, shown: Shown, unit: str = "step") -> None:
+        """Draw a bar on standard error, or print lines; `unit` names what is counted."""
+        self._lines = shown == "lines"
+        self._total, self._unit, self._done, self._first = total, unit, done, done
+        self._begun = time.monotonic()
+        self._next = self._begun + BETWEEN_LINES
         self._bar = tqdm(
             total=total,
             initial=done,
             unit=unit,
             unit_scale=True,
             dynamic_ncols=True,
-            disable=not shown,
+            disable=shown is not True,
             mininterval=0.5,
         )
         self._shown: dict[str, str] = {}
@@ -103,6 +113,9 @@ class Progress:
     def advance(self, steps: int) -> None:
         """Count steps, or other units as named by `unit`."""
         self._bar.update(steps)
+        self._done += steps
+        if self._lines and time.monotonic() >= self._next:
+            self._print()
 
     def show(self, updates: int | None = None, **values: float) -> None:
         """Show values behind the bar; from the second count of `updates` on also their rate."""
@@ -114,3 +127,14 @@ class Progress:
             self._last = (updates, now)
         self._shown |= {name: f"{value:.3g}" for name, value in values.items()}
         self._bar.set_postfix(self._shown, refresh=False)
+
+    def _print(self) -> None:
+        """Print one line: how far, how fast, how long still, and what the bar would show."""
+        now = time.monotonic()
+        self._next = now + BETWEEN_LINES
+        spent = now - self._begun
+        rate = (self._done - self._first) / max(spent, 1e-9)
+        left = (self._total - self._done) / max(rate, 1e-9)
+        share = f"{self._done / max(self._total, 1):.0%} of {self._total:,} {self._unit}s"
+        values = "".join(f", {name} {value}" for name, value in self._shown.items())
+        print(f"{share}, {spent:.0f} s, {left:.0f} s left{values}", file=sys.stderr, flush=True)

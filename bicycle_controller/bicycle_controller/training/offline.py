@@ -19,7 +19,7 @@ from bicycle_controller.data.replay_buffer import ReplayBuffer
 from bicycle_controller.evaluation.score import Score
 from bicycle_controller.policy.policy import write_atomically
 from bicycle_controller.training.learner import Learner, ddpg_of
-from bicycle_controller.training.logger import Logger, Progress
+from bicycle_controller.training.logger import Logger, Progress, Shown
 from bicycle_controller.training.run_folder import RunFolder
 from bicycle_controller.training.session import usable_device
 
@@ -55,7 +55,7 @@ def run(
     config: RunConfig,
     data: Dataset,
     folder: Path,
-    progress: bool = False,
+    progress: Shown = False,
     stop: Callable[[], bool] = lambda: False,
 ) -> Learned:
     """Learn in a new folder from checked data.
@@ -64,7 +64,7 @@ def run(
         config: the run; its scenario and bicycle become those of the data.
         data: see `dataset.check`.
         folder: created if missing; see `run_folder`.
-        progress: True to draw a bar on standard error.
+        progress: True to draw a bar on standard error, `lines` to print lines there.
         stop: checked between updates.
 
     Raises:
@@ -87,7 +87,7 @@ def begin(config: RunConfig, data: Dataset, folder: Path) -> Learner:
 
 def resume(
     folder: Path,
-    progress: bool = False,
+    progress: Shown = False,
     stop: Callable[[], bool] = lambda: False,
 ) -> Learned:
     """Resume the run in `folder` from its last checkpoint, to the bit.
@@ -129,7 +129,7 @@ def _memory(config: RunConfig, rows: np.ndarray) -> ReplayBuffer:
     return memory
 
 
-def _learn(learner: Learner, progress: bool, stop: Callable[[], bool]) -> Learned:
+def _learn(learner: Learner, progress: Shown, stop: Callable[[], bool]) -> Learned:
     """Learn until the budget is spent, the goal rate is met or `stop` is requested."""
     config = learner.config
     log = Logger(learner.files.path, learner.log_bytes, learner.updates, config.tensorboard)

@@ -15,7 +15,7 @@ from bicycle_controller.evaluation.score import Score, score
 from bicycle_controller.policy.policy import Policy, save_policy
 from bicycle_controller.training import checkpoint
 from bicycle_controller.training.factory import make_collector, make_memory
-from bicycle_controller.training.logger import Logger, Progress
+from bicycle_controller.training.logger import Logger, Progress, Shown
 from bicycle_controller.training.run_folder import RunFolder
 from bicycle_controller.training.session import TrainingSession, usable_device
 
@@ -42,7 +42,7 @@ class Result:
 def run(
     config: RunConfig,
     folder: Path,
-    progress: bool = False,
+    progress: Shown = False,
     stop: Callable[[], bool] = lambda: False,
 ) -> Result:
     """Train in a new folder until the steps are made, the goal rate is met or `stop` is True.
@@ -50,7 +50,7 @@ def run(
     Args:
         config: the whole run.
         folder: created if missing; see `run_folder`.
-        progress: True to draw a bar on standard error.
+        progress: True to draw a bar on standard error, `lines` to print lines there.
         stop: checked after every step of all bicycles.
 
     Raises:
@@ -67,7 +67,7 @@ def run(
 def resume(
     folder: Path,
     overrides: Iterable[loading.Override] = (),
-    progress: bool = False,
+    progress: Shown = False,
     stop: Callable[[], bool] = lambda: False,
 ) -> Result:
     """Resume the run in `folder` from its last checkpoint, to the bit.
@@ -75,7 +75,7 @@ def resume(
     Args:
         folder: of the run.
         overrides: changes, see `run_folder.RESUMABLE`.
-        progress: True to draw a bar on standard error.
+        progress: True to draw a bar on standard error, `lines` to print lines there.
         stop: checked after every step of all bicycles.
 
     Raises:
@@ -102,7 +102,7 @@ class Trainer(TrainingSession):
         self.collector = make_collector(config, self.replay, device)
         super().__init__(config, files, device)
 
-    def train(self, progress: bool, stop: Callable[[], bool]) -> Result:
+    def train(self, progress: Shown, stop: Callable[[], bool]) -> Result:
         """Train until the steps are made, the goal rate is met or a stop is requested."""
         steps = self.collector.steps
         self.start_clock()
