@@ -22,6 +22,7 @@ presets:
   guided, guided-speed   from a classical controller's rides, as the shipped actors
   paper, authors         the paper's tables, and what its authors ran
   naf, ppo               the paper's baselines
+  any-bicycle            one actor for any bicycle, from its classical controllers' rides
   offline, offline-plain from recorded rides alone, for 'bicycle learn'
 
 example:

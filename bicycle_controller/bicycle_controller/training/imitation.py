@@ -29,7 +29,7 @@ from bicycle_controller.policy.inputs import Inputs, parse, with_history
 from bicycle_controller.policy.policy import Policy, PolicyInfo, save_policy
 from bicycle_controller.training import checkpoint
 from bicycle_controller.training.bicycle_park import Park
-from bicycle_controller.training.logger import Logger, Progress
+from bicycle_controller.training.logger import Logger, Progress, Shown
 from bicycle_controller.training.online import Result
 from bicycle_controller.training.run_folder import RunFolder, origin
 
@@ -42,7 +42,7 @@ LEAST_RATE = 0.01
 def run(
     config: RunConfig,
     folder: Path,
-    progress: bool = False,
+    progress: Shown = False,
     stop: Callable[[], bool] = lambda: False,
 ) -> Result:
     """Train in a new folder; arguments and errors as `online.run`."""
@@ -55,7 +55,7 @@ def run(
 def resume(
     folder: Path,
     overrides: Iterable[loading.Override] = (),
-    progress: bool = False,
+    progress: Shown = False,
     stop: Callable[[], bool] = lambda: False,
 ) -> Result:
     """Go on from the last checkpoint, with newly drawn bicycles; as `online.resume`."""
@@ -97,7 +97,7 @@ class Imitation:
         self._origin, self._spent = origin(), (0.0, 0.0)
         self._loss = [0.0, 0]
 
-    def train(self, progress: bool, stop: Callable[[], bool]) -> Result:
+    def train(self, progress: Shown, stop: Callable[[], bool]) -> Result:
         """Train until the steps are made or a stop is requested."""
         config = self.config
         self._began = time.monotonic(), time.process_time()
