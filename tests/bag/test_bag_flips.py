@@ -205,10 +205,10 @@ def test_a_lost_chunk_of_an_unfinished_file_is_told(folder: Path, compression: s
 
 def test_a_flipped_bit_in_a_head_of_a_file_without_chunks_loses_a_message(folder: Path) -> None:
     file = folder / "x.mcap"
-    with ForeignFile(file, use_chunking=False) as made:
-        made.ride_channels()
+    with ForeignFile(file, use_chunking=False) as result:
+        result.ride_channels()
         for topic, data, now in ride(STEPS):
-            made.write(topic, data, now, now - 1000)
+            result.write(topic, data, now, now - 1000)
     whole, wanted = file.read_bytes(), recorded()
     assert read(file) == (wanted, "")
     for start, _ in places(whole)[Opcode.MESSAGE][1::20]:
@@ -231,10 +231,10 @@ def test_a_flipped_bit_in_a_definition_of_a_file_without_chunks_loses_nothing(
 ) -> None:
     """No message comes out on another topic or as another type: the summary knows better."""
     file = folder / "x.mcap"
-    with ForeignFile(file, use_chunking=False) as made:
-        made.ride_channels()
+    with ForeignFile(file, use_chunking=False) as result:
+        result.ride_channels()
         for topic, data, now in ride(STEPS):
-            made.write(topic, data, now, now - 1000)
+            result.write(topic, data, now, now - 1000)
     whole, types = file.read_bytes(), {n: t.type for n, t in BagReader(file).topics.items()}
     start, end = places(whole)[kind][1]
     # Bit 7 of an opcode makes a private record, which is none of ours: all else stays as it was.
@@ -256,10 +256,10 @@ def test_a_flipped_bit_in_a_definition_of_a_file_without_chunks_loses_nothing(
 
 def test_what_only_the_checksum_of_all_data_can_tell_is_told_so(folder: Path) -> None:
     file = folder / "x.mcap"
-    with ForeignFile(file, use_chunking=False, enable_data_crcs=True) as made:
-        made.ride_channels()
+    with ForeignFile(file, use_chunking=False, enable_data_crcs=True) as result:
+        result.ride_channels()
         for topic, data, now in ride(STEPS):
-            made.write(topic, data, now)
+            result.write(topic, data, now)
     flipped = bytearray(file.read_bytes())
     flipped[places(bytes(flipped))[Opcode.MESSAGE][5][1] - 3] ^= 1
     file.write_bytes(flipped)

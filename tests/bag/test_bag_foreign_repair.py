@@ -229,8 +229,8 @@ def test_a_chunk_that_cannot_be_read_here_is_said_so_and_not_left_out(
 @pytest.mark.parametrize("name", OPTIONS)
 def test_a_file_without_a_message_is_whole(tmp_path: Path, name: str) -> None:
     file = tmp_path / "x.mcap"
-    with ForeignFile(file, **OPTIONS[name]) as made:
-        made.ride_channels()
+    with ForeignFile(file, **OPTIONS[name]) as result:
+        result.ride_channels()
     assert list(BagReader(file).messages()) == []
     assert repair.repair(file).rewritten == []
 

@@ -101,20 +101,20 @@ def round_of(bicycles: int, batch: int, device: str) -> Work:
 
 def contestants(device: str) -> dict[str, tuple[Work, int]]:
     """Return the functions that take turns, with the count of one call."""
-    made: dict[str, tuple[Work, int]] = {}
+    result: dict[str, tuple[Work, int]] = {}
     for count in SIZES:
         for where in ("cpu", device):
-            made[f"bicycle steps/s, task, {count}, {where}"] = stepped(count, where), count
-        made[f"bicycle steps/s, dynamics, {count}, {device}"] = resident(count, device), count
+            result[f"bicycle steps/s, task, {count}, {where}"] = stepped(count, where), count
+        result[f"bicycle steps/s, dynamics, {count}, {device}"] = resident(count, device), count
     for preset in ("paper", "fast"):
         for batch in BATCHES:
             for where in ("cpu", device):
-                made[f"updates/s, {preset}, {batch}, {where}"] = updated(preset, batch, where), 1
+                result[f"updates/s, {preset}, {batch}, {where}"] = updated(preset, batch, where), 1
     for bicycles, batch in FLEETS:
         for where in ("cpu", device):
             name = f"rounds/s, {bicycles} bicycles, batch {batch}, {where}"
-            made[name] = round_of(bicycles, batch, where), 1
-    return made
+            result[name] = round_of(bicycles, batch, where), 1
+    return result
 
 
 def rate(work: Work, counts: int, device: str) -> float:

@@ -20,7 +20,7 @@ from bicycle_sim.sensors.suite import SensorSuite
 def main() -> None:
     plant = registry.named("whipple", "browser-rider")
     given = sensors.load("mpu6050-rtk")
-    suite, arrivals, made = SensorSuite(given, plant, 1, 0), Arrivals(), Filter(plant, given)
+    suite, arrivals, result = SensorSuite(given, plant, 1, 0), Arrivals(), Filter(plant, given)
     zero = np.zeros(1)
     state = plant.initial(zero, zero, zero, np.array([6.0]))
     arrivals.add(suite.rest(state))
@@ -28,10 +28,10 @@ def main() -> None:
     for _ in range(800):
         for reading, mask in arrivals.due(suite.time):
             begun = time.thread_time()
-            made.take(reading, mask)
+            result.take(reading, mask)
             spent.setdefault(reading.sensor, []).append(time.thread_time() - begun)
         begun = time.thread_time()
-        made.estimate(suite.time)
+        result.estimate(suite.time)
         spent["estimate"].append(time.thread_time() - begun)
         trace = plant.trace(state, zero, zero, zero)
         arrivals.add(suite.advance(trace, plant.time_step))

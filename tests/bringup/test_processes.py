@@ -37,39 +37,41 @@ def test_an_end_is_told_as_a_person_would() -> None:
 
 
 def test_output_goes_to_the_log_and_the_status_is_kept(tmp_path: Path) -> None:
-    made = child(tmp_path, "import sys; print('one'); print('two', file=sys.stderr); sys.exit(5)")
-    assert made.ended() is None
-    made.start()
-    until(lambda: made.ended() is not None)
-    assert made.ended() == Exit("node", 5)
-    assert sorted(made.last_lines()) == ["one", "two"]
+    result = child(
+        tmp_path, "import sys; print('one'); print('two', file=sys.stderr); sys.exit(5)"
+    )
+    assert result.ended() is None
+    result.start()
+    until(lambda: result.ended() is not None)
+    assert result.ended() == Exit("node", 5)
+    assert sorted(result.last_lines()) == ["one", "two"]
 
 
 def test_a_restart_adds_to_the_log(tmp_path: Path) -> None:
-    made = child(tmp_path, "print('here')")
+    result = child(tmp_path, "print('here')")
     for _ in range(2):
-        made.start()
-        until(lambda: made.ended() is not None)
-    assert made.last_lines() == ["here", "here"]
+        result.start()
+        until(lambda: result.ended() is not None)
+    assert result.last_lines() == ["here", "here"]
 
 
 def test_it_is_noted_for_stop_while_it_runs(tmp_path: Path) -> None:
-    made = child(tmp_path, "import time; time.sleep(3600)", tmp_path / "pids")
-    made.start()
+    result = child(tmp_path, "import time; time.sleep(3600)", tmp_path / "pids")
+    result.start()
     (note,) = (tmp_path / "pids").iterdir()
     pid = int(note.name.removeprefix("node."))
     assert os.getsid(pid) == pid != os.getsid(0)
     assert note.read_text().strip().isdigit()
-    made.stop()
+    result.stop()
     assert list((tmp_path / "pids").iterdir()) == []
 
 
 def test_who_ignores_signals_is_killed(tmp_path: Path) -> None:
-    made = child(tmp_path, STUBBORN)
-    made.start()
-    until(lambda: made.last_lines() == ["up"])
-    assert made.stop(patience=0.2) == -signal.SIGKILL
-    assert made.stop() == -signal.SIGKILL
+    result = child(tmp_path, STUBBORN)
+    result.start()
+    until(lambda: result.last_lines() == ["up"])
+    assert result.stop(patience=0.2) == -signal.SIGKILL
+    assert result.stop() == -signal.SIGKILL
 
 
 SAVING = (
@@ -91,11 +93,11 @@ def soon(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 
 def test_who_saves_is_waited_for_and_never_killed(tmp_path: Path, soon: Path) -> None:
-    made = ManagedProcess(
+    result = ManagedProcess(
         "node", [sys.executable, "-c", SAVING], tmp_path / "node.log", saves="a bag"
     )
-    made.start()
-    assert until(lambda: made.last_lines() == ["up"])
+    result.start()
+    assert until(lambda: result.last_lines() == ["up"])
     told: list[str] = []
 
     def tell(line: str) -> None:
@@ -103,25 +105,25 @@ def test_who_saves_is_waited_for_and_never_killed(tmp_path: Path, soon: Path) ->
         if len(told) == 8:  # long after a SIGKILL would have come
             soon.touch()
 
-    assert made.stop(Vigil(tell, lambda: 0), patience=0.05) == 0
+    assert result.stop(Vigil(tell, lambda: 0), patience=0.05) == 0
     assert told[0].startswith("the node is still writing a bag (the disk is slow), waiting (")
     assert len(told) >= 8
 
 
 def test_a_ctrl_c_that_answers_the_line_leaves_it_to_end_alone(tmp_path: Path, soon: Path) -> None:
     log, registry = tmp_path / "node.log", tmp_path / "pids"
-    made = ManagedProcess("node", [sys.executable, "-c", SAVING], log, registry, saves="a bag")
-    made.start()
-    assert until(lambda: made.last_lines() == ["up"])
+    result = ManagedProcess("node", [sys.executable, "-c", SAVING], log, registry, saves="a bag")
+    result.start()
+    assert until(lambda: result.last_lines() == ["up"])
     interrupts = [signal.SIGINT]  # the one that ended the ride answers nothing
     vigil = Vigil(lambda _: interrupts.append(signal.SIGINT), lambda: len(interrupts))
-    assert made.stop(vigil, patience=0.05) is None
+    assert result.stop(vigil, patience=0.05) is None
     assert len(interrupts) == 2
-    assert made.running
-    assert "which goes on writing a bag: do not kill it" in made.left()
+    assert result.running
+    assert "which goes on writing a bag: do not kill it" in result.left()
     assert list(registry.iterdir()), "stop.sh could not find it"
     soon.touch()
-    assert until(lambda: made.ended() == Exit("node", 0))
+    assert until(lambda: result.ended() == Exit("node", 0))
 
 
 def test_a_crew_tells_of_each_that_does_not_end_with_status_0(tmp_path: Path) -> None:

@@ -35,9 +35,9 @@ def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def desk(tmp_path: Path) -> Iterator[Desk]:
-    made = Desk(AccessPolicy(), tmp_path)
-    yield made
-    made.server.stop()
+    result = Desk(AccessPolicy(), tmp_path)
+    yield result
+    result.server.stop()
 
 
 def connected(desk: Desk, sends: bytes = b"") -> socket.socket:

@@ -22,8 +22,8 @@ pytestmark = pytest.mark.slow
 def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Yield a page that needs no cockpit."""
     folder = tmp_path_factory.mktemp("page")
-    with served_page([write_bag(folder / "bag")], folder / "web") as made:
-        yield made
+    with served_page([write_bag(folder / "bag")], folder / "web") as result:
+        yield result
 
 
 @pytest.fixture(scope="module")
@@ -36,9 +36,9 @@ def browser() -> Iterator[BrowserContext]:
 @pytest.fixture(scope="module")
 def page(browser: BrowserContext, address: str) -> Iterator[BrowserPage]:
     """Yield the page with its first ride."""
-    with opened(browser, address, "bag") as made:
-        until(made, "player.bag !== null && views.stage !== null")
-        yield made
+    with opened(browser, address, "bag") as result:
+        until(result, "player.bag !== null && views.stage !== null")
+        yield result
 
 
 def shown(page: BrowserPage) -> list[int]:
@@ -247,16 +247,16 @@ def test_the_choice_of_the_main_picture_is_kept(page: BrowserPage) -> None:
 
 
 def test_a_browser_without_webgl_shows_the_map(browser: BrowserContext, address: str) -> None:
-    made = browser.new_page()
-    made.add_init_script(
+    result = browser.new_page()
+    result.add_init_script(
         """const before = HTMLCanvasElement.prototype.getContext;
         HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
             return kind.startsWith("webgl") ? null : before.call(this, kind, ...more);
         };"""
     )
-    made.goto(address)
-    expect(made.locator("#mode")).to_have_text("bag")
-    expect(made.locator("#swap")).to_be_disabled()
-    expect(made.locator("#ride")).to_have_attribute("data-main", "map")
-    assert "no WebGL" in (made.locator("#swap").get_attribute("title") or "")
-    made.close()
+    result.goto(address)
+    expect(result.locator("#mode")).to_have_text("bag")
+    expect(result.locator("#swap")).to_be_disabled()
+    expect(result.locator("#ride")).to_have_attribute("data-main", "map")
+    assert "no WebGL" in (result.locator("#swap").get_attribute("title") or "")
+    result.close()

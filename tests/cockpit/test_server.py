@@ -24,9 +24,9 @@ from bicycle_cockpit.server import HEADERS, Server
 
 @pytest.fixture
 def desk(tmp_path: Path) -> Iterator[Desk]:
-    made = Desk(AccessPolicy(), tmp_path)
-    yield made
-    made.server.stop()
+    result = Desk(AccessPolicy(), tmp_path)
+    yield result
+    result.server.stop()
 
 
 Session = aiohttp.ClientSession

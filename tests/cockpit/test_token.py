@@ -23,9 +23,9 @@ def file(tmp_path: Path) -> Path:
 
 def test_none_is_wanted_and_auto_makes_a_new_one_each_time() -> None:
     assert find_token(None, None, {}) == ""
-    made = {find_token("auto", None, {}) for _ in range(3)}
-    assert len(made) == 3
-    assert all(len(token) == 32 and token.isalnum() for token in made)
+    result = {find_token("auto", None, {}) for _ in range(3)}
+    assert len(result) == 3
+    assert all(len(token) == 32 and token.isalnum() for token in result)
 
 
 def test_a_file_or_the_environment_give_it(file: Path) -> None:

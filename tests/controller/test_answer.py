@@ -22,9 +22,9 @@ def test_it_gives_the_bits_of_the_actor(kind: str, count: int) -> None:
     before = observation.copy()
     with torch.no_grad():
         wanted = actor(torch.as_tensor(observation, dtype=torch.float32) / scale).numpy()
-        made = answer(observation)
-        assert made.tobytes() == wanted.tobytes()
+        result = answer(observation)
+        assert result.tobytes() == wanted.tobytes()
         for parameter in actor.parameters():
             parameter.add_(0.01 * torch.randn_like(parameter))
-    assert not np.array_equal(answer(observation), made)
+    assert not np.array_equal(answer(observation), result)
     assert np.array_equal(observation, before)

@@ -95,11 +95,11 @@ def test_same_readings_give_the_same_bits() -> None:
     batches, _, plant, given = single_ride(80)
     found = []
     for _ in range(2):
-        made = Filter(plant, given)
+        result = Filter(plant, given)
         for batch in batches:
             for reading, mask in batch:
-                made.take(reading, mask)
-        found.append(made.estimate())
+                result.take(reading, mask)
+        found.append(result.estimate())
     for name, value in vars(found[0]).items():
         assert np.array_equal(value, getattr(found[1], name)), name
 
@@ -108,12 +108,12 @@ def test_rest_calibrates_biases() -> None:
     batches, _, plant, given = single_ride(1)
     suite = SensorSuite(given, plant, 1, 3)
     true = suite._sensors["imu"].gyro_bias[0]  # type: ignore[attr-defined]
-    made = Filter(plant, given)
-    assert not made.estimate().calibrated[0]
+    result = Filter(plant, given)
+    assert not result.estimate().calibrated[0]
     for reading, mask in batches[0]:
-        made.take(reading, mask)
-    assert made.resting[0]
-    last = made.estimate()
+        result.take(reading, mask)
+    assert result.resting[0]
+    last = result.estimate()
     assert last.calibrated[0]
     assert last.biases[0, 0] == pytest.approx(true[0], abs=5e-4)
     assert last.biases[0, 1] == pytest.approx(true[2], abs=5e-4)
@@ -128,7 +128,7 @@ def test_accelerometer_alone_is_not_lean() -> None:
     """A steady turn feels level; a filter that took the force for lean would say upright."""
     plant = registry.named("whipple", "browser-rider")
     given = replace(sensors.load("perfect"), rest=0.0)
-    made = Filter(plant, given)
+    result = Filter(plant, given)
     speed, steer = 5.0, math.radians(6.0)
     lean = float(plant.steady_lean(np.array([steer]), np.array([speed]))[0])
     zero = np.zeros(1)
@@ -142,12 +142,12 @@ def test_accelerometer_alone_is_not_lean() -> None:
     assert abs(force[1]) < 0.2
     for index in range(1, 600):
         stamp = index * 0.01
-        made.take(imu(stamp, gyro, force))
+        result.take(imu(stamp, gyro, force))
         for sensor, values in (("steer", [steer, 0.0]), ("wheel", [speed])):
-            made.take(
+            result.take(
                 Reading(sensor, stamp, np.array([stamp]), np.array([False]), np.array([values]))
             )
-    assert made.estimate().lean_angle[0] == pytest.approx(lean, abs=math.radians(1.0))
+    assert result.estimate().lean_angle[0] == pytest.approx(lean, abs=math.radians(1.0))
     assert lean > math.radians(10.0)
 
 
@@ -162,22 +162,22 @@ def test_late_reading_corrects_its_own_time() -> None:
             readings,
             key=lambda one: one[0].stamp + (lateness if one[0].sensor == "steer" else 0.0),
         )
-        made = Filter(plant, given)
+        result = Filter(plant, given)
         for reading, mask in order:
-            made.take(reading, mask)
-        errors.append(made.estimate(given.rest + len(states) * PERIOD).lean_angle[0] - truth)
+            result.take(reading, mask)
+        errors.append(result.estimate(given.rest + len(states) * PERIOD).lean_angle[0] - truth)
     assert abs(errors[1]) < math.radians(0.5)
     assert abs(errors[1] - errors[0]) < math.radians(0.2)
 
 
 def test_not_a_number_is_not_taken() -> None:
     batches, _, plant, given = single_ride(40)
-    made = Filter(plant, given)
+    result = Filter(plant, given)
     for batch in batches:
         for reading, mask in batch:
-            made.take(reading, mask)
-    bad = imu(made.time, (math.nan, 0.0, 0.0), (0.0, 0.0, math.inf))
-    made.take(bad)
-    last = made.estimate()
+            result.take(reading, mask)
+    bad = imu(result.time, (math.nan, 0.0, 0.0), (0.0, 0.0, math.inf))
+    result.take(bad)
+    last = result.estimate()
     assert np.isfinite(last.lean_angle).all()
     assert np.isfinite(last.covariance).all()

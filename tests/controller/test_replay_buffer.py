@@ -192,7 +192,7 @@ def test_one_step_returns_are_those_of_the_general_way(absorbing: bool) -> None:
             rng.normal(size=(5, 2)),
         )
         goal, cut, fall = rng.random((3, 5)) < 0.2
-        made = quick.push(
+        result = quick.push(
             observation, action, reward, following, goal, cut, fall, -0.0, expert_action
         )
         worthy, final = general._worth(reward, goal, fall, -0.0)
@@ -202,6 +202,6 @@ def test_one_step_returns_are_those_of_the_general_way(absorbing: bool) -> None:
             expert_action,
         )
         wanted = general._push(worthy, final, following, (goal, cut, fall))
-        assert made.tobytes() == wanted.tobytes()
+        assert result.tobytes() == wanted.tobytes()
         one, other = quick.state_dict(), general.state_dict()
         assert all(np.array_equal(one[name], other[name]) for name in other)

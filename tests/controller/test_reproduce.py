@@ -132,10 +132,10 @@ def test_a_stopped_reproduction_goes_on_and_a_longer_one_too(tmp_path: Path) -> 
     until(lambda: episodes.exists() and episodes.read_bytes().count(b"\n") > 3, going)
     os.kill(going.pid, signal.SIGINT)
     assert going.wait() == 130
-    made = len(read_columns(run / "episodes.csv")["end"])
-    assert 2 < made < MANY
+    result = len(read_columns(run / "episodes.csv")["end"])
+    assert 2 < result < MANY
     assert not (run / "result.json").exists()
-    longer = made + 3
+    longer = result + 3
     (run / "config.yaml").write_text(
         (run / "config.yaml").read_text().replace(f"steps: {400 * MANY}", f"steps: {400 * longer}")
     )
@@ -166,9 +166,9 @@ def test_killed_while_ray_runs_two_it_goes_on_to_the_same_numbers(tmp_path: Path
     subprocess.run([*command, str(killed)], check=True, capture_output=True)
     subprocess.run([*command, str(whole)], check=True, capture_output=True)
     for seed in ("seed-1", "seed-2"):
-        made, expected = (out / seeds / seed for out in (killed, whole))
-        assert (made / "episodes.csv").read_bytes() == (expected / "episodes.csv").read_bytes()
-        tensors = [load_policy(folder).tensors for folder in (made, expected)]
+        result, expected = (out / seeds / seed for out in (killed, whole))
+        assert (result / "episodes.csv").read_bytes() == (expected / "episodes.csv").read_bytes()
+        tensors = [load_policy(folder).tensors for folder in (result, expected)]
         for name, values in tensors[1].items():
             assert np.array_equal(tensors[0][name], values), (seed, name)
 
@@ -246,12 +246,12 @@ def test_a_trace_is_the_ride_that_is_scored() -> None:
     item = experiments.load("figure-14")
     controller, physics = load_controller("fixed-speed"), ChoiPlant()
     scenario = item.ridden(item.variants[0])
-    made = evaluate_experiments.trace(controller, scenario, physics, 20)
+    result = evaluate_experiments.trace(controller, scenario, physics, 20)
     scored = evaluate(controller, scenario, physics, 20, evaluate_experiments.SEED).rides
-    assert made.length.tolist() == scored.steps.tolist()
-    assert made.reached.tolist() == scored.reached.tolist()
-    moved = np.hypot(np.diff(made.x, axis=0), np.diff(made.y, axis=0))
-    for ride, length in enumerate(made.length):
+    assert result.length.tolist() == scored.steps.tolist()
+    assert result.reached.tolist() == scored.reached.tolist()
+    moved = np.hypot(np.diff(result.x, axis=0), np.diff(result.y, axis=0))
+    for ride, length in enumerate(result.length):
         assert moved[:length, ride].sum() == pytest.approx(scored.path[ride], rel=1e-9)
 
 

@@ -80,8 +80,8 @@ def test_every_committed_summary_follows_from_its_raw_data(folder: Path) -> None
             for row in rows
             if all(row[key] == entry[key] for key in ("arm", "variant", "seed"))
         ]
-        made = max(mine) * run["experiment"]["limit"]
-        assert entry["steps"] * 0.9 <= made <= entry["steps"]
+        result = max(mine) * run["experiment"]["limit"]
+        assert entry["steps"] * 0.9 <= result <= entry["steps"]
 
 
 def test_results_md_follows_from_the_committed_data() -> None:

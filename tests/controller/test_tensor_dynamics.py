@@ -40,11 +40,11 @@ def test_a_task_of_tensors_is_that_of_arrays(scenario: str, plant: ChoiPlant, de
 
 def test_training_steps_its_bicycles_on_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
     """No GPU is needed to see that a collector of another device steps there."""
-    made: list[str] = []
+    result: list[str] = []
 
     class Spy(TensorDynamics):
         def __init__(self, physics: Physics | None, device: torch.device | str) -> None:
-            made.append(str(device))
+            result.append(str(device))
             super().__init__(physics, "cpu")
 
     monkeypatch.setattr(collector, "TensorDynamics", Spy)
@@ -54,5 +54,5 @@ def test_training_steps_its_bicycles_on_the_device(monkeypatch: pytest.MonkeyPat
     made_one = make_collector(config, memory, "cuda")
     for _ in range(10):
         made_one.step(agent)
-    assert made == ["cuda"]
+    assert result == ["cuda"]
     assert made_one.steps == 80

@@ -77,11 +77,11 @@ def test_no_wrong_value_of_any_parameter_gets_in(
     from rclpy.node import Node
 
     def make() -> Node:
-        made = Node("node", enable_rosout=False, start_parameter_services=False)
+        result = Node("node", enable_rosout=False, start_parameter_services=False)
         try:
-            declare(made, kind)
+            declare(result, kind)
         finally:
-            made.destroy_node()
+            result.destroy_node()
         rclpy.try_shutdown()
         raise AssertionError("let in")
 
@@ -134,11 +134,11 @@ def test_a_yaml_bomb_as_parameter_file_is_refused_in_one_line(
     from rclpy.node import Node
 
     def make() -> Node:
-        made = Node("node", enable_rosout=False, start_parameter_services=False)
+        result = Node("node", enable_rosout=False, start_parameter_services=False)
         try:
-            declare(made, SimSettings)
+            declare(result, SimSettings)
         finally:
-            made.destroy_node()
+            result.destroy_node()
         rclpy.try_shutdown()
         raise AssertionError("let in")
 

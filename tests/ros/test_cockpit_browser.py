@@ -53,15 +53,15 @@ def browser() -> Iterator[BrowserContext]:
 def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Started]:
     """Yield a cockpit with its own ride."""
     folder = tmp_path_factory.mktemp("bags")
-    with cockpit("--bags", str(folder), "controller.policy:=lqr") as made:
-        yield made
+    with cockpit("--bags", str(folder), "controller.policy:=lqr") as result:
+        yield result
 
 
 @pytest.fixture(scope="module")
 def page(browser: BrowserContext, started: Started) -> Iterator[BrowserPage]:
     """Yield the page, connected."""
-    with opened(browser, started[0], "waits for a goal") as made:
-        yield made
+    with opened(browser, started[0], "waits for a goal") as result:
+        yield result
 
 
 def shoot(page: BrowserPage, name: str, **more: Any) -> None:
@@ -261,9 +261,9 @@ def test_a_page_of_a_foreign_origin_gets_nothing(
     server = [sys.executable, "-m", "http.server", "0", "--bind", "127.0.0.1"]
     with NodeProcess(server, cwd=tmp_path) as foreign:
         port = foreign.wait_for_line(r"port (\d+)")[1]
-        made = browser.new_page()
-        made.goto(f"http://127.0.0.1:{port}/")
-        tried = made.evaluate(
+        result = browser.new_page()
+        result.goto(f"http://127.0.0.1:{port}/")
+        tried = result.evaluate(
             """async (address) => {
                 const opened = await new Promise((resolve) => {
                     const socket = new WebSocket(address.replace("http", "ws") + "ws");
@@ -280,7 +280,7 @@ def test_a_page_of_a_foreign_origin_gets_nothing(
             }""",
             started[0],
         )
-        made.close()
+        result.close()
     assert tried == {"opened": False, "read": False}
     started[1].wait_for_line("'/bags/any' refused: a page of another site asks")
     own = Page(started[0])

@@ -52,29 +52,29 @@ def browser() -> Iterator[BrowserContext]:
 def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Started]:
     """Yield a cockpit with its own ride."""
     folder = tmp_path_factory.mktemp("bags")
-    with cockpit("--bags", str(folder), "controller.policy:=lqr") as made:
-        yield made
+    with cockpit("--bags", str(folder), "controller.policy:=lqr") as result:
+        yield result
 
 
 @pytest.fixture
 def page(browser: BrowserContext, started: Started) -> Iterator[BrowserPage]:
     """Yield the page, with a bicycle that waits at the origin."""
-    with opened(browser, started[0]) as made:
-        made.set_viewport_size({"width": 1280, "height": 800})
-        expect(made.locator("#controller")).not_to_have_value("")
-        if made.locator("#pause").inner_text().endswith("Go on"):
-            made.locator("#pause").click()
-        made.locator("#reset").click()
-        expect(made.locator("#mode")).to_have_text("waits for a goal")
-        yield made
+    with opened(browser, started[0]) as result:
+        result.set_viewport_size({"width": 1280, "height": 800})
+        expect(result.locator("#controller")).not_to_have_value("")
+        if result.locator("#pause").inner_text().endswith("Go on"):
+            result.locator("#pause").click()
+        result.locator("#reset").click()
+        expect(result.locator("#mode")).to_have_text("waits for a goal")
+        yield result
 
 
 @pytest.fixture
 def other(started: Started) -> Iterator[Page]:
     """Yield a page without a browser."""
-    made = Page(started[0])
-    yield made
-    made.close()
+    result = Page(started[0])
+    yield result
+    result.close()
 
 
 def ride(page: BrowserPage, across: float = 0.8, down: float = 0.3) -> None:

@@ -40,9 +40,9 @@ def serve(start_node: Start, *words: str) -> tuple[NodeProcess, int]:
 @pytest.fixture
 def client(start_node: Start, bicycle: None) -> Iterator[FoxgloveClient]:
     _, port = serve(start_node)
-    made = FoxgloveClient(port)
-    yield made
-    made.close()
+    result = FoxgloveClient(port)
+    yield result
+    result.close()
 
 
 def goal(x: object, y: object, frame: str = "odom") -> bytes:

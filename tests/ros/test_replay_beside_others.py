@@ -36,16 +36,16 @@ def replay(start_node: Start) -> Start:
 
 @pytest.fixture
 def probe(ros_domain: int) -> Iterator[Probe]:
-    made = Probe(ros_domain, STATE, GOAL_STATUS)
-    yield made
-    made.close()
+    result = Probe(ros_domain, STATE, GOAL_STATUS)
+    yield result
+    result.close()
 
 
 @pytest.fixture
 def simulator(start_node: Start) -> NodeProcess:
-    made = start_node(WORKSPACE / "sim.sh", [])
-    made.wait_for_line("waits for its first command")
-    return made
+    result = start_node(WORKSPACE / "sim.sh", [])
+    result.wait_for_line("waits for its first command")
+    return result
 
 
 def refused(process: NodeProcess, *nodes: str) -> None:

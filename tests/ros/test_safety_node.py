@@ -33,9 +33,9 @@ StartNode = Callable[..., NodeProcess]
 
 @pytest.fixture
 def probe(ros_domain: int) -> Iterator[Probe]:
-    made = Probe(ros_domain, STATE, GOAL_STATUS, HAND_OVER, DIAGNOSTICS)
-    yield made
-    made.close()
+    result = Probe(ros_domain, STATE, GOAL_STATUS, HAND_OVER, DIAGNOSTICS)
+    yield result
+    result.close()
 
 
 def test_the_reasons_are_the_message_s() -> None:

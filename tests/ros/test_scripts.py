@@ -73,9 +73,9 @@ def bicycle(start_script: Start) -> tuple[NodeProcess, NodeProcess]:
 
 @pytest.fixture
 def probe(ros_domain: int) -> Iterator[Probe]:
-    made = Probe(ros_domain)
-    yield made
-    made.close()
+    result = Probe(ros_domain)
+    yield result
+    result.close()
 
 
 @pytest.mark.parametrize("name", SCRIPTS)

@@ -14,13 +14,13 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 @pytest.fixture
 def person() -> Iterator[Person]:
     """Somebody who gives the commands that a test says, and ends all of it."""
-    made = Person()
-    made.come(number=1)
+    result = Person()
+    result.come(number=1)
     try:
-        yield made
-        made.what_was_started_runs()
+        yield result
+        result.what_was_started_runs()
     finally:
-        made.teardown()
+        result.teardown()
 
 
 def test_a_live_session_with_everything_at_once(person: Person) -> None:

@@ -41,9 +41,9 @@ def parameters(**values: object) -> list[str]:
 
 @pytest.fixture
 def probe(ros_domain: int) -> Iterator[Probe]:
-    made = Probe(ros_domain, TRAINER)
-    yield made
-    made.close()
+    result = Probe(ros_domain, TRAINER)
+    yield result
+    result.close()
 
 
 def falling_policy(path: Path) -> Path:

@@ -41,9 +41,9 @@ class Counting:
 @pytest.fixture
 def controller(ros_domain: int) -> Iterator[ControllerNode]:
     rclpy.init(args=["test", "--ros-args", "-p", "realtime_priority:=0"], domain_id=ros_domain)
-    made = ControllerNode()
-    yield made
-    made.destroy_node()
+    result = ControllerNode()
+    yield result
+    result.destroy_node()
     rclpy.try_shutdown()
 
 

@@ -62,8 +62,8 @@ def ride(tasks: list[BicycleTask], steps: int, seed: int = 2) -> None:
     """Step both and hold one against the other after each step."""
     rng = np.random.default_rng(seed)
     for action, _ in zip(actions(tasks[0].count, rng), range(steps), strict=False):
-        made, wanted = (bits(task, task.step(action)) for task in tasks)
-        assert made == wanted
+        result, wanted = (bits(task, task.step(action)) for task in tasks)
+        assert result == wanted
         if rng.random() < 0.05:
             mask = rng.random(tasks[0].count) < 0.5
             for task in tasks:

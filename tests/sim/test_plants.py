@@ -33,8 +33,8 @@ MADE: dict[str, Plant[Any]] = {
 
 @pytest.fixture(params=MADE)
 def plant(request: pytest.FixtureRequest) -> Plant[Any]:
-    made: Plant[Any] = MADE[request.param]
-    return made
+    result: Plant[Any] = MADE[request.param]
+    return result
 
 
 def places() -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

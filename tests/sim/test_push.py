@@ -53,12 +53,12 @@ def test_it_acts_in_the_next_step_and_once() -> None:
     loop = riding()
     loop.push(0.2)
     loop.push(0.1)
-    made = loop.receive(answer(loop))[1]
-    assert made is not None
-    assert made.push is not None
-    assert (made.push.episode, made.push.step) == (1, 0)
-    assert made.push.lean_rate == pytest.approx(0.3)
-    assert made.snapshot.lean_rate == pytest.approx(0.3)
+    result = loop.receive(answer(loop))[1]
+    assert result is not None
+    assert result.push is not None
+    assert (result.push.episode, result.push.step) == (1, 0)
+    assert result.push.lean_rate == pytest.approx(0.3)
+    assert result.snapshot.lean_rate == pytest.approx(0.3)
     following = loop.receive(answer(loop))[1]
     assert following is not None
     assert following.push is None
@@ -78,9 +78,9 @@ def test_a_reset_forgets_it() -> None:
     loop = riding()
     loop.push(0.2)
     loop.reset(START, None)
-    made = loop.receive(answer(loop))[1]
-    assert made is not None
-    assert made.push is None
+    result = loop.receive(answer(loop))[1]
+    assert result is not None
+    assert result.push is None
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, LARGEST_PUSH * 1.01, -LARGEST_PUSH * 1.01])

@@ -129,5 +129,5 @@ def test_record_video_writes_a_film(tmp_path: Path) -> None:
     for _ in range(5):
         film.step(np.zeros(2, np.float32))
     film.close()  # type: ignore[no-untyped-call]
-    (made,) = tmp_path.glob("*.mp4")
-    assert made.stat().st_size > 1000
+    (result,) = tmp_path.glob("*.mp4")
+    assert result.stat().st_size > 1000

@@ -49,17 +49,17 @@ PLANTS: dict[str, Plant[Any]] = {
 
 @pytest.fixture(params=PLANTS)
 def plant(request: pytest.FixtureRequest) -> Plant[Any]:
-    made: Plant[Any] = PLANTS[request.param]
-    return made
+    result: Plant[Any] = PLANTS[request.param]
+    return result
 
 
 def commands(plant: Plant[Any], count: int) -> list[Command | None]:
     rng = np.random.default_rng(4)
     limits = SCENARIO.suited(plant.input_names).action_limits * [0.5, 1.0, 1.0]
     drawn = (rng.uniform(-limits, limits).tolist() for _ in range(count))
-    made: list[Command | None] = [Command(1, step, *given) for step, given in enumerate(drawn)]
-    made[3] = None
-    return made
+    result: list[Command | None] = [Command(1, step, *given) for step, given in enumerate(drawn)]
+    result[3] = None
+    return result
 
 
 def test_what_a_plant_has_no_use_for_is_limited_to_zero(plant: Plant[Any]) -> None:

@@ -63,15 +63,15 @@ def leaves(
 
 def changed(message: Any, path: tuple[Any, ...], value: Any) -> Any:
     """Return a copy of a message with one field set."""
-    made = copy.deepcopy(message)
-    holder = made
+    result = copy.deepcopy(message)
+    holder = result
     for part in path[:-1]:
         holder = holder[part] if isinstance(part, int) else getattr(holder, part)
     if isinstance(path[-1], int):
         holder[path[-1]] = value
     else:
         setattr(holder, path[-1], value)
-    return made
+    return result
 
 
 def each_field(message: Any) -> Iterator[Any]:
@@ -85,10 +85,10 @@ def each_field(message: Any) -> Iterator[Any]:
 def several_fields(draw: st.DrawFn, message: Any) -> Any:
     """Copies of a message with any fields at any of their strange values."""
     found = list(leaves(message))
-    made = message
+    result = message
     for path, strange in draw(st.lists(st.sampled_from(found), min_size=1, max_size=6)):
         try:
-            made = changed(made, path, draw(st.sampled_from(strange)))
+            result = changed(result, path, draw(st.sampled_from(strange)))
         except IndexError:  # a list that has been replaced by a shorter one
             continue
-    return made
+    return result

@@ -75,11 +75,11 @@ class Program:
             patch.setattr(argparse.ArgumentParser, "parse_known_args", caught)
             with contextlib.suppress(SystemExit), pytest.raises(Parser) as found:
                 self.call([])
-        made: argparse.ArgumentParser = found.value.args[0]
-        for action in made._actions if self.verb else ():
+        result: argparse.ArgumentParser = found.value.args[0]
+        for action in result._actions if self.verb else ():
             if isinstance(action, argparse._SubParsersAction):
                 return action.choices[self.verb[0]]
-        return made
+        return result
 
 
 def main_of(module: Any) -> Callable[[Words], Any]:

@@ -87,56 +87,56 @@ class Session:
     def run(self, script: str, *words: object) -> NodeProcess:
         """Run a script to its end; the topics are heard meanwhile."""
         begun = time.monotonic()
-        with NodeProcess([str(WORKSPACE / f"{script}.sh"), *map(str, words)], self.env) as made:
-            self.probe.spin_until(lambda: not made.running)
-            made.wait()
-            self._note(script, words, made, begun)
-        return made
+        with NodeProcess([str(WORKSPACE / f"{script}.sh"), *map(str, words)], self.env) as result:
+            self.probe.spin_until(lambda: not result.running)
+            result.wait()
+            self._note(script, words, result, begun)
+        return result
 
     def start(self, name: str, *words: object) -> NodeProcess:
         """Start a script that goes on until it is ended, and wait until it is ready."""
         begun = time.monotonic()
-        made = NodeProcess([str(WORKSPACE / f"{SCRIPTS[name]}.sh"), *map(str, words)], self.env)
-        self._stack.callback(made.kill)
+        result = NodeProcess([str(WORKSPACE / f"{SCRIPTS[name]}.sh"), *map(str, words)], self.env)
+        self._stack.callback(result.kill)
         ready = re.compile(READY[name])
         self.probe.spin_until(
-            lambda: not made.running or any(ready.search(line) for line in made.lines)
+            lambda: not result.running or any(ready.search(line) for line in result.lines)
         )
-        assert made.running, made.output
-        self.running[name] = made
-        self._note(SCRIPTS[name], words, made, begun)
-        return made
+        assert result.running, result.output
+        self.running[name] = result
+        self._note(SCRIPTS[name], words, result, begun)
+        return result
 
     def end(self, name: str, number: signal.Signals = signal.SIGINT) -> NodeProcess:
         """Ctrl-C, or another signal, to what was started; it ends with status 0."""
-        made = self.running.pop(name)
-        made.send_signal(number)
-        self.probe.spin_until(lambda: not made.running)
-        assert made.wait() == 0, made.output
-        self.ended(name, made)
-        return made
+        result = self.running.pop(name)
+        result.send_signal(number)
+        self.probe.spin_until(lambda: not result.running)
+        assert result.wait() == 0, result.output
+        self.ended(name, result)
+        return result
 
     def stop(self, name: str = "") -> None:
         """Run stop.sh: it tells what ran, of that name or at all, and nothing else."""
         expected = {it for it in self.running if not name or it == name}
-        made = self.run("stop", *([name] if name else []))
-        assert made.wait() == 0, made.output
-        told = re.findall(r"^stopped (\w+) \(process \d+", made.output, re.MULTILINE)
-        assert sorted(told) == sorted(expected), made.output
-        assert expected or "nothing of this workspace runs" in made.output
+        result = self.run("stop", *([name] if name else []))
+        assert result.wait() == 0, result.output
+        told = re.findall(r"^stopped (\w+) \(process \d+", result.output, re.MULTILINE)
+        assert sorted(told) == sorted(expected), result.output
+        assert expected or "nothing of this workspace runs" in result.output
         for one in expected:
             process = self.running.pop(one)
             assert process.wait() == 0, process.output
             self.ended(one, process)
 
-    def ended(self, name: str, made: NodeProcess) -> None:
+    def ended(self, name: str, result: NodeProcess) -> None:
         """Check the state after a process has ended."""
-        assert "Traceback" not in made.output, made.output
+        assert "Traceback" not in result.output, result.output
         if name == "simulator":
             self.probe[STATE].clear()
         if name == "recorder":
             assert self._recording is not None
-            self.is_whole(self._recording, made)
+            self.is_whole(self._recording, result)
 
     def is_whole(self, bag: Path, recorder: NodeProcess) -> None:
         """A recorder that has ended leaves a bag with as many messages as it says."""
@@ -167,16 +167,16 @@ class Session:
         self._stack.close()
 
     def _note(
-        self, script: str, words: tuple[object, ...], made: NodeProcess, begun: float
+        self, script: str, words: tuple[object, ...], result: NodeProcess, begun: float
     ) -> None:
         self.done[script] = self.done.get(script, 0) + 1
-        assert "Traceback" not in made.output, made.output
+        assert "Traceback" not in result.output, result.output
         if self._log is not None:
             entry = {
                 "command": " ".join(map(str, (f"{script}.sh", *words))),
-                "status": None if made.running else made.wait(),
+                "status": None if result.running else result.wait(),
                 "seconds": round(time.monotonic() - begun, 1),
-                "line": made.lines[-1] if made.lines else "",
+                "line": result.lines[-1] if result.lines else "",
             }
             self._log.write(json.dumps(entry) + "\n")
             self._log.flush()
@@ -272,8 +272,8 @@ class Person(RuleBasedStateMachine):
     @command(lambda self: self.lacks("cockpit"))
     def cockpit(self) -> None:
         words = ("--no-ride", "--port", "0", "--bags", self.session.folder)
-        made = self.session.start("cockpit", *words)
-        address = made.wait_for_line(READY["cockpit"])[1]
+        result = self.session.start("cockpit", *words)
+        address = result.wait_for_line(READY["cockpit"])[1]
         opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
         with opener.open(address) as page:
             assert b"<title>" in page.read()
@@ -294,22 +294,22 @@ class Person(RuleBasedStateMachine):
         heard = len(session.probe[GOAL_STATUS])
         lay = session.lies()
         patience = 100 if session.rides() else 2
-        made = session.run("goal", *point, "--wait", "--timeout", patience)
-        line = made.lines[-1]
+        result = session.run("goal", *point, "--wait", "--timeout", patience)
+        line = result.lines[-1]
         if "controller" not in session.running:
-            assert made.wait() == 4, line
+            assert result.wait() == 4, line
             assert "no controller" in line
         elif "simulator" not in session.running:
-            assert made.wait() == 4, line
+            assert result.wait() == 4, line
         elif lay:
-            assert made.wait() == 3, line
+            assert result.wait() == 3, line
             assert "lies" in line
-        elif made.wait() == 0:
+        elif result.wait() == 0:
             session.probe.spin_until(lambda: self._reached(heard, point))
         else:
             # The paper's actor and the LQR ride to every goal of this size, but a controller that
             # came late may find the bicycle down.
-            assert made.wait() == 3, line
+            assert result.wait() == 3, line
             session.probe.spin_until(session.lies)
         session.forget()
 
@@ -329,22 +329,22 @@ class Person(RuleBasedStateMachine):
     def push(self, side: str, hard: bool) -> None:
         session = self.session
         lay = session.lies()
-        made = session.run("push", side, 2.0 if hard else 0.2, "--timeout", 2)
+        result = session.run("push", side, 2.0 if hard else 0.2, "--timeout", 2)
         if "simulator" not in session.running:
-            assert made.wait() == 4, made.output
-        elif made.wait() == 2:  # before the first step pushes wait, and their sum is bounded
-            assert "with those that wait for the same step) is beyond 2 rad/s" in made.output
+            assert result.wait() == 4, result.output
+        elif result.wait() == 2:  # before the first step pushes wait, and their sum is bounded
+            assert "with those that wait for the same step) is beyond 2 rad/s" in result.output
         else:
-            assert made.wait() == (3 if lay else 0), made.output
+            assert result.wait() == (3 if lay else 0), result.output
 
     @command(x=st.integers(-5, 5))
     def reset(self, x: int) -> None:
         session = self.session
-        made = session.run("reset", x, 0, "--timeout", 2)
+        result = session.run("reset", x, 0, "--timeout", 2)
         if "simulator" not in session.running:
-            assert made.wait() == 4, made.output
+            assert result.wait() == 4, result.output
             return
-        assert made.wait() == 0, made.output
+        assert result.wait() == 0, result.output
         session.probe[STATE].clear()
         session.probe.spin_until(lambda: session.probe[STATE])
         first = session.probe[STATE][0]
@@ -369,55 +369,55 @@ class Person(RuleBasedStateMachine):
         session = self.session
         output = session.folder / f"run-{next(session._numbers)}"
         words = ("--goals", 1, "--field", 20, "--seed", number, "--output", output)
-        made = session.run("ride", *words, "simulator.pace:=lockstep", "controller.policy:=lqr")
+        result = session.run("ride", *words, "simulator.pace:=lockstep", "controller.policy:=lqr")
         if {"simulator", "controller"} & session.running.keys():
-            assert made.wait() == 1, made.output
-            assert f"ROS_DOMAIN_ID={session.domain} is taken by" in made.output
+            assert result.wait() == 1, result.output
+            assert f"ROS_DOMAIN_ID={session.domain} is taken by" in result.output
             return
-        assert made.wait() == 0, made.output
-        assert "1 of 1 reached" in made.output
-        assert "0 steps missing" in made.output
+        assert result.wait() == 0, result.output
+        assert "1 of 1 reached" in result.output
+        assert "0 steps missing" in result.output
         session.bags.append(output / "bag")
 
     @command(lambda self: self.session.bags, which=CHOICE)
     def replay(self, which: int) -> None:
         session = self.session
         bag = chosen(session.bags, which)
-        made = session.run("replay", bag, "--rate", 50, "--delay", 0)
+        result = session.run("replay", bag, "--rate", 50, "--delay", 0)
         counts = BagReader(bag).counts
         if not sum(counts.values()):
-            assert made.wait() == 1, made.output
-            assert "has no message to play" in made.output
+            assert result.wait() == 1, result.output
+            assert "has no message to play" in result.output
             return
         others = {"simulator", "controller", "trainer"} & session.running.keys()
         if "simulator" in others and counts.get("/bicycle/state"):
-            assert made.wait() == 1, made.output
-        if made.wait() != 0:
-            assert made.wait() == 1, made.output
-            assert "published by" in made.output
+            assert result.wait() == 1, result.output
+        if result.wait() != 0:
+            assert result.wait() == 1, result.output
+            assert "published by" in result.output
         if "simulator" not in others:
             session.probe[STATE].clear()
 
     @command(lambda self: self.session.bags, which=CHOICE)
     def verify(self, which: int) -> None:
         bag = chosen(self.session.bags, which)
-        made = self.session.run("replay", "--verify", bag)
-        assert "not the same" not in made.output, made.output
+        result = self.session.run("replay", "--verify", bag)
+        assert "not the same" not in result.output, result.output
         if bag.parent.name.startswith("run-"):
-            assert made.wait() == 0, made.output
+            assert result.wait() == 0, result.output
 
     @command(lambda self: self.session.bags, which=CHOICE)
     def report(self, which: int) -> None:
         session = self.session
         bag = chosen(session.bags, which)
         page = session.folder / f"page-{next(session._numbers)}.html"
-        made = session.run("report", bag, "--output", page)
+        result = session.run("report", bag, "--output", page)
         if BagReader(bag).counts.get("/bicycle/state", 0):
-            assert made.wait() == 0, made.output
+            assert result.wait() == 0, result.output
             if bag.parent.name.startswith("run-"):
                 assert "1 of 1 goals reached" in page.read_text()
         else:
-            assert made.wait() != 0, "a page of a bag without a bicycle"
+            assert result.wait() != 0, "a page of a bag without a bicycle"
 
     @invariant()
     def what_was_started_runs(self) -> None:

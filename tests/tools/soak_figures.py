@@ -84,8 +84,8 @@ def loop_figures(timing: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
     period, lateness, dropped = (
         timing[name][order] for name in ("period", "lateness", "dropped_steps")
     )
-    made = np.arange(1, len(order)) + dropped[1:] - float(dropped[0])
-    drift = np.cumsum(period[1:]) - made * DT
+    result = np.arange(1, len(order)) + dropped[1:] - float(dropped[0])
+    drift = np.cumsum(period[1:]) - result * DT
     lateness = lateness[np.isfinite(lateness)]
     return {
         "late_steps": int(timing["late_steps"].max()),

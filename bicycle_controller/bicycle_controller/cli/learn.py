@@ -127,8 +127,8 @@ def _told(result: offline.Learned, args: argparse.Namespace, about: dict[str, An
 
 def told(result: offline.Learned, out: Path) -> str:
     """Return the result as a few lines."""
-    made = f"{result.updates:,} updates from {result.transitions:,} transitions"
-    lines = [f"{result.status} after {made} in {result.wall_s:.0f} s ({result.cpu_s:.0f} s CPU)"]
+    work = f"{result.updates:,} updates from {result.transitions:,} transitions"
+    lines = [f"{result.status} after {work} in {result.wall_s:.0f} s ({result.cpu_s:.0f} s CPU)"]
     if result.best is not None:
         best = result.best
         time = "no goal" if best.median_time_s is None else f"median {best.median_time_s:.1f} s"

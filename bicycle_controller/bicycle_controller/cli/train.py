@@ -105,8 +105,8 @@ def run_command(args: argparse.Namespace) -> int:
 
 def told(result: online.Result, args: argparse.Namespace) -> str:
     """Return the result as a few lines."""
-    made = f"{result.steps} steps and {result.updates} updates in {result.wall_s:.0f} s"
-    lines = [f"{result.status} after {made} ({result.cpu_s:.0f} s of processor time)"]
+    work = f"{result.steps} steps and {result.updates} updates in {result.wall_s:.0f} s"
+    lines = [f"{result.status} after {work} ({result.cpu_s:.0f} s of processor time)"]
     if result.best is not None:
         best = result.best
         time = "no goal" if best.median_time_s is None else f"median {best.median_time_s:.1f} s"

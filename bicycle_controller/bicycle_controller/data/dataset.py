@@ -214,7 +214,7 @@ def memory_rows(data: Dataset, ddpg: DdpgConfig) -> np.ndarray:
     action = np.clip(found.action[:, driven] / limits[driven], -1.0, 1.0)
     lanes = lanes_of(found.ended)
     returns = NStepAccumulator(lanes.shape[1], len(driven), RewardShaping.of(ddpg))
-    made = []
+    parts = []
     for rows in lanes:
         there = rows >= 0
         flags = (found.terminated[rows], found.truncated[rows] | ~there, found.fallen[rows])
@@ -223,8 +223,8 @@ def memory_rows(data: Dataset, ddpg: DdpgConfig) -> np.ndarray:
         out = returns.push(
             seen, action[rows], found.reward[rows], found.next_observation[rows], *flags
         )
-        made.append(out[np.isfinite(out[:, 0])])
-    return np.concatenate(made)
+        parts.append(out[np.isfinite(out[:, 0])])
+    return np.concatenate(parts)
 
 
 def lanes_of(ended: np.ndarray, count: int = LANES) -> np.ndarray:

@@ -85,10 +85,10 @@ def _coverage(data: Dataset) -> list[list[int]]:
 def as_text(found: dict[str, Any]) -> str:
     """Return the report as text that fits one screen."""
     lost = ", ".join(f"{count} {name}" for name, count in found["lost"].items())
-    made = sum(not bag["recorded"] for bag in found["bags"])
+    rebuilt = sum(not bag["recorded"] for bag in found["bags"])
     lines = [
         f"{found['transitions']:,} transitions ({found['minutes']:.1f} min) from"
-        f" {len(found['bags'])} bags, {made} of them rebuilt from states, in"
+        f" {len(found['bags'])} bags, {rebuilt} of them rebuilt from states, in"
         f" {found['load_s']:.1f} s",
         f"{found['pursuits']:,} pursuits: {found['goals']:,} goals, {found['falls']:,} falls"
         f" ({found['fall_share']:.1%}); lost: {lost}; clock gaps: {found['clock_gaps']}",

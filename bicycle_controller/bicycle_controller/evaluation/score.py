@@ -99,11 +99,11 @@ def shaken(
         speed = task.state.speed
         action = riding.act(observation, speed) + noise.sample() * limits
         riding.acted(observation, speed, np.clip(action, -limits, limits))
-        made = task.step(action)
-        observation = made.observation
-        if made.terminated.any():
-            task.reset(made.terminated)
-            riding.reset(made.terminated)
+        result = task.step(action)
+        observation = result.observation
+        if result.terminated.any():
+            task.reset(result.terminated)
+            riding.reset(result.terminated)
             observation = task.observation()
     return float(task.fallen.mean())
 

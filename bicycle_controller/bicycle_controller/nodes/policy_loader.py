@@ -15,7 +15,7 @@ from bicycle_common.nodes import topics
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.policy.policy import PolicyError, load_controller
 
-Made = Controller | Exception | None
+Loaded = Controller | Exception | None
 """Result of a thread, or the reason of its failure."""
 
 LAST_LOAD = 1.0
@@ -26,7 +26,7 @@ class Making:
     """Controllers computed in their own threads; the loop's thread collects the finished ones."""
 
     def __init__(self) -> None:
-        self._ready: queue.SimpleQueue[Made] = queue.SimpleQueue()
+        self._ready: queue.SimpleQueue[Loaded] = queue.SimpleQueue()
 
     def begin(self, make: Callable[[], Controller | None]) -> None:
         """Compute one in a thread; a failure is returned as its exception."""
@@ -39,7 +39,7 @@ class Making:
 
         threading.Thread(target=work, daemon=True).start()
 
-    def ready(self) -> Iterator[Made]:
+    def ready(self) -> Iterator[Loaded]:
         """Yield all that are ready and not yet collected."""
         while not self._ready.empty():
             yield self._ready.get()

@@ -75,12 +75,12 @@ def scored(experiment: Experiment, mode: str, ridden: Ridden, rides: int) -> Row
     found = evaluate(
         ridden.controller, scenario, plant, rides, SEED, disturbance=ridden.variant.trial
     )
-    summary, made = found.summary(), found.rides
-    steps = np.where(made.reached, made.steps, scenario.max_steps)
+    summary, outcomes = found.summary(), found.rides
+    steps = np.where(outcomes.reached, outcomes.steps, scenario.max_steps)
     return ridden.about | {
         "rides": rides,
-        "reached": int(made.reached.sum()),
-        "fallen": int(made.fallen.sum()),
+        "reached": int(outcomes.reached.sum()),
+        "fallen": int(outcomes.fallen.sum()),
         "orbits": int(found.orbits.sum()),
         "median_time_s": summary["median_time_s"],
         "steps": float(steps.mean()),
@@ -141,40 +141,40 @@ def trace(
     return Trace(x, y, speed, seen, acted, length, reached, fallen)
 
 
-def ways(ridden: Ridden, made: Trace) -> list[Row]:
+def ways(ridden: Ridden, traced: Trace) -> list[Row]:
     """Return the points of each ride's track."""
     rows: list[Row] = []
-    for ride, length in enumerate(made.length):
+    for ride, length in enumerate(traced.length):
         points = np.unique(np.linspace(0, int(length), WAY_POINTS).astype(int))
         for point in points:
-            where = {"x": round(float(made.x[point, ride]), 2)}
-            where["y"] = round(float(made.y[point, ride]), 2)
+            where = {"x": round(float(traced.x[point, ride]), 2)}
+            where["y"] = round(float(traced.y[point, ride]), 2)
             about: dict[str, Any] = {"rider": ridden.name, "variant": ridden.variant.name}
-            rows.append(about | {"ride": ride, "reached": int(made.reached[ride])} | where)
+            rows.append(about | {"ride": ride, "reached": int(traced.reached[ride])} | where)
     return rows
 
 
-def states(ridden: Ridden, made: Trace, plant: Plant[Any]) -> list[Row]:
+def states(ridden: Ridden, traced: Trace, plant: Plant[Any]) -> list[Row]:
     """Return every step of the first ride that reached its goal, or else of the first ride."""
-    ride = int(np.argmax(made.reached))
+    ride = int(np.argmax(traced.reached))
     rows: list[Row] = []
-    for step in range(int(made.length[ride]) + 1):
-        row: Row = ridden.about | {"reached": int(made.reached[ride]), "step": step}
+    for step in range(int(traced.length[ride]) + 1):
+        row: Row = ridden.about | {"reached": int(traced.reached[ride]), "step": step}
         row["time"] = step * plant.time_step
-        row |= dict(zip(OBSERVATION_FIELDS, made.observation[step, ride].tolist(), strict=True))
-        row |= dict(zip(ACTION_FIELDS, made.action[step, ride].tolist(), strict=True))
+        row |= dict(zip(OBSERVATION_FIELDS, traced.observation[step, ride].tolist(), strict=True))
+        row |= dict(zip(ACTION_FIELDS, traced.action[step, ride].tolist(), strict=True))
         rows.append(row)
     return rows
 
 
-def profile(ridden: Ridden, made: Trace, every: int = 4) -> list[Row]:
+def profile(ridden: Ridden, traced: Trace, every: int = 4) -> list[Row]:
     """Return speed and absolute heading error by step, over the rides still running."""
     rows: list[Row] = []
-    for step in range(0, int(made.length.max()) + 1, every):
-        going = made.length >= step
+    for step in range(0, int(traced.length.max()) + 1, every):
+        going = traced.length >= step
         if going.sum() < max(2, 0.1 * len(going)):
             break  # the mean of a few rides does not represent all
-        speed, error = made.speed[step, going], np.abs(made.observation[step, going, 5])
+        speed, error = traced.speed[step, going], np.abs(traced.observation[step, going, 5])
         low, high = np.quantile(speed, [0.025, 0.975])
         row: Row = {"rider": ridden.name, "variant": ridden.variant.name, "step": step}
         row |= {"riding": int(going.sum()), "speed": float(speed.mean())}

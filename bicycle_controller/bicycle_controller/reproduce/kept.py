@@ -30,20 +30,20 @@ class Kept:
     """
 
     def __init__(
-        self, folder: Path, experiment: Experiment, made: Iterable[Key], rides: int
+        self, folder: Path, experiment: Experiment, own: Iterable[Key], rides: int
     ) -> None:
         """Read the folder.
 
         Args:
             folder: of the experiment in one mode; may be empty.
             experiment: the current one.
-            made: the runs on this machine.
+            own: the runs on this machine.
             rides: number of rides of each score.
         """
         self._folder, self._experiment = folder, experiment
         file = folder / "run.json"
         old = json.loads(file.read_text()) if file.exists() else {"training": []}
-        here, arms = set(made), self._same_arms(old, rides)
+        here, arms = set(own), self._same_arms(old, rides)
         self.training: list[dict[str, Any]] = [
             entry for entry in old["training"] if entry["arm"] in arms and _key(entry) not in here
         ]

@@ -25,16 +25,16 @@ def curves(run: Run, limit: int) -> list[Row]:
     bicycles, or runs whose falls end an episode, are drawn over equal experience.
     """
     log = read_columns(run.job.folder / "episodes.csv")
-    made = log["end"].max(initial=0.0)
-    if made == 0:
+    steps = log["end"].max(initial=0.0)
+    if steps == 0:
         return []
     bins = int(min(BINS, max(1, len(log["end"]) // 2)))
-    index = np.ceil(log["end"] / made * bins).astype(int) - 1
+    index = np.ceil(log["end"] / steps * bins).astype(int) - 1
     rows: list[Row] = []
     for number in range(bins):
         mine = index == number
         if mine.any():
-            about = _about(run) | {"at": made * (number + 1) / bins / limit}
+            about = _about(run) | {"at": steps * (number + 1) / bins / limit}
             means = {name: float(log[name][mine].mean()) for name in MEANS}
             rows.append(about | {"episodes": int(mine.sum())} | means)
     return rows

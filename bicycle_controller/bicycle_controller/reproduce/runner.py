@@ -62,8 +62,8 @@ def reproduce(experiment: Experiment, mode: str, length: Length, options: Option
     done = [run for run in map(training.there, planned) if run is not None]
     good = [run for run in done if run.succeeded]
     folder = out / experiment.name / mode
-    made = [(run.arm.name, run.variant.name, run.job.seed) for run in done]
-    kept = Kept(folder, experiment, made, length.rides)
+    own = [(run.arm.name, run.variant.name, run.job.seed) for run in done]
+    kept = Kept(folder, experiment, own, length.rides)
     _write_training(folder, experiment, good, kept)
     ridden = list(evaluate_experiments.riders(experiment, mode, good))
     about["policies"] = {item.name: item.controller.policy_id for item in ridden if not item.seed}
@@ -148,17 +148,19 @@ def _write_traces(
     best = next((item for item in ridden if item.role == "best" and item.seed == 0), None)
     best = best or next((item for item in ridden if item.role == "best"), None)
     for item in ridden:
-        made = evaluate_experiments.trace(
+        traced = evaluate_experiments.trace(
             item.controller, experiment.ridden(item.variant), plant, count
         )
         if experiment.picture == "states":
             rows.setdefault(summary.STATES, []).extend(
-                evaluate_experiments.states(item, made, plant)
+                evaluate_experiments.states(item, traced, plant)
             )
         if experiment.picture in ("turn", "speed"):
-            rows.setdefault(summary.PROFILES, []).extend(evaluate_experiments.profile(item, made))
+            rows.setdefault(summary.PROFILES, []).extend(
+                evaluate_experiments.profile(item, traced)
+            )
         if experiment.picture == "goals" and item is best:
-            rows.setdefault(summary.WAYS, []).extend(evaluate_experiments.ways(item, made))
+            rows.setdefault(summary.WAYS, []).extend(evaluate_experiments.ways(item, traced))
     for name, table in rows.items():
         write_table(folder / name, kept.with_traces(name, table))
 

@@ -60,9 +60,9 @@ def restore(path: Path, take: Callable[[dict[str, Any]], None]) -> None:
     try:
         take(state)
     except KeyError as error:
-        made = state.get("origin", {}).get("commit", "unknown")
+        commit = state.get("origin", {}).get("commit", "unknown")
         raise ValueError(
-            f"{path} holds no {error}: it is of another version of this code (commit {made}): "
+            f"{path} holds no {error}: it is of another version of this code (commit {commit}): "
             "resume it with its code, or delete it to start again from config.yaml"
         ) from None
 

@@ -107,14 +107,14 @@ def run_job(
     try:
         begun = files.config.exists()
         if begun:
-            made = online.resume(job.folder, progress=progress)
+            trained = online.resume(job.folder, progress=progress)
         else:
-            made = online.run(job.config, job.folder, progress)
+            trained = online.run(job.config, job.folder, progress)
     except (ValueError, RuntimeError) as error:
         return about | {"status": "failed", "error": " ".join(str(error).split())}, b""
     path = files.best if files.best.exists() else files.last
-    result = about | asdict(made)
-    if made.status != "interrupted":
+    result = about | asdict(trained)
+    if trained.status != "interrupted":
         found = evaluate(load_policy(path), job.config.scenario, job.config.physics, episodes)
         result["evaluation"] = found.summary()
     return result, path.read_bytes()

@@ -35,8 +35,8 @@ def from_dict(data: Any) -> Plant[Any]:
     """
     if not isinstance(data, dict):
         raise ValueError(f"a plant must be a mapping, not {type(data).__name__}")
-    made: Plant[Any] = _kind(str(data.get("plant", ChoiPlant.name))).from_dict(data)
-    return made
+    plant: Plant[Any] = _kind(str(data.get("plant", ChoiPlant.name))).from_dict(data)
+    return plant
 
 
 def named(

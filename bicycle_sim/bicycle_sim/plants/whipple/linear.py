@@ -174,14 +174,14 @@ def critical_speeds(b: Bicycle) -> CriticalSpeeds:
     product = np.polynomial.polynomial.polymul
 
     def times(*factors: np.ndarray) -> np.ndarray:
-        made = np.ones(1)
+        polynomial = np.ones(1)
         for factor in factors:
-            made = product(made, factor)
-        return made
+            polynomial = product(polynomial, factor)
+        return polynomial
 
     def difference(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-        made: np.ndarray = np.polynomial.polynomial.polysub(one, other)
-        return made
+        polynomial: np.ndarray = np.polynomial.polynomial.polysub(one, other)
+        return polynomial
 
     # An imaginary pair: Routh and Hurwitz' last determinant.
     hurwitz = difference(times(a1, difference(times(a2, a3), times(a1, a4))), times(a0, a3, a3))

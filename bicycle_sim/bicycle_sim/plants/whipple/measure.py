@@ -243,7 +243,7 @@ def bicycle(m: Measured) -> tuple[Bicycle, list[str]]:
 
     rear_spin = gyration("rear_rim", rear_wheel, "IRyy", m.rear_radius)
     front_spin = gyration("front_rim", front_wheel, "IFyy", m.front_radius)
-    made = Bicycle(
+    bicycle = Bicycle(
         w=m.wheelbase,
         c=trail,
         lam=tilt,
@@ -272,12 +272,12 @@ def bicycle(m: Measured) -> tuple[Bicycle, list[str]]:
         g=m.g,
     )
     if m.rider_mass is None:
-        return made, notes
+        return bicycle, notes
     notes.append(
         "rider: centre of mass and inertia of one rider measured on three bicycles, scaled with "
         "body height"
     )
-    return with_rider(made, _rider(m)), notes
+    return with_rider(bicycle, _rider(m)), notes
 
 
 def _rider(m: Measured) -> RigidRider:

@@ -27,7 +27,7 @@ MOST_ROWS = 24_000
 """Largest number of rows of a bag on the page, ten minutes at 40 Hz; longer ones are thinned."""
 
 Numbers = NDArray[np.float64]
-Made = TypeVar("Made")
+Content = TypeVar("Content")
 
 
 def session(path: Path) -> dict[str, Any]:
@@ -88,7 +88,7 @@ def _simulated_time(ride: RideLog) -> Numbers:
     return np.cumsum(np.where(steps < 0, 0.025, steps))
 
 
-def _first(ride: RideLog, name: str, read: Callable[[str], Made]) -> Made | None:
+def _first(ride: RideLog, name: str, read: Callable[[str], Content]) -> Content | None:
     """Read `name` from the first episode; None if the bag has none, or of another version."""
     for text in ride.episodes.get(name, ()):
         try:

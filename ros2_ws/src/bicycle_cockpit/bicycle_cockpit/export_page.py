@@ -84,14 +84,14 @@ def _entry(ride: dict[str, Any]) -> dict[str, Any]:
 
 def _distinct(names: Sequence[str]) -> list[str]:
     """Return names that differ, and are names of files."""
-    made: list[str] = []
+    taken: list[str] = []
     for name in names:
         plain = "".join(c if c.isalnum() or c in "-_." else "-" for c in name) or "ride"
         number = 2
-        while plain in made:
+        while plain in taken:
             plain, number = f"{plain.rstrip('0123456789')}{number}", number + 1
-        made.append(plain)
-    return made
+        taken.append(plain)
+    return taken
 
 
 def _write(path: Path, data: dict[str, Any]) -> None:

@@ -144,11 +144,11 @@ class RideState:
         place = self.position
         if "kind" in more and place is not None:
             more = {"x": plain(place[0]), "y": plain(place[1]), **more}
-        made = {"type": "event", "n": self._events_told, "ride": self._ride, "level": level}
-        made |= {"text": text, "t": plain(self.time), **more}
+        event = {"type": "event", "n": self._events_told, "ride": self._ride, "level": level}
+        event |= {"text": text, "t": plain(self.time), **more}
         self._events_told += 1
-        self._events.append(made)
-        return made
+        self._events.append(event)
+        return event
 
     def trained(self, facts: dict[str, Any]) -> None:
         """Keep a report of the trainer; one for each number of updates."""

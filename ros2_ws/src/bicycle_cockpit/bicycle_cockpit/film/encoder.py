@@ -79,15 +79,15 @@ def encoder(path: Path, rate: float) -> Iterator[Encoder]:
     check_format(path)
     kind = path.suffix.lower()
     with tempfile.TemporaryDirectory(dir=path.absolute().parent, prefix=".film-") as folder:
-        made = Path(folder) / f"film{kind}"
+        result = Path(folder) / f"film{kind}"
         if kind in (".mp4", ".webm"):
-            with _Ffmpeg(made, rate) as writer:
+            with _Ffmpeg(result, rate) as writer:
                 yield writer
         else:
-            images = _Images(made, rate)
+            images = _Images(result, rate)
             yield images
             images.close()
-        made.replace(path)
+        result.replace(path)
 
 
 class _Ffmpeg:

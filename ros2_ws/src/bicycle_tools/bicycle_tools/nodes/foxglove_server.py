@@ -103,7 +103,7 @@ class FoxgloveServer(Node):
         self._held: dict[str, tuple[Any, float]] = {}
         self._complaints: deque[float] = deque(maxlen=MOST_COMPLAINTS)
         publishers = topics.advertise(self, *ACCEPTED) if self._settings.publish else {}
-        self._inputs = {made.topic_name: (made, made.msg_type) for made in publishers.values()}
+        self._inputs = {given.topic_name: (given, given.msg_type) for given in publishers.values()}
         try:
             self._filter = TopicFilter(regex=self._settings.topics)
         except BagError as error:
