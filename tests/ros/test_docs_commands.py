@@ -82,7 +82,7 @@ def running() -> Iterator[ExitStack]:
 
 
 def ride(folder: Path, running: ExitStack) -> None:
-    """Return the commands that the page keeps running during a recording."""
+    """Start the ride that the page keeps running during a recording."""
     for command in ("./ros2_ws/sim.sh", "./ros2_ws/controller.sh"):
         begin(command, FOREVER[command.removeprefix("./ros2_ws/")], folder, running)
     subprocess.run(["./ros2_ws/goal.sh", "40", "15"], cwd=folder, check=True, timeout=LONGEST)
