@@ -69,12 +69,12 @@ _bicycle_wheels() { # VENV: ROS 2 from the virtual environment
 
 _bicycle_overlay() { # WORKSPACE: the packages that colcon built, and the sources of the Python ones
   local ws=$1 folder package
-  for folder in "$ws"/install/bicycle_*; do
+  for folder in "$ws"/install/tf2_msgs "$ws"/install/bicycle_*; do
     [[ -d $folder ]] || continue
     _bicycle_prepend AMENT_PREFIX_PATH "$folder"
     [[ ! -d $folder/lib ]] || _bicycle_prepend LD_LIBRARY_PATH "$folder/lib"
   done
-  for folder in "$ws"/install/bicycle_msgs/lib/python3*/*-packages; do
+  for folder in "$ws"/install/{tf2_msgs,bicycle_msgs}/lib/python3*/*-packages; do
     [[ ! -d $folder ]] || _bicycle_prepend PYTHONPATH "$folder"
   done
   for package in "$ws"/src/bicycle_*; do

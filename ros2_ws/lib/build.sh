@@ -21,7 +21,8 @@ build_packages() { # Everything in src
   if path_is_plain "$ws"; then
     colcon_build "$venv" --base-paths src --symlink-install
   else
-    build_messages_apart && colcon_build "$venv" --base-paths src --symlink-install --packages-skip bicycle_msgs
+    build_messages_apart && colcon_build "$venv" --base-paths src --symlink-install \
+      --packages-skip tf2_msgs bicycle_msgs
   fi
 }
 
@@ -30,17 +31,17 @@ path_is_plain() { # PATH: whether CMake and the generators take it: ASCII letter
   [[ $1 == /* && $1 != *[!A-Za-z0-9/_.-]* ]] && ((${#1} <= 150))
 }
 
-build_messages_apart() ( # Builds bicycle_msgs in a folder whose path is plain and copies the result here
+build_messages_apart() ( # Builds tf2_msgs and bicycle_msgs in a folder whose path is plain and copies them here
   apart=$(plain_folder) ||
     { echo "No folder for temporary files has a plain path; set TMPDIR to one of letters and digits." && exit 1; }
   trap 'rm -rf "$apart"' EXIT
   trap 'exit 143' TERM
-  mkdir "$apart/src" && cp -RL "$ws/src/bicycle_msgs" "$apart/src/" && ln -s "$venv" "$apart/venv" || exit
+  mkdir "$apart/src" && cp -RL "$ws"/src/{tf2,bicycle}_msgs "$apart/src/" && ln -s "$venv" "$apart/venv" || exit
   [[ -n $native ]] || export AMENT_PREFIX_PATH=$apart/venv
   colcon_build "$apart/venv" --base-paths "$apart/src" --build-base "$apart/build" \
     --install-base "$apart/install" || exit
-  rm -rf "$ws/install/bicycle_msgs" && cp -R "$apart/install/bicycle_msgs" "$ws/install/" || exit
-  grep -rlIF "$apart/install" "$ws/install/bicycle_msgs" | while read -r file; do # colcon's scripts name their place
+  rm -rf "$ws"/install/{tf2,bicycle}_msgs && cp -R "$apart"/install/{tf2,bicycle}_msgs "$ws/install/" || exit
+  grep -rlIF "$apart/install" "$ws"/install/{tf2,bicycle}_msgs | while read -r file; do # colcon's scripts name their place
     text=$(<"$file") && printf '%s\n' "${text//"$apart/install"/"$ws/install"}" >"$file"
   done
 )

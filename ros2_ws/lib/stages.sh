@@ -93,7 +93,7 @@ build_inputs() { # The fingerprint of all that decides what colcon builds
   local files
   files=$(
     cd "$ws" || exit
-    find -L src -path '*/.*' -prune -o -type f \( -path '*/bicycle_msgs/*' -o -name package.xml -o -name setup.py \
+    find -L src -path '*/.*' -prune -o -type f \( -path '*_msgs/*' -o -name package.xml -o -name setup.py \
       -o -name setup.cfg -o -name '*.cpp' -o -name '*.h' \) -print | LC_ALL=C sort
   )
   {

@@ -15,6 +15,7 @@ from bicycle_controller.control.control_output import ControllerSwitch, ControlO
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.exploration_noise import Noise
 from bicycle_controller.control.goals import GoalTracker, Pose
+from bicycle_controller.control.guide import Guide, PathEnd
 from bicycle_controller.control.riding import Riding
 from bicycle_controller.control.safety import Reason, Safety, stopping_pedal
 from bicycle_controller.control.standby import Standby
@@ -40,6 +41,7 @@ class ControlLoop:
         handed_over: number of answers that the fallback gave.
         failing: True if the policy failed at the last answer.
         standby: detects that another controller drives.
+        guide: steers in place of the policy, along a path or by cmd_vel; None for goals.
         times: computing times of the latest answers, s.
         policy_times: the policy's own part of them, s, if it was asked.
     """
@@ -92,6 +94,8 @@ class ControlLoop:
         self._command: Command | None = None
         self.failing = False
         self.standby = Standby(name)
+        self.guide: Guide | None = None
+        self._time = 0.0
 
     def answer(self, snapshot: BicycleState, simulated_time: float) -> ControlOutput:
         """Answer one state; `simulated_time` in s.
@@ -103,6 +107,8 @@ class ControlLoop:
         found_riding = self._last is None and snapshot.step > 0
         steps = self._count(snapshot)
         again = self._last == (snapshot.episode, snapshot.step)
+        self._time = simulated_time
+        self._keep_guide(snapshot)
         pose = _pose(snapshot, simulated_time)
         if found_riding and self._take_over and not snapshot.fallen:
             self._ride_on(snapshot)
@@ -115,11 +121,28 @@ class ControlLoop:
         self._command, warning, hand_over = None, self.standby.warning(), None
         if self.standby.keeps_out(snapshot, again):
             return ControlOutput(None, events, warning)
-        if self.tracker.steers and not snapshot.fallen:
+        if (self.tracker.steers or self.guide is not None) and not snapshot.fallen:
             self._command, warning, hand_over = self._decide(snapshot, pose, steps)
             self.answered += 1
             self.times.append(time.perf_counter() - started)
         return ControlOutput(self._command, events, warning, hand_over)
+
+    def steer_by(self, guide: Guide | None) -> None:
+        """Let a guide steer from the next state on, or the policy again."""
+        if self.guide is not None and guide is not self.guide:
+            self.guide.end(PathEnd.REPLACED, "a newer order came")
+        self.guide = guide
+        if guide is not None:
+            self._stopped_for = None
+
+    def _keep_guide(self, snapshot: BicycleState) -> None:
+        """End the guide with a fall, or with a new episode."""
+        if self.guide is None or self._last is None:
+            return
+        if snapshot.episode != self._last[0]:
+            self.guide.end(PathEnd.CANCELLED, "the simulator was reset")
+        elif snapshot.fallen:
+            self.guide.end(PathEnd.FALLEN, "the bicycle fell")
 
     def _count(self, snapshot: BicycleState) -> int:
         """Count skipped steps, and restart the count with a new episode.
@@ -154,8 +177,16 @@ class ControlLoop:
         self, snapshot: BicycleState, pose: Pose, steps: int
     ) -> tuple[Command, str, ControllerSwitch | None]:
         """Return the command for a state, a line if the policy begins to fail, and any switch."""
-        seen = observation(snapshot, self.tracker.heading_error(pose))[None]
-        action, in_charge, warning, hand_over = self._choose(snapshot, seen)
+        guide = self.guide
+        if guide is not None and guide.over:
+            guide = None
+            if not self.tracker.has_goal:
+                self.tracker.hold(snapshot.heading)
+        error = (
+            self.tracker.heading_error(pose) if guide is None else guide.heading_error(snapshot)
+        )
+        seen = observation(snapshot, error)[None]
+        action, in_charge, warning, hand_over = self._choose(snapshot, seen, guide)
         if self._noise is not None:
             known = np.where(np.isfinite(self.limits), self.limits, 0.0)
             action = action + self._noise.sample()[0] * known
@@ -181,13 +212,22 @@ class ControlLoop:
         return command, warning, hand_over
 
     def _choose(
-        self, snapshot: BicycleState, seen: np.ndarray
+        self, snapshot: BicycleState, seen: np.ndarray, guide: Guide | None
     ) -> tuple[np.ndarray, str, str, ControllerSwitch | None]:
         """Return the action (3,), the id of its controller, and the text to report."""
         speed = np.array([snapshot.speed])
         before = self._driven_by_fallback
         may = self.safety is None or self._judge(self.safety, snapshot, seen, speed)
-        action, trouble = self._ask(seen, speed) if may else (None, "")
+        trouble, guided = "", None
+        if guide is not None:  # it is asked even while the fallback drives: it counts the way
+            guided = guide.act(snapshot, self._time)
+            if not np.isfinite(guided).all():
+                guided, trouble = None, "gave no finite command on the path"
+        action: np.ndarray | None = None
+        if may and guided is not None:
+            action = guided
+        elif may and not trouble:
+            action, trouble = self._ask(seen, speed)
         if trouble and self.safety is not None:
             self.safety.fail(np.array([True]))
         warning = ""
@@ -204,7 +244,7 @@ class ControlLoop:
                 action[2] = stopping_pedal(snapshot.speed)
             in_charge = self._fallback_id
         else:
-            in_charge = self.policy.policy_id
+            in_charge = self.policy.policy_id if guide is None else guide.policy_id
         told = self._tell(snapshot, trouble) if before != self._driven_by_fallback else None
         return action, in_charge, "" if told else warning, told
 
@@ -305,6 +345,8 @@ class ControlLoop:
             goal = self.tracker.active
             self._stopped_for = goal.goal_id if goal else 0
             self.tracker.cancel("the safety layer stops the bicycle")
+            if self.guide is not None:
+                self.guide.end(PathEnd.CANCELLED, "the safety layer stops the bicycle")
             text += ", rides straight on and slows down: send a new goal to go on"
         return ControllerSwitch(
             episode=snapshot.episode,

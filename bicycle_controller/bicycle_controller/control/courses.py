@@ -44,7 +44,7 @@ KEYS = ("about", "source", "start", "segments", "points", "closed", "laps", "spe
 
 
 class CourseError(ValueError):
-    """Why a course cannot be read or ridden; one line with the remedy."""
+    """Reason why a course cannot be read or ridden; one line with the remedy."""
 
 
 @dataclass(frozen=True)

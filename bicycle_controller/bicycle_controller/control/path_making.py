@@ -27,7 +27,7 @@ MOST_TOLD = 5
 
 
 class PathRefusedError(ValueError):
-    """Why a bicycle cannot ride a path, with the number, in one line."""
+    """Reason why a bicycle cannot ride a path, with the number, in one line."""
 
 
 @dataclass(frozen=True)

@@ -30,12 +30,17 @@ from bicycle_common.nodes.realtime import Priority
 from bicycle_common.nodes.runner import LOOP_EXECUTOR, UserError, run
 from bicycle_common.nodes.topics import Topic, advertise, listen
 from bicycle_common.parameters import describe
+from bicycle_common.types import BicycleState as Snapshot
 from bicycle_common.types import Point2D
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.goals import Event, GoalTracker, Status
+from bicycle_controller.control.guidance import Guidance
+from bicycle_controller.control.guide import PathEnd
 from bicycle_controller.control.lqr import LqrController
+from bicycle_controller.nodes.action_desk import ActionDesk, Orders
 from bicycle_controller.nodes.controller_settings import ControllerSettings
+from bicycle_controller.nodes.guiding import Guiding, course_named, course_of, to_points
 from bicycle_controller.nodes.messages import from_event, from_hand_over
 from bicycle_controller.nodes.policy_loader import Making, PolicyLoader
 from bicycle_controller.policy.policy import PolicyError, load_controller
@@ -52,6 +57,8 @@ SILENCE = 1.0
 WARM_UP = 0.002
 """Time between the policy's warm-up and the next state, beyond the duration of an answer (s)."""
 NO_LIMITS = np.full(3, np.inf)
+UNTURNED = (0.0, 0.0, 0.0, 1.0)
+"""Orientation of a goal that asks for no direction of arrival."""
 
 
 class ControllerNode(Node):
@@ -82,12 +89,21 @@ class ControllerNode(Node):
             topics.ACTIVE_GOAL,
             topics.HAND_OVER,
             topics.DIAGNOSTICS,
+            topics.FOLLOWED_PATH,
+            topics.PATH_STATUS,
         )
+        self._guidance, self._guiding = self._make_guidance()
         # Subscribe to episodes first, so a reset cancels only older goals.
         listen(self, topics.EPISODE, self._on_episode)
         listen(self, topics.STATE, self._on_state, depth=1)
         listen(self, topics.GOAL_POSE, self._on_goal_pose)
         listen(self, topics.GOAL_PATH, self._on_goal_path)
+        self._newest: tuple[Snapshot | None, float] = None, 0.0
+        self._desk = ActionDesk(
+            self,
+            Orders(self._order_ride, self._order_path, self._order_cancel, lambda: self._newest),
+        )
+        self._guiding.on_report = self._desk.tell
         self._loader = PolicyLoader(self, lambda: self._driver.policy.policy_id, self._swap)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self._settings.diagnostics_period, self._on_report, clock=steady)
@@ -115,8 +131,17 @@ class ControllerNode(Node):
             self._plant,
         )
 
+    def _make_guidance(self) -> tuple[Guidance, Guiding]:
+        try:
+            config = self._settings.make_guidance()
+        except ValueError as error:
+            raise UserError(str(error)) from None
+        guidance = Guidance(self._driver, config)
+        return guidance, Guiding(self, guidance, config, self._publish)
+
     def close(self) -> None:
-        """Stop loading policies."""
+        """Stop serving actions and loading policies."""
+        self._desk.close()
         self._loader.close()
 
     def _publish(self, topic: Topic, message: Any) -> None:
@@ -140,7 +165,9 @@ class ControllerNode(Node):
         self._state_was_bad = False
         stamp = message.header.stamp
         with self._in_use:
-            answer = self._driver.answer(snapshot, stamp.sec + stamp.nanosec * 1e-9)
+            self._newest = snapshot, stamp.sec + stamp.nanosec * 1e-9
+            self._guidance.poll(snapshot)
+            answer = self._driver.answer(*self._newest)
         if answer.command is not None:
             now = self.get_clock().now().to_msg()
             self._publish(topics.COMMAND, convert.from_command(answer.command, now))
@@ -150,7 +177,11 @@ class ControllerNode(Node):
             self._publish(topics.HAND_OVER, from_hand_over(answer.hand_over, stamp))
             self._warn(f"at step {snapshot.step} {answer.hand_over.message}")
         for event in answer.events:
+            self._desk.tell(event)
             self._on_event(event)
+            self._after_event(event)
+        with self._in_use:
+            self._guiding.after_state(snapshot)
         if self._warms_up and answer.command is not None:
             self._warm_up.reset()
 
@@ -181,6 +212,7 @@ class ControllerNode(Node):
             self._driver.policy = self._designed(self._driver.policy)
             self._driver.plant = plant
             self._limit()
+            self._guidance.ride(plant, self._simulator_limits)
             self._suit(plant)
             self._compare()
         wait = plant.time_step - WARM_UP
@@ -254,13 +286,74 @@ class ControllerNode(Node):
                 self._driver.fallback = made
 
     def _on_goal_pose(self, message: PoseStamped) -> None:
-        self._take(message.header.frame_id, [message])
+        if not self._take(message.header.frame_id, [message]):
+            return
+        turn = message.pose.orientation
+        if self._settings.arrival == "heading" and (turn.x, turn.y, turn.z, turn.w) != UNTURNED:
+            self._arrive(message)
+
+    # Orders of actions come in another thread.
+
+    def _order_ride(self, poses: list[PoseStamped], frame: str, yaw: float | None) -> list[int]:
+        points = to_points(Path(poses=poses), frame)
+        with self._in_use:
+            self._guidance.stop("a newer order came")
+            ids = [goal.goal_id for goal in self._driver.tracker.replace(points)]
+            why = "" if yaw is None else self._guidance.arrive(points[-1], yaw)
+        if why:
+            self._warn(f"arrives in any direction: {why}")
+        return ids
+
+    def _order_path(self, path: Path, course: str, laps: int, speed: float, noise: float) -> int:
+        if bool(course) == bool(path.poses):
+            raise ValueError("give either a path or a course")
+        good = all(math.isfinite(value) and value >= 0.0 for value in (speed, noise))
+        if not good or speed > 8.0 or noise > 100.0 or laps > 10_000:
+            raise ValueError("speed must be 0 to 8 m/s, noise 0 to 100 m, laps 0 to 10000")
+        make = (
+            course_named(course)
+            if course
+            else course_of(to_points(path), self._settings.path_speed, noise)
+        )
+        with self._in_use:
+            return self._guidance.follow(course, make, laps, speed)
+
+    def _order_cancel(self) -> None:
+        with self._in_use:
+            self._guidance.stop("cancelled by the client of the action", PathEnd.CANCELLED)
+            self._driver.tracker.cancel("cancelled by the client of the action")
+
+    def _arrive(self, message: PoseStamped) -> None:
+        """Arrive at a goal in the direction of its orientation, where that is possible."""
+        position = message.pose.position
+        try:
+            yaw = convert.to_yaw(message.pose.orientation)
+        except ValueError as error:
+            self._warn(f"arrives in any direction: {error}")
+            return
+        with self._in_use:
+            why = self._guidance.arrive((position.x, position.y), yaw)
+        if why:
+            self._warn(f"arrives in any direction: {why}")
+
+    def _after_event(self, event: Event) -> None:
+        """Do what follows the last goal."""
+        if event.status is not Status.REACHED or self._driver.tracker.has_goal or event.remaining:
+            return
+        with self._in_use:
+            told = self._guidance.after_goal(event.goal.point)
+        if told:
+            self.get_logger().info(f"after goal {event.goal.goal_id}: {told}")
 
     def _on_goal_path(self, message: Path) -> None:
         self._take(message.header.frame_id, message.poses)
 
-    def _take(self, frame: str, poses: list[PoseStamped]) -> None:
-        """Pursue these poses instead of all previous goals, or refuse all of them."""
+    def _take(self, frame: str, poses: list[PoseStamped]) -> bool:
+        """Pursue these poses instead of all previous goals, or refuse all of them.
+
+        Returns:
+            True if they are pursued.
+        """
         points: list[Point2D] = []
         try:
             if len(poses) > MOST_WAYPOINTS:
@@ -271,8 +364,11 @@ class ControllerNode(Node):
         except ValueError as error:
             self._warn(f"goal rejected: {error}")
             self._publish(topics.GOAL_STATUS, self._rejection(poses, str(error)))
-            return
-        self._driver.tracker.replace(points)
+            return False
+        with self._in_use:
+            self._guidance.stop("a newer goal came")
+            self._driver.tracker.replace(points)
+        return bool(points)
 
     def _rejection(self, poses: list[PoseStamped], why: str) -> GoalStatus:
         position = poses[0].pose.position
@@ -321,6 +417,9 @@ class ControllerNode(Node):
         driver = self._driver
         goal = driver.tracker.active
         text = f"rides to goal {goal.goal_id}" if goal else "waits for a goal"
+        path = self._guidance.path
+        if path is not None:
+            text = f"follows path {path.path_id} {path.name}: {path.message}"
         silence = time.monotonic() - self._heard
         if silence > SILENCE:
             text = f"no state for {silence:.0f} s: is the simulator running on this domain?"

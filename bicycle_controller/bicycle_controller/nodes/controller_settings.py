@@ -9,9 +9,13 @@ import numpy as np
 
 from bicycle_common.nodes.realtime import priority_parameter
 from bicycle_common.parameters import parameter
+from bicycle_common.validation import require
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.exploration_noise import Noise, NoiseConfig
+from bicycle_controller.control.followers import FOLLOWERS
+from bicycle_controller.control.guidance import AFTER, GuidanceConfig
 from bicycle_controller.control.safety import Safety, SafetyConfig
+from bicycle_controller.control.twist_ride import TwistLimits
 from bicycle_controller.policy.policy import DEFAULT_POLICY, LQR
 from bicycle_sim.plants.base import Plant
 
@@ -86,9 +90,50 @@ class ControllerSettings:
     orbit_turns: float = parameter(
         2.0, "full turns without an approach after which a goal is missed", 0.5, 100.0
     )
+    follower: str = parameter(
+        "preview",
+        "what follows paths: an LQR with preview of the curvature, or the baseline",
+        choices=tuple(FOLLOWERS),
+    )
+    path_speed: float = parameter(3.0, "m/s on paths that name no speed", 1.0, 8.0)
+    path_slowest: float = parameter(
+        2.0, "m/s, lowest speed in turns, after a goal and under cmd_vel", 1.0, 8.0
+    )
+    arrival: str = parameter(
+        "heading",
+        "a goal's orientation is the direction of arrival, unless it is exactly (0, 0, 0, 1); "
+        "or it is ignored",
+        choices=("heading", "any"),
+    )
+    after_goal: str = parameter(
+        "hold",
+        "after the last goal: ride straight on, circle it, or ride on at path_slowest",
+        choices=AFTER,
+    )
+    cmd_vel_fastest: float = parameter(5.0, "m/s, highest speed under cmd_vel", 1.0, 8.0)
+    cmd_vel_yaw_rate: float = parameter(1.0, "rad/s, largest yaw rate under cmd_vel", 0.01, 10.0)
+    cmd_vel_timeout: float = parameter(
+        0.5, "simulated s after which a cmd_vel ends and the bicycle rides straight on", 0.05, 60.0
+    )
     take_over: bool = parameter(True, "ride on a bicycle that is found riding, to the goal it had")
     realtime_priority: int = priority_parameter()
     diagnostics_period: float = parameter(1.0, "s", 0.1, 3600.0)
+
+    def make_guidance(self) -> GuidanceConfig:
+        """Return how paths, arrivals and cmd_vel are carried out.
+
+        Raises:
+            ValueError: if the lowest speed is above another one.
+        """
+        slowest = self.path_slowest
+        require(
+            slowest <= self.path_speed,
+            f"parameter path_slowest is {slowest:g}: choose one up to path_speed",
+        )
+        twist = TwistLimits(
+            slowest, self.cmd_vel_fastest, self.cmd_vel_yaw_rate, self.cmd_vel_timeout
+        )
+        return GuidanceConfig(self.follower, self.path_speed, slowest, self.after_goal, twist)
 
     def make_noise(self) -> Noise | None:
         """Return the exploration noise of one bicycle."""

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from bicycle_msgs.action import FollowPath, RideToPose
 from bicycle_msgs.msg import (
     BicycleCommand,
     BicycleState,
@@ -18,6 +19,7 @@ from bicycle_msgs.msg import (
     GoalStatus,
     HandOver,
     LoopTiming,
+    PathStatus,
     Push,
     TrainerStatus,
     Transition,
@@ -25,7 +27,7 @@ from bicycle_msgs.msg import (
 from bicycle_msgs.srv import LoadPolicy, Reset
 from bicycle_msgs.srv import Push as PushService
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -104,6 +106,11 @@ EPISODE = _topic(topic_names.EPISODE, EpisodeInfo, depth=1, latched=True)
 INITIAL_POSE = _topic(topic_names.INITIAL_POSE, PoseWithCovarianceStamped)
 GOAL_POSE = _topic(topic_names.GOAL_POSE, PoseStamped)
 GOAL_PATH = _topic(topic_names.GOAL_PATH, Path)
+FOLLOW_PATH = _topic(topic_names.FOLLOW_PATH, Path)
+FOLLOWED_PATH = _topic(topic_names.FOLLOWED_PATH, Path, depth=1, latched=True)
+PATH_STATUS = _topic(topic_names.PATH_STATUS, PathStatus, depth=10, latched=True)
+CMD_VEL = _topic(topic_names.CMD_VEL, TwistStamped, depth=1)
+CMD_VEL_PLAIN = _topic(topic_names.CMD_VEL_PLAIN, Twist, depth=1)
 ACTIVE_GOAL = _topic(topic_names.ACTIVE_GOAL, PoseStamped, depth=1, latched=True)
 GOAL_STATUS = _topic(topic_names.GOAL_STATUS, GoalStatus, depth=10, latched=True)
 HAND_OVER = _topic(topic_names.HAND_OVER, HandOver, depth=10, latched=True)
@@ -124,6 +131,11 @@ TOPICS: tuple[Topic, ...] = (
     INITIAL_POSE,
     GOAL_POSE,
     GOAL_PATH,
+    FOLLOW_PATH,
+    FOLLOWED_PATH,
+    PATH_STATUS,
+    CMD_VEL,
+    CMD_VEL_PLAIN,
     ACTIVE_GOAL,
     GOAL_STATUS,
     HAND_OVER,
@@ -139,6 +151,17 @@ class Service:
     name: str
     type: Any
 
+
+@dataclass(frozen=True)
+class Action:
+    """One action: its name and its type."""
+
+    name: str
+    type: Any
+
+
+RIDE_TO_POSE = Action(topic_names.RIDE_TO_POSE, RideToPose)
+FOLLOW_PATH_ACTION = Action(topic_names.FOLLOW_PATH_ACTION, FollowPath)
 
 RESET = Service(topic_names.RESET, Reset)
 PAUSE = Service(topic_names.PAUSE, SetBool)

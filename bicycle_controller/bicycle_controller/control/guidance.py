@@ -1,0 +1,315 @@
+"""Orders that a guide carries out: paths, arrivals in a direction, cmd_vel, what follows a goal.
+
+A follower's gains and a path's smoothing take longer than a control period, so they are made in
+threads; `poll`, called with every state in the loop's thread, takes up what is ready.
+"""
+
+from __future__ import annotations
+
+import math
+import queue
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from bicycle_common.geometry import heading_to_yaw
+from bicycle_common.types import BicycleState, Point2D
+from bicycle_controller.control import followers
+from bicycle_controller.control.arrival import arrival_path, circle_path
+from bicycle_controller.control.control_loop import ControlLoop
+from bicycle_controller.control.courses import Course
+from bicycle_controller.control.guide import PathEnd, PathReport
+from bicycle_controller.control.path import Path
+from bicycle_controller.control.path_follower import PathFollower
+from bicycle_controller.control.path_ride import PathRide
+from bicycle_controller.control.twist_ride import TwistLimits, TwistRide
+from bicycle_sim.plants.base import Plant
+
+MakeCourse = Callable[[float], Course]
+"""Returns a course for a bicycle that turns with a radius, m; it may raise ValueError."""
+RESERVE = 0.8
+"""Share of the largest curvature that a path planned here uses."""
+STRAIGHT_ON = 2000.0
+"""m of the straight path on which a bicycle slows down."""
+AFTER = ("hold", "circle", "slow")
+"""Choices after the last goal: ride straight on, circle it, or ride on at the lowest speed."""
+
+
+@dataclass(frozen=True)
+class GuidanceConfig:
+    """Settings of how orders are carried out."""
+
+    follower: str = "preview"
+    """One of `followers.FOLLOWERS`."""
+    speed: float = 3.0
+    """m/s of paths that name none."""
+    slowest: float = 2.0
+    """m/s, lowest speed."""
+    after_goal: str = "hold"
+    """One of AFTER."""
+    twist: TwistLimits = field(default_factory=TwistLimits)
+    """Limits of cmd_vel."""
+
+
+class Guidance:
+    """Guides of one bicycle.
+
+    Attributes:
+        told: lines for the log that nobody has taken yet.
+        followed: the path that has just begun; None if it was taken.
+    """
+
+    def __init__(self, loop: ControlLoop, config: GuidanceConfig) -> None:
+        """Give `loop` guides; no follower is made before `ride`."""
+        self._loop, self._config = loop, config
+        self._follower: PathFollower | None = None
+        self._limits = np.full(3, np.inf)
+        self._key: object = None
+        self._ready: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._waiting: list[tuple[int, str, MakeCourse, int, float]] = []
+        self._next_id = 1
+        self._newest = 0
+        self._ride: PathRide | None = None
+        self._reports: list[PathReport] = []
+        self._ticks = 0
+        self._twist: TwistRide | None = None
+        self._snapshot: BicycleState | None = None
+        self._last_goal: Point2D | None = None
+        self._unable = ""
+        self.told: list[str] = []
+        self.followed: Path | None = None
+
+    # The bicycle.
+
+    def ride(self, plant: Plant[Any], limits: np.ndarray) -> None:
+        """Prepare to guide a bicycle; limits (3,) of |T|, |d| and |F|, N m, m, N."""
+        key = plant, tuple(limits)
+        if key == self._key:
+            return
+        self._key, self._limits, self._follower, self._unable = key, limits, None, ""
+        torque = float(limits[0]) if math.isfinite(limits[0]) else 2.0
+        pedal = float(limits[2]) if math.isfinite(limits[2]) else 100.0
+
+        def make() -> None:
+            try:
+                with np.errstate(all="ignore"):
+                    made = followers.make(self._config.follower, plant, torque, pedal)
+            except (ValueError, ArithmeticError, TypeError) as error:
+                text = f"this bicycle can follow no path: {error}"
+                self._ready.put(lambda: self._take_follower(key, None, text))
+                return
+            self._ready.put(lambda: self._take_follower(key, made, ""))
+
+        threading.Thread(target=make, daemon=True).start()
+
+    def _take_follower(self, key: object, made: PathFollower | None, unable: str) -> None:
+        if key != self._key:
+            return
+        self._follower, self._unable = made, unable
+        waiting, self._waiting = self._waiting, []
+        for order in waiting:
+            self._begin(*order)
+
+    @property
+    def _pedals(self) -> bool:
+        return bool(self._limits[2] > 0.0)
+
+    def _radius(self) -> float:
+        """Return the radius that a path may turn with, m."""
+        assert self._follower is not None
+        if self._pedals or self._snapshot is None:
+            return followers.tightest(self._follower, self._config.slowest)
+        # Without a pedal the speed stays what it is.
+        return 1.0 / float(self._follower.sharpest(np.array([self._snapshot.speed]))[0])
+
+    # Orders.
+
+    def follow(self, name: str, make: MakeCourse, laps: int = 0, speed: float = 0.0) -> int:
+        """Follow a path instead of all goals and paths; return its number.
+
+        Args:
+            name: of the course, for reports.
+            make: returns the path; called in a thread.
+            laps: of a loop; zero takes the course's.
+            speed: m/s; zero takes the course's.
+        """
+        number, self._next_id = self._next_id, self._next_id + 1
+        self._newest = number
+        order = number, name, make, laps, speed
+        if self._follower is None and not self._unable:
+            self._waiting.append(order)
+        else:
+            self._begin(*order)
+        return number
+
+    def _begin(self, number: int, name: str, make: MakeCourse, laps: int, speed: float) -> None:
+        if self._follower is None:
+            self._refuse(number, name, self._unable)
+            return
+        follower, radius, slowest = self._follower, self._radius(), self._config.slowest
+
+        def work() -> None:
+            try:
+                course = make(radius)
+                asked = speed or course.speed
+                course = replace(course, laps=laps or course.laps, speed=max(asked, slowest))
+                made = PathRide(follower, course, number, slowest)
+            except (ValueError, ArithmeticError, OSError) as error:
+                text = str(error)
+                self._ready.put(lambda: self._refuse(number, name, text))
+                return
+            self._ready.put(lambda: self._take_path(made))
+
+        threading.Thread(target=work, daemon=True).start()
+
+    def _refuse(self, number: int, name: str, why: str) -> None:
+        nothing = (0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, math.nan, 0.0)
+        self._reports.append(PathReport(number, name, PathEnd.REJECTED, *nothing, why))
+        self.told.append(f"path {number} {name} rejected: {why}")
+
+    def _take_path(self, ride: PathRide) -> None:
+        if ride.path_id != self._newest:
+            ride.end(PathEnd.REPLACED, "a newer order came")
+            self._reports.append(ride.report())
+            return
+        self._loop.tracker.cancel("a path is followed instead")
+        self._steer(ride)
+        path = ride.course.path
+        text = f"path {ride.path_id} {ride.course.name}: {ride.length:.0f} m"
+        text += f", sharpest turn {1.0 / path.sharpest:.1f} m" if path.sharpest > 1e-3 else ""
+        self.told += [text, *path.notes]
+
+    def _steer(self, ride: PathRide) -> None:
+        self._finish()
+        self._loop.steer_by(ride)
+        self._ride, self._twist = ride, None
+        self.followed = ride.course.path
+
+    def stop(self, why: str, status: PathEnd = PathEnd.REPLACED) -> None:
+        """End what guides, for a goal or because it is asked for."""
+        self._newest = 0
+        for number, name, *_ in self._waiting:
+            nothing = (0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, math.nan, 0.0)
+            self._reports.append(PathReport(number, name, status, *nothing, why))
+        self._waiting = []
+        if self._loop.guide is not None:
+            self._loop.guide.end(status, why)
+        self._finish()
+        self._loop.steer_by(None)
+        self._twist = None
+        if self._snapshot is not None and not self._loop.tracker.steers:
+            self._loop.tracker.hold(self._snapshot.heading)
+
+    def arrive(self, goal: Point2D, yaw: float) -> str:
+        """Ride to a goal, which the tracker has, on a path that arrives in a direction.
+
+        Returns:
+            Why it cannot arrive so; empty if it can.
+        """
+        if self._follower is None:
+            return self._unable or "the follower's gains are not computed yet"
+        if self._snapshot is None:
+            return "no state has come yet"
+        now = self._snapshot
+        here = now.rear_x, now.rear_y, float(heading_to_yaw(now.heading))
+        speed = max(self._config.speed if self._pedals else now.speed, self._config.slowest)
+        radius = 1.0 / (RESERVE * float(self._follower.sharpest(np.array([speed]))[0]))
+        path = arrival_path(here, (*goal, yaw), radius)
+        course = Course("arrival", path, speed)
+        number, self._next_id = self._next_id, self._next_id + 1
+        self._newest = number
+        self._steer(PathRide(self._follower, course, number, from_start=True))
+        return ""
+
+    def after_goal(self, goal: Point2D) -> str:
+        """Do what follows the last goal; return it in words, empty for nothing."""
+        after = self._config.after_goal
+        if after == "hold" or self._follower is None or self._snapshot is None:
+            return "" if after == "hold" else "rides straight on: it can follow no path"
+        now = self._snapshot
+        speed = self._config.slowest if self._pedals else max(now.speed, self._config.slowest)
+        if after == "circle":
+            radius = 1.0 / (RESERVE * float(self._follower.sharpest(np.array([speed]))[0]))
+            here = now.rear_x, now.rear_y
+            path = circle_path(goal, max(radius, 4.0), here)
+            course = Course("circle", path, speed, laps=100_000)
+            text = f"circles the goal at {max(radius, 4.0):.1f} m"
+        else:
+            path = _straight_on(now)
+            course = Course("slow", path, speed)
+            text = f"rides straight on and slows down to {speed:.1f} m/s"
+            if not self._pedals:
+                text = "rides straight on; without a pedal it cannot slow down"
+        number, self._next_id = self._next_id, self._next_id + 1
+        self._newest = number
+        self._steer(PathRide(self._follower, course, number))
+        return text
+
+    def twist(self, speed: float, yaw_rate: float) -> None:
+        """Take a command of cmd_vel, m/s and rad/s, positive to the left.
+
+        Raises:
+            ValueError: if it is not finite, or no follower can ride it.
+        """
+        if self._follower is None:
+            raise ValueError(self._unable or "the follower's gains are not computed yet")
+        if self._twist is None or self._loop.guide is not self._twist:
+            made = TwistRide(self._follower, self._config.twist)
+            made.command(speed, yaw_rate)
+            self._newest = 0
+            self._finish()
+            self._loop.tracker.cancel("cmd_vel steers instead")
+            self._loop.steer_by(made)
+            self._twist, self._ride = made, None
+            self.told.append("cmd_vel steers")
+        self._twist.command(speed, yaw_rate)
+
+    # The loop.
+
+    def poll(self, snapshot: BicycleState) -> None:
+        """Take up what is ready, before a state is answered."""
+        self._snapshot = snapshot
+        while not self._ready.empty():
+            self._ready.get()()
+
+    def reports(self) -> list[PathReport]:
+        """Return what is to be published after a state was answered."""
+        self._ticks += 1
+        ride = self._ride
+        if ride is not None and ride.over:
+            self._finish()
+            if self._loop.guide is ride:
+                self._loop.steer_by(None)
+                if self._snapshot is not None and not self._loop.tracker.steers:
+                    self._loop.tracker.hold(self._snapshot.heading)
+        elif ride is not None and self._ticks % 4 == 0:
+            self._reports.append(ride.report())
+        found, self._reports = self._reports, []
+        return found
+
+    @property
+    def path(self) -> PathReport | None:
+        """Progress along the followed path; None without one."""
+        return self._ride.report() if self._ride is not None else None
+
+    def _finish(self) -> None:
+        """Report the end of the path that was followed."""
+        if self._ride is None:
+            return
+        self._ride.end(PathEnd.REPLACED, "a newer order came")
+        report, self._ride = self._ride.report(), None
+        self._reports.append(report)
+        self.told.append(
+            f"path {report.path_id} {report.name} {report.status.name.lower()}: {report.message}"
+        )
+
+
+def _straight_on(now: BicycleState) -> Path:
+    from bicycle_controller.control.path_making import path_through
+
+    ahead = STRAIGHT_ON
+    end = now.rear_x - ahead * math.sin(now.heading), now.rear_y + ahead * math.cos(now.heading)
+    return path_through([(now.rear_x, now.rear_y), end], closed=False)

@@ -1,0 +1,77 @@
+"""Guides: what steers in place of the policy, along a path or by a commanded turn."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Protocol
+
+import numpy as np
+
+from bicycle_common.types import BicycleState
+
+
+class PathEnd(IntEnum):
+    """Status of a path; the numbers are those of PathStatus."""
+
+    ACTIVE = 0
+    FINISHED = 1
+    LOST = 2
+    REPLACED = 3
+    FALLEN = 4
+    REJECTED = 5
+    CANCELLED = 6
+
+
+@dataclass(frozen=True)
+class PathReport:
+    """Progress along a path."""
+
+    path_id: int
+    name: str
+    status: PathEnd
+    lap: int
+    laps: int
+    along: float
+    """m from the start of the first lap."""
+    length: float
+    """m of all laps."""
+    cross_track: float
+    """m, positive to the left of the path."""
+    heading_error: float
+    """rad, positive if the bicycle points to the left of the path."""
+    wanted_speed: float
+    """m/s."""
+    rms: float
+    """m, root of the mean squared cross-track error so far."""
+    largest: float
+    """m, its largest size so far."""
+    elapsed: float
+    """s of simulated time."""
+    message: str
+
+
+class Guide(Protocol):
+    """Steers one bicycle in place of the policy."""
+
+    @property
+    def policy_id(self) -> str:
+        """Id that every command carries."""
+        ...
+
+    @property
+    def over(self) -> bool:
+        """True if it has nothing more to do: the policy steers again."""
+        ...
+
+    def act(self, snapshot: BicycleState, time: float) -> np.ndarray:
+        """Return the action (3,), N m, m, N, for a state at a simulated time, s."""
+        ...
+
+    def heading_error(self, snapshot: BicycleState) -> float:
+        """Return psi_g, rad, by which the fallback steers in its place."""
+        ...
+
+    def end(self, status: PathEnd, why: str) -> None:
+        """Stop steering."""
+        ...

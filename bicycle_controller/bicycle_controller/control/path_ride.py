@@ -1,0 +1,158 @@
+"""One bicycle's ride along one path: where it is, how far off, and when it ends."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bicycle_common.geometry import heading_error
+from bicycle_common.observation import observation
+from bicycle_common.types import BicycleState
+from bicycle_controller.control.courses import Course
+from bicycle_controller.control.guide import PathEnd, PathReport
+from bicycle_controller.control.path import Paths
+from bicycle_controller.control.path_follower import PathFollower
+from bicycle_controller.control.speed_profile import speed_profile
+
+END = 0.3
+"""m before the end of an open path at which it counts as ridden."""
+LOST = 100.0
+"""m from its path, beyond its distance at the start, at which a bicycle counts as lost."""
+PATIENCE = 3.0
+"""Times the profile's own time after which a path is given up, and 60 s more."""
+SIGHT = 8.0
+"""m ahead on the path that the fallback steers to."""
+
+
+class PathRide:
+    """A guide along a path; it joins it from wherever the bicycle is."""
+
+    def __init__(
+        self,
+        follower: PathFollower,
+        course: Course,
+        path_id: int,
+        slowest: float = 2.0,
+        from_start: bool = False,
+    ) -> None:
+        """Prepare the ride; it begins with the first state.
+
+        Args:
+            follower: of the ridden bicycle.
+            course: what is ridden.
+            path_id: number of the path.
+            slowest: m/s, lowest speed in turns.
+            from_start: True to begin at the path's start, however near another place is.
+        """
+        self.course, self.path_id = course, path_id
+        self._follower = follower
+        self._paths = Paths([course.path])
+        self.laps = course.laps if course.path.closed else 1
+        self._profile = speed_profile(
+            course.path, course.speed, follower.sharpest, min(slowest, course.speed)
+        )
+        lap = course.path.length
+        times = self.laps * float((course.path.spacing / self._profile).sum())
+        self._patience = PATIENCE * times + 60.0
+        self.length = lap * self.laps
+        self._from_start = from_start
+        self._along: np.ndarray | None = None
+        self._entered = self._from = self._begun = self._now = 0.0
+        self._cross = self._error = self._square = self._largest = 0.0
+        self._steps = 0
+        self._farthest = 0.0
+        self._wanted = float(self._profile[0])
+        self.status, self._why = PathEnd.ACTIVE, ""
+
+    @property
+    def policy_id(self) -> str:
+        """Id of the follower."""
+        return self._follower.policy_id
+
+    @property
+    def over(self) -> bool:
+        """True if the path has been ridden, or was given up."""
+        return self.status is not PathEnd.ACTIVE
+
+    def end(self, status: PathEnd, why: str) -> None:
+        """Stop following, unless it is over already."""
+        if not self.over:
+            self.status, self._why = status, why
+
+    def act(self, snapshot: BicycleState, time: float) -> np.ndarray:
+        """Return the action (3,) for a state; see `Guide.act`."""
+        x, y = np.array([snapshot.rear_x]), np.array([snapshot.rear_y])
+        heading, speed = np.array([snapshot.heading]), np.array([snapshot.speed])
+        if self._along is None:
+            start = np.zeros(1) if self._from_start else self._paths.join(x, y, heading)
+            self._along = start
+            self._from, self._begun = float(start[0]), time
+            self._entered = math.inf
+        place = self._paths.locate(self._along, x, y, heading)
+        self._along = place.along
+        self._now = time
+        self._measure(float(place.cross_track[0]), float(place.heading_error[0]))
+        wanted = self._paths.values(self._profile, place.along + 0.5 * speed)
+        self._wanted = float(wanted[0])
+        seen = observation(snapshot, 0.0)[None]
+        return np.asarray(self._follower.act(seen, speed, place, self._paths, wanted)[0])
+
+    def _measure(self, cross: float, error: float) -> None:
+        assert self._along is not None
+        self._cross, self._error = cross, error
+        along = float(self._along[0])
+        # What is far from the path at first is joining it, which is not its error.
+        if math.isinf(self._entered) and (abs(cross) < 0.5 or along - self._from > 30.0):
+            self._entered = abs(cross)
+        if math.isinf(self._entered):
+            self._farthest = max(self._farthest, abs(cross))
+        else:
+            self._steps += 1
+            self._square += cross * cross
+            self._largest = max(self._largest, abs(cross))
+        if along >= self.length - (0.0 if self.course.path.closed else END):
+            self.end(PathEnd.FINISHED, "ridden to its end")
+        elif abs(cross) > LOST + self._farthest:
+            self.end(PathEnd.LOST, f"{abs(cross):.0f} m off the path")
+        elif self._now - self._begun > self._patience:
+            self.end(PathEnd.LOST, f"not ridden within {self._patience:.0f} s")
+
+    def heading_error(self, snapshot: BicycleState) -> float:
+        """Return psi_g to a point ahead on the path, rad."""
+        along = np.zeros(1) if self._along is None else self._along
+        x, y = self._paths.point(along + SIGHT)
+        return float(
+            heading_error(
+                snapshot.heading, snapshot.rear_x, snapshot.rear_y, float(x[0]), float(y[0])
+            )
+        )
+
+    def report(self) -> PathReport:
+        """Return how it goes."""
+        along = 0.0 if self._along is None else float(self._along[0])
+        lap = self.length / self.laps
+        rms = math.sqrt(self._square / self._steps) if self._steps else math.nan
+        largest = self._largest if self._steps else math.nan
+        number = min(self.laps, 1 + int(max(0.0, along) / lap))
+        text = self._why
+        if self.status is PathEnd.ACTIVE:
+            text = f"lap {number} of {self.laps}: {along:.1f} of {self.length:.1f} m"
+        elif self._steps:
+            text += f"; {rms:.2f} m rms, {largest:.2f} m at most off the path"
+        return PathReport(
+            self.path_id,
+            self.course.name,
+            self.status,
+            number,
+            self.laps,
+            along,
+            self.length,
+            self._cross,
+            self._error,
+            self._wanted,
+            rms,
+            largest,
+            self._now - self._begun,
+            text,
+        )

@@ -1,0 +1,330 @@
+"""Actions of the controller, served on a node and a thread of their own.
+
+`bicycle/ride_to_pose` and `bicycle/follow_path` are this project's; where nav2_msgs is installed,
+`navigate_to_pose`, `navigate_through_poses` and `follow_path` are served too. One order holds at a
+time: a newer one, by action or by topic, ends it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import math
+import queue
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from bicycle_msgs.action import FollowPath, RideToPose
+from geometry_msgs.msg import PoseStamped
+from rclpy.action import ActionServer, CancelResponse
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+
+from bicycle_common.geometry import heading_to_yaw, wrap_angle
+from bicycle_common.nodes import convert, topics
+from bicycle_common.types import BicycleState
+from bicycle_controller.control.goals import Event, Status
+from bicycle_controller.control.guide import PathEnd, PathReport
+
+nav2: Any = None
+"""Nav2's actions, where they are installed: no package of this project needs them."""
+with contextlib.suppress(ImportError):
+    nav2 = importlib.import_module("nav2_msgs.action")
+
+PERIOD = 0.1
+"""s between feedbacks, and between looks at events."""
+LAST = 1.0
+"""Longest wait at the end for the thread (s)."""
+RUNNING = (Status.QUEUED, Status.ACTIVE)
+
+
+@dataclass
+class Order:
+    """One accepted goal of an action."""
+
+    handle: Any
+    done: Future
+    kind: str
+    """pose, poses, path, or one of nav2's of the same ending."""
+    ids: list[int]
+    """Goals, or the one path."""
+    yaw: float = math.nan
+    began: float = 0.0
+    left: int = 1
+    cancelled: bool = False
+    patience: int = 50
+    """Feedbacks that a cancelled order waits for the controller's word."""
+    last: Event | PathReport | None = None
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Orders:
+    """Calls that the desk makes of the controller's node; each may be called from any thread."""
+
+    ride: Callable[[list[PoseStamped], str, float | None], list[int]]
+    """Takes poses, their frame and a yaw of arrival; returns the goals' numbers or raises
+    ValueError."""
+    follow: Callable[[Any, str, int, float, float], int]
+    """Takes a path, a course's name, laps, speed and noise; returns the path's number or raises
+    ValueError."""
+    cancel: Callable[[], None]
+    """Ends what is being ridden."""
+    state: Callable[[], tuple[BicycleState | None, float]]
+    """Returns the newest state and its simulated time, s."""
+
+
+class ActionDesk:
+    """Serves the actions of one controller."""
+
+    def __init__(self, node: Node, orders: Orders) -> None:
+        """Start to serve beside `node`, whose namespace holds."""
+        self._orders = orders
+        self._events: queue.SimpleQueue[Event | PathReport] = queue.SimpleQueue()
+        self._order: Order | None = None
+        self._node = Node(
+            f"{node.get_name()}_actions",
+            namespace=node.get_namespace(),
+            use_global_arguments=False,
+            start_parameter_services=False,
+        )
+        self._servers = [self._serve(kind, *entry) for kind, entry in self._entries(node).items()]
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._node.create_timer(PERIOD, self._on_timer, clock=steady)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._thread = threading.Thread(target=self._spin, name="actions", daemon=True)
+        self._thread.start()
+
+    def _entries(self, node: Node) -> dict[str, tuple[Any, str]]:
+        """Return each action's type and name, by kind."""
+        ours = topics.RIDE_TO_POSE, topics.FOLLOW_PATH_ACTION
+        found = {"pose": (ours[0].type, ours[0].name), "path": (ours[1].type, ours[1].name)}
+        if nav2 is not None:
+            found["nav2 pose"] = nav2.NavigateToPose, "navigate_to_pose"
+            found["nav2 poses"] = nav2.NavigateThroughPoses, "navigate_through_poses"
+            found["nav2 path"] = nav2.FollowPath, "follow_path"
+        full = node.resolve_service_name
+        return {kind: (made, full(name)) for kind, (made, name) in found.items()}
+
+    def _serve(self, kind: str, made: Any, name: str) -> ActionServer:
+        async def execute(handle: Any) -> Any:
+            return await self._execute(kind, made, handle)
+
+        return ActionServer(
+            self._node,
+            made,
+            name,
+            execute,
+            cancel_callback=lambda handle: CancelResponse.ACCEPT,
+        )
+
+    def _spin(self) -> None:
+        with contextlib.suppress(ExternalShutdownException):
+            self._executor.spin()
+
+    def close(self) -> None:
+        """Stop serving."""
+        self._executor.shutdown(timeout_sec=LAST)
+        self._thread.join(LAST)
+        for server in self._servers:
+            server.destroy()
+        self._node.destroy_node()
+
+    def tell(self, event: Event | PathReport) -> None:
+        """Take a change of a goal or a path; called in the loop's thread."""
+        self._events.put(event)
+
+    async def _execute(self, kind: str, made: Any, handle: Any) -> Any:
+        order = Order(handle, Future(), kind, [])
+        order.began = self._orders.state()[1]
+        previous, self._order = self._order, order
+        try:
+            self._begin(order, handle.request)
+        except ValueError as error:
+            order.reason = str(error)
+            self._order = previous
+            handle.abort()
+            return self._result(order, made.Result())
+        if previous is not None:
+            previous.reason = "a newer order came"
+            previous.done.set_result(None)
+        await order.done
+        if self._order is order:
+            self._order = None
+        self._end(order)
+        return self._result(order, made.Result())
+
+    def _begin(self, order: Order, request: Any) -> None:
+        """Give the order to the controller.
+
+        Raises:
+            ValueError: if it cannot be taken.
+        """
+        ending = order.kind.rpartition(" ")[2]
+        if ending == "path":
+            laps, speed, noise = 0, 0.0, 0.0
+            course = ""
+            if isinstance(request, FollowPath.Goal):
+                course, laps = request.course, int(request.laps)
+                speed, noise = float(request.speed), float(request.noise)
+            order.ids = [self._orders.follow(request.path, course, laps, speed, noise)]
+            return
+        poses = list(request.poses) if ending == "poses" else [request.pose]
+        if not poses:
+            raise ValueError("no pose is given")
+        asked = isinstance(request, RideToPose.Goal)
+        use = request.use_heading if asked else ending == "pose"
+        order.yaw = convert.to_yaw(poses[-1].pose.orientation) if use else math.nan
+        frame = poses[0].header.frame_id
+        order.ids = self._orders.ride(poses, frame, order.yaw if use else None)
+        order.left = len(order.ids)
+
+    def _on_timer(self) -> None:
+        """Look at events and requests to cancel; publish feedback."""
+        order = self._order
+        while not self._events.empty():
+            event = self._events.get()
+            if order is not None:
+                self._look(order, event)
+        if order is None or order.done.done():
+            return
+        if order.handle.is_cancel_requested and not order.cancelled:
+            order.cancelled = True
+            self._orders.cancel()
+        if order.cancelled:
+            order.patience -= 1
+            if order.patience == 0:  # no state comes, so nothing is told
+                order.done.set_result(None)
+            return
+        self._feed(order)
+
+    def _look(self, order: Order, event: Event | PathReport) -> None:
+        """Take one event; end the order if it is its last."""
+        follows = order.kind.endswith("path")
+        if isinstance(event, PathReport):
+            if not follows or event.path_id not in order.ids:
+                return
+            order.last = event
+            over = event.status is not PathEnd.ACTIVE
+        else:
+            if follows or event.goal.goal_id not in order.ids:
+                return
+            order.last = event
+            ended = event.status not in RUNNING
+            order.left -= ended
+            bad = ended and event.status is not Status.REACHED
+            over = order.left <= 0 or bad
+        if over and not order.done.done():
+            order.done.set_result(None)
+
+    def _end(self, order: Order) -> None:
+        """Tell the client how its order ended."""
+        last = order.last
+        good = last is not None and (
+            last.status is Status.REACHED or last.status is PathEnd.FINISHED
+        )
+        if good and not order.reason:
+            order.handle.succeed()
+        elif order.handle.is_cancel_requested:
+            order.handle.canceled()
+        else:
+            order.handle.abort()
+
+    def _result(self, order: Order, result: Any) -> Any:
+        """Fill in a result."""
+        snapshot, now = self._orders.state()
+        last, message = order.last, order.reason
+        if last is not None and not message:
+            message = last.message
+        if isinstance(result, RideToPose.Result):
+            result.status = int(last.status) if isinstance(last, Event) else int(Status.REJECTED)
+            result.distance = float(last.distance) if isinstance(last, Event) else math.nan
+            result.heading_error = _off(snapshot, order.yaw)
+            result.elapsed = max(0.0, now - order.began)
+        elif isinstance(result, FollowPath.Result):
+            report = last if isinstance(last, PathReport) else None
+            result.status = int(report.status if report else PathEnd.REJECTED)
+            result.rms = float(report.rms) if report else math.nan
+            result.largest = float(report.largest) if report else math.nan
+            result.elapsed = float(report.elapsed) if report else 0.0
+        if order.reason == "a newer order came" and hasattr(result, "status"):
+            ended = PathEnd.REPLACED if order.kind.endswith("path") else Status.REPLACED
+            result.status = int(ended)
+        for name in ("message", "error_msg"):
+            if hasattr(result, name):
+                setattr(result, name, message)
+        return result
+
+    def _feed(self, order: Order) -> None:
+        """Publish feedback of the order's kind."""
+        snapshot, now = self._orders.state()
+        if snapshot is None:
+            return
+        last, elapsed = order.last, max(0.0, now - order.began)
+        handle = order.handle
+        request = handle.request
+        if isinstance(request, RideToPose.Goal):
+            handle.publish_feedback(
+                RideToPose.Feedback(
+                    distance=_distance(snapshot, request.pose),
+                    speed=float(snapshot.speed),
+                    lean=-float(snapshot.lean_angle),
+                    elapsed=elapsed,
+                )
+            )
+        elif isinstance(request, FollowPath.Goal):
+            if isinstance(last, PathReport):
+                handle.publish_feedback(
+                    FollowPath.Feedback(
+                        lap=int(last.lap),
+                        along=float(last.along),
+                        length=float(last.length),
+                        cross_track=float(last.cross_track),
+                        heading_error=float(last.heading_error),
+                        speed=float(snapshot.speed),
+                    )
+                )
+        else:
+            self._feed_nav2(order, snapshot, elapsed)
+
+    def _feed_nav2(self, order: Order, snapshot: BicycleState, elapsed: float) -> None:
+        """Fill in the fields that nav2's feedbacks share."""
+        request, last = order.handle.request, order.last
+        made = {"nav2 pose": "NavigateToPose", "nav2 poses": "NavigateThroughPoses"}
+        feedback = getattr(nav2, made.get(order.kind, "FollowPath")).Feedback()
+        if order.kind == "nav2 path":
+            left = last.length - last.along if isinstance(last, PathReport) else 0.0
+            feedback.distance_to_goal, feedback.speed = float(left), float(snapshot.speed)
+        else:
+            poses = request.poses if order.kind == "nav2 poses" else [request.pose]
+            feedback.current_pose = _pose_of(snapshot, self._node)
+            feedback.distance_remaining = _distance(snapshot, poses[-1])
+            feedback.navigation_time.sec = int(elapsed)
+            feedback.navigation_time.nanosec = int(elapsed % 1.0 * 1e9)
+            if order.kind == "nav2 poses":
+                feedback.number_of_poses_remaining = max(0, order.left)
+        order.handle.publish_feedback(feedback)
+
+
+def _distance(snapshot: BicycleState, pose: PoseStamped) -> float:
+    place = pose.pose.position
+    return float(math.hypot(place.x - snapshot.rear_x, place.y - snapshot.rear_y))
+
+
+def _off(snapshot: BicycleState | None, yaw: float) -> float:
+    """Return the heading less `yaw`, rad; NaN without either."""
+    if snapshot is None or math.isnan(yaw):
+        return math.nan
+    return float(wrap_angle(float(heading_to_yaw(snapshot.heading)) - yaw))
+
+
+def _pose_of(snapshot: BicycleState, node: Node) -> PoseStamped:
+    pose = PoseStamped(header=convert.to_header(node.get_clock().now().nanoseconds))
+    pose.pose.position = convert.to_point((snapshot.rear_x, snapshot.rear_y))
+    pose.pose.orientation = convert.to_quaternion(float(heading_to_yaw(snapshot.heading)))
+    return pose

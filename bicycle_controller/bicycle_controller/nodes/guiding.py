@@ -1,0 +1,159 @@
+"""Topics of the guides: paths and cmd_vel in, the followed path and its status out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+from bicycle_msgs.msg import PathStatus
+from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
+from nav_msgs.msg import Path as PathMessage
+from rclpy.node import Node
+
+from bicycle_common.geometry import heading_to_yaw
+from bicycle_common.nodes import convert, topics
+from bicycle_common.nodes.topics import ODOM_FRAME, Topic, listen
+from bicycle_common.types import BicycleState, Point2D
+from bicycle_controller.control import courses
+from bicycle_controller.control.courses import Course
+from bicycle_controller.control.guidance import Guidance, GuidanceConfig, MakeCourse
+from bicycle_controller.control.guide import PathReport
+from bicycle_controller.control.path import Path
+from bicycle_controller.control.path_making import Rounding, path_through
+
+MOST_SHOWN = 2000
+"""Largest number of poses of a published path."""
+
+
+class Guiding:
+    """Connects `Guidance` to its topics; the controller's node calls it."""
+
+    def __init__(
+        self,
+        node: Node,
+        guidance: Guidance,
+        config: GuidanceConfig,
+        publish: Callable[[Topic, Any], None],
+    ) -> None:
+        """Subscribe.
+
+        Args:
+            node: of the controller.
+            guidance: of its loop.
+            config: the same.
+            publish: of the node.
+        """
+        self.guidance, self._config = guidance, config
+        self._node, self._publish = node, publish
+        self._twist_refused = False
+        self.on_report: Callable[[PathReport], None] = lambda report: None
+        listen(node, topics.FOLLOW_PATH, self._on_path)
+        listen(node, topics.CMD_VEL, self._on_twist_stamped)
+        listen(node, topics.CMD_VEL_PLAIN, self._on_twist)
+
+    def _on_path(self, message: PathMessage) -> None:
+        try:
+            points = to_points(message)
+        except ValueError as error:
+            self._node.get_logger().warning(f"path rejected: {error}")
+            return
+        self.guidance.follow("", course_of(points, self._config.speed))
+
+    def _on_twist_stamped(self, message: TwistStamped) -> None:
+        self._on_twist(message.twist)
+
+    def _on_twist(self, message: Twist) -> None:
+        try:
+            self.guidance.twist(float(message.linear.x), float(message.angular.z))
+            self._twist_refused = False
+        except ValueError as error:
+            if not self._twist_refused:
+                self._node.get_logger().warning(f"cmd_vel ignored: {error}")
+            self._twist_refused = True
+
+    def after_state(self, snapshot: BicycleState) -> None:
+        """Publish what has come about."""
+        guidance = self.guidance
+        now = self._node.get_clock().now().nanoseconds
+        path, guidance.followed = guidance.followed, None
+        if path is not None:
+            self._publish(topics.FOLLOWED_PATH, to_message(path, now))
+        for report in guidance.reports():
+            self.on_report(report)
+            self._publish(topics.PATH_STATUS, from_report(report, now))
+        told, guidance.told = guidance.told, []
+        for line in told:
+            self._node.get_logger().info(line)
+
+
+def course_of(points: list[Point2D], speed: float, noise: float = 0.0) -> MakeCourse:
+    """Return what makes the course of points."""
+
+    def make(radius: float) -> Course:
+        rounding = Rounding(tightest=radius, widest=max(radius, 6.0))
+        return Course("", path_through(points, rounding=rounding, noise=noise), speed)
+
+    return make
+
+
+def course_named(name: str) -> MakeCourse:
+    """Return what loads a course."""
+    return lambda radius: courses.load(name, radius)
+
+
+def to_points(message: PathMessage, frame: str = "") -> list[Point2D]:
+    """Return the points of a path message, m; `frame` is that of points that name none.
+
+    Raises:
+        ValueError: on a frame or a number that cannot be, or too many points.
+    """
+    most = 200_000
+    if len(message.poses) > most:
+        raise ValueError(f"{len(message.poses)} points are more than {most}")
+    frame = message.header.frame_id or frame
+    return [
+        convert.to_goal(pose.header.frame_id or frame, pose.pose.position)
+        for pose in message.poses
+    ]
+
+
+def to_message(path: Path, nanoseconds: int) -> PathMessage:
+    """Return a path as it is followed, with its headings; every n-th sample of a long one."""
+    header = convert.to_header(nanoseconds, ODOM_FRAME)
+    message = PathMessage(header=header)
+    every = max(1, math.ceil(len(path.x) / MOST_SHOWN))
+    chosen = [*range(0, len(path.x) - 1, every), len(path.x) - 1]
+    for index in chosen:
+        pose = PoseStamped(header=header)
+        pose.pose.position = convert.to_point((float(path.x[index]), float(path.y[index])))
+        yaw = float(heading_to_yaw(path.heading[index]))
+        pose.pose.orientation = convert.to_quaternion(yaw)
+        message.poses.append(pose)
+    return message
+
+
+def from_report(report: PathReport, nanoseconds: int) -> PathStatus:
+    """Return the status message of a path."""
+    return PathStatus(
+        header=convert.to_header(nanoseconds),
+        path_id=int(report.path_id),
+        name=report.name,
+        status=int(report.status),
+        lap=int(report.lap),
+        laps=int(report.laps),
+        message=report.message,
+        **{
+            name: float(getattr(report, name))
+            for name in (
+                "along",
+                "length",
+                "cross_track",
+                "heading_error",
+                "wanted_speed",
+                "rms",
+                "largest",
+                "elapsed",
+            )
+        },
+    )

@@ -1,0 +1,190 @@
+"""Paths, arrivals, cmd_vel and what follows a goal, in the loop and without ROS."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bicycle_common.geometry import heading_to_yaw, wrap_angle
+from bicycle_common.types import Command, InitialPose
+from bicycle_controller.control.control_loop import ControlLoop
+from bicycle_controller.control.courses import Course
+from bicycle_controller.control.goals import GoalTracker, Status
+from bicycle_controller.control.guidance import Guidance, GuidanceConfig
+from bicycle_controller.control.guide import PathEnd, PathReport
+from bicycle_controller.control.lqr import LqrController
+from bicycle_controller.control.path_making import Rounding, path_through
+from bicycle_controller.control.twist_ride import TwistLimits
+from bicycle_sim.plants import registry
+from bicycle_sim.runtime.simulator import Simulator
+from bicycle_sim.task.scenario import named
+
+WHIPPLE = registry.named(plant="whipple", bicycle="browser-rider")
+LIMITS = np.array([2.0, 0.0, 100.0])
+
+
+class Ride:
+    """A simulator, a loop and its guidance, without processes."""
+
+    def __init__(self, plant: Any = WHIPPLE, **config: Any) -> None:
+        self.simulator = Simulator(named("learned-speed"), plant)
+        self.simulator.reset(InitialPose(0.0, 0.0, -math.pi / 2, 3.0))  # towards +x
+        policy = LqrController(plant=plant)
+        self.loop = ControlLoop("test", policy, GoalTracker(), LIMITS)
+        self.guidance = Guidance(self.loop, GuidanceConfig(**config))
+        self.guidance.ride(plant, LIMITS)
+        self.reports: list[PathReport] = []
+        self.events: list[Any] = []
+        deadline = time.monotonic() + 60.0
+        while self.guidance._follower is None:
+            assert time.monotonic() < deadline
+            self.guidance.poll(self.simulator.snapshot)
+            time.sleep(0.01)
+
+    def settle(self) -> None:
+        """Wait for threads: a path is made in one."""
+        deadline = time.monotonic() + 60.0
+        while self.guidance._ready.empty():
+            assert time.monotonic() < deadline
+            time.sleep(0.005)
+
+    def step(self) -> None:
+        snapshot = self.simulator.snapshot
+        self.guidance.poll(snapshot)
+        out = self.loop.answer(snapshot, snapshot.step * 0.025)
+        self.events += out.events
+        self.reports += self.guidance.reports()
+        command = out.command or Command(snapshot.episode, snapshot.step, 0.0, 0.0, 0.0)
+        self.simulator.step(command)
+
+    def until(self, condition: Any, most: int = 8000) -> None:
+        for _ in range(most):
+            if condition():
+                return
+            assert not self.simulator.snapshot.fallen
+            self.step()
+        raise AssertionError(f"not within {most} steps")
+
+    @property
+    def yaw(self) -> float:
+        return float(heading_to_yaw(self.simulator.snapshot.heading))
+
+
+def course(*points: tuple[float, float], speed: float = 3.0) -> Any:
+    return lambda radius: Course(
+        "made", path_through(points, rounding=Rounding(radius, max(6.0, radius))), speed
+    )
+
+
+def test_a_path_is_joined_followed_and_ended() -> None:
+    ride = Ride()
+    number = ride.guidance.follow("made", course((10.0, 3.0), (60.0, 3.0)))
+    ride.settle()
+    ride.until(lambda: any(one.status is PathEnd.FINISHED for one in ride.reports))
+    last = ride.reports[-1]
+    assert last.path_id == number
+    assert last.rms < 0.3
+    assert any(one.status is PathEnd.ACTIVE for one in ride.reports)
+    assert ride.loop.guide is None
+    assert ride.loop.tracker.steers  # it rides straight on
+
+
+def test_a_goal_ends_a_path_and_a_path_ends_a_goal() -> None:
+    ride = Ride()
+    ride.guidance.follow("made", course((0.0, 0.0), (200.0, 0.0)))
+    ride.settle()
+    ride.until(lambda: ride.loop.guide is not None)
+    ride.guidance.stop("a newer goal came")
+    ride.loop.tracker.replace([(100.0, 20.0)])
+    ride.until(lambda: ride.loop.tracker.has_goal)
+    assert ride.loop.guide is None
+    assert ride.reports[-1].status is PathEnd.REPLACED
+    ride.guidance.follow("made", course((0.0, 0.0), (200.0, 0.0)))
+    ride.settle()
+    ride.until(lambda: ride.loop.guide is not None)
+    ride.until(lambda: not ride.loop.tracker.has_goal)
+    assert ride.events[-1].status is Status.CANCELLED
+
+
+def test_a_path_too_sharp_is_refused_with_the_number() -> None:
+    ride = Ride()
+    ride.guidance.follow("made", course((0.0, 0.0), (3.0, 0.0), (3.0, 3.0), (6.0, 3.0)))
+    ride.settle()
+    ride.step()
+    assert ride.reports[-1].status is PathEnd.REJECTED
+    assert "m at least" in ride.reports[-1].message
+
+
+@pytest.mark.parametrize("plant", [registry.default(), WHIPPLE], ids=["choi", "whipple"])
+def test_arrivals_within_10_degrees(plant: Any) -> None:
+    ride, rng = Ride(plant), np.random.default_rng(4)
+    off = []
+    for _ in range(12):
+        here = ride.simulator.snapshot
+        goal = here.rear_x + rng.uniform(-30, 30), here.rear_y + rng.uniform(-30, 30)
+        yaw = float(rng.uniform(-math.pi, math.pi))
+        ride.guidance.stop("a newer goal came")
+        ride.loop.tracker.replace([goal])
+        assert ride.guidance.arrive(goal, yaw) == ""
+        ride.events.clear()
+        ride.until(lambda: any(one.status is Status.REACHED for one in ride.events))
+        off.append(abs(float(wrap_angle(ride.yaw - yaw))))
+    assert np.mean(np.array(off) < math.radians(10.0)) >= 0.9
+
+
+def test_after_the_last_goal_it_circles_or_slows_down() -> None:
+    ride = Ride(after_goal="circle")
+    assert "circles the goal at" in ride.guidance.after_goal((10.0, 0.0))
+    for _ in range(1600):
+        ride.step()
+    here = ride.simulator.snapshot
+    radius = math.hypot(here.rear_x - 10.0, here.rear_y)
+    report = ride.guidance.path
+    assert report is not None
+    assert radius == pytest.approx(report.length / report.laps / (2.0 * math.pi), abs=0.5)
+
+    ride = Ride(after_goal="slow", slowest=2.5)
+    assert "slows down to 2.5 m/s" in ride.guidance.after_goal((10.0, 0.0))
+    for _ in range(400):
+        ride.step()
+    assert ride.simulator.snapshot.speed == pytest.approx(2.5, abs=0.1)
+
+
+def test_a_figure_eight_by_cmd_vel_alone_and_its_time_out() -> None:
+    ride = Ride()
+    rates, turned, before = [], 0.0, ride.yaw
+    for sign in (1.0, -1.0):
+        turned = 0.0
+        for _ in range(3000):
+            ride.guidance.twist(2.5, sign * 0.25)
+            ride.step()
+            assert not ride.simulator.snapshot.fallen
+            turned += float(wrap_angle(ride.yaw - before))
+            before = ride.yaw
+            if sign * turned >= 2.0 * math.pi:
+                break
+        assert sign * turned >= 2.0 * math.pi
+        rates.append(ride.simulator.snapshot.speed)
+    assert rates == pytest.approx([2.5, 2.5], abs=0.1)
+    for _ in range(200):  # nothing more comes: straight on
+        ride.step()
+    before = ride.yaw
+    for _ in range(40):
+        ride.step()
+    assert abs(wrap_angle(ride.yaw - before)) < 0.02
+
+
+def test_cmd_vel_is_limited_to_what_the_bicycle_rides() -> None:
+    ride = Ride(twist=TwistLimits(slowest=2.0, fastest=4.0, yaw_rate=0.5))
+    for _ in range(400):
+        ride.guidance.twist(0.0, 5.0)
+        ride.step()
+    snapshot = ride.simulator.snapshot
+    assert snapshot.speed == pytest.approx(2.0, abs=0.15)
+    assert not snapshot.fallen
+    with pytest.raises(ValueError, match="finite"):
+        ride.guidance.twist(math.nan, 0.0)
