@@ -31,7 +31,7 @@ from bicycle_tools.report_page.timing import LEAST_RANGE, draw_timing
 VOID = {"meta", "use", "path", "circle", "rect", "image", "stop", "br", "line", "wbr"}
 
 
-ALL = 2 * (3 * STEPS - 1) + 2 + 5
+ALL = 2 * (4 * STEPS - 1) + 2 + 5
 """Messages in the bag: states, commands and timing, episodes, statuses."""
 
 

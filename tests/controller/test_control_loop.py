@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bicycle_common.types import BicycleState, Command, CommandSource, InitialPose
+from bicycle_common.geometry import heading_error
+from bicycle_common.types import AppliedCommand, Command, CommandSource, InitialPose
 from bicycle_controller.control import control_loop as driving
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.exploration_noise import Noise, NoiseConfig
@@ -62,7 +63,7 @@ def ride(rider: ControlLoop, simulator: Simulator, steps: int) -> list[Command |
     commands = []
     for _ in range(steps):
         state = simulator.snapshot
-        commands.append(rider.answer(state, 0.025 * state.step).command)
+        commands.append(rider.answer(state, 0.025 * state.step, simulator.applied).command)
         simulator.step(commands[-1])
     return commands
 
@@ -144,10 +145,10 @@ def test_the_policy_sees_the_paper_s_six_states(simulator: Simulator) -> None:
         state.lean_angle,
         state.lean_rate,
         state.lean_acceleration,
-        state.heading_error,
+        float(heading_error(state.heading, state.rear_x, state.rear_y, *GOAL)),
     ]
     np.testing.assert_array_equal(policy.seen[-1], [expected])
-    assert state.heading_error > 0, "the goal is to the right of heading 0.4"
+    assert expected[-1] > 0, "the goal is to the right of heading 0.4"
 
 
 def test_the_lqr_rides_to_the_goal_and_on(simulator: Simulator) -> None:
@@ -265,9 +266,9 @@ def test_skipped_steps_are_counted(simulator: Simulator) -> None:
     assert rider.missed == 3
 
 
-def others(state: BicycleState, source: CommandSource = CommandSource.FRESH) -> BicycleState:
-    """Return the state as another controller's command led to it."""
-    return replace(state, controller="other", command_source=source)
+def under(controller: str, source: CommandSource = CommandSource.FRESH) -> AppliedCommand:
+    """The command of a controller that led to a state."""
+    return AppliedCommand(source, Command(1, 0, 0.0, 0.0, 0.0, controller=controller))
 
 
 def test_states_that_another_controller_drives_to_are_not_answered(simulator: Simulator) -> None:
@@ -277,8 +278,8 @@ def test_states_that_another_controller_drives_to_are_not_answered(simulator: Si
     told = []
     for step in range(60):
         # A bag may lead right through the goal.
-        state = replace(others(simulator.snapshot), step=step, rear_x=0.0, rear_y=float(step))
-        answer = rider.answer(state, 0.025 * step)
+        state = replace(simulator.snapshot, step=step, rear_x=0.0, rear_y=float(step))
+        answer = rider.answer(state, 0.025 * step, under("other"))
         assert answer.command is None
         assert [event.status for event in answer.events] == ([Status.QUEUED] if step == 0 else [])
         told += [answer.warning] if answer.warning else []
@@ -291,12 +292,12 @@ def test_the_goal_that_another_one_rode_to_is_told_when_it_is_taken_over(
 ) -> None:
     rider = driver(constant(1.0, 0.1, 0.0))
     rider.tracker.replace([GOAL])
-    state = others(simulator.snapshot)
-    assert rider.answer(state, 0.0).command is None
-    late = replace(others(state, CommandSource.HELD), step=1)
-    assert rider.answer(late, 0.025).command is not None, "the other one is late: be ready"
-    mine = replace(late, step=2, controller="me", command_source=CommandSource.FRESH)
-    answer = rider.answer(mine, 0.05)
+    state = simulator.snapshot
+    assert rider.answer(state, 0.0, under("other")).command is None
+    late, mine = replace(state, step=1), replace(state, step=2)
+    held = under("other", CommandSource.HELD)
+    assert rider.answer(late, 0.025, held).command is not None, "the other one is late: be ready"
+    answer = rider.answer(mine, 0.05, under("me"))
     assert answer.command is not None
     assert [event.status for event in answer.events] == [Status.ACTIVE]
 
@@ -305,11 +306,11 @@ def test_a_bicycle_that_waits_for_a_dead_controller_is_answered(simulator: Simul
     """In lock-step, and after a watchdog's pause, the same state comes again and again."""
     rider = driver(constant(1.0, 0.1, 0.0))
     rider.tracker.replace([GOAL])
-    state = others(replace(simulator.snapshot, step=7, command_step=6))
-    assert rider.answer(state, 0.2).command is None
-    command = rider.answer(state, 0.2).command
+    state = replace(simulator.snapshot, step=7)
+    assert rider.answer(state, 0.2, under("other")).command is None
+    command = rider.answer(state, 0.2, under("other")).command
     assert command is not None
-    assert rider.answer(state, 0.2).command is command
+    assert rider.answer(state, 0.2, under("other")).command is command
 
 
 def test_the_fallback_knows_the_commands_that_are_under_way() -> None:
@@ -328,3 +329,16 @@ def test_the_fallback_knows_the_commands_that_are_under_way() -> None:
         assert command.policy == lqr.policy_id
         simulator.step(command, 0.2 * (step == 40))
     assert abs(simulator.snapshot.lean_angle) < 0.02
+
+
+def test_a_state_without_an_echo_is_answered_unless_another_one_drove(
+    simulator: Simulator,
+) -> None:
+    """The driver of a bicycle may not tell what it applied."""
+    rider = driver(constant(1.0, 0.1, 0.0), take_over=False)
+    rider.tracker.replace([GOAL])
+    state = simulator.snapshot
+    assert rider.answer(state, 0.0).command is not None
+    later, last = replace(state, step=1), replace(state, step=2)
+    assert rider.answer(later, 0.025, under("other")).command is None
+    assert rider.answer(last, 0.05).command is None, "nothing says that it has gone"

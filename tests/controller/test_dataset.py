@@ -13,20 +13,18 @@ import pytest
 from clocks import CLOCKS, with_clock
 from ride_bag_maker import SCENARIO, Message, Rider, write_bag
 
-from bicycle_common.nodes import convert
 from bicycle_common.types import CommandSource
 from bicycle_controller.config import loading
 from bicycle_controller.config.algorithms import DdpgConfig
 from bicycle_controller.data import dataset
-from bicycle_controller.data.bag_transitions import Transitions
 from bicycle_controller.data.dataset import Dataset
 from bicycle_controller.data.dataset_report import as_text, report
 from bicycle_controller.data.replay_buffer import NStepAccumulator, RewardShaping
-from bicycle_controller.data.transition_stream import TransitionStream, packed, unpacked
+from bicycle_controller.data.transition_builder import Transitions
 from bicycle_sim.task.scenario import SCENARIOS
 
 STEPS = 1200
-STATE, COMMAND, TRANSITION = "/bicycle/state", "/bicycle/command", "/bicycle/transition"
+STATE, COMMAND, ECHO = "/bicycle/state", "/bicycle/command", "/bicycle/command_echo"
 EPISODE = "/bicycle/episode"
 
 
@@ -70,18 +68,18 @@ def test_the_ride_holds_what_the_tests_are_about(recorded: Dataset) -> None:
     assert found.fallen.sum() >= 3
     assert found.terminated.sum() >= 1
     assert (found.truncated & ~found.fallen & ~found.terminated).sum() >= 1
-    assert recorded.sources[0].recorded
+    assert not recorded.sources[0].recorded
+    assert recorded.lost == {"states": 0, "commands": 0}
     assert recorded.scenario == SCENARIO
 
 
-def test_transitions_made_of_states_are_the_recorded_ones_to_the_bit(
+def test_without_echoes_each_answer_is_taken_for_applied(
     ride: list[Message], recorded: Dataset, tmp_path: Path
 ) -> None:
-    bag = write_bag(tmp_path / "bag", iter(ride), [TRANSITION])
-    rebuilt = dataset.load([bag])
-    assert not rebuilt.sources[0].recorded
-    assert rebuilt.lost == {"states": 0, "commands": 0}
-    assert_equal(recorded.transitions, rebuilt.transitions)
+    """As of a bicycle whose driver does not tell; in lock-step that is the truth."""
+    guessed = dataset.load([write_bag(tmp_path / "bag", iter(ride), [ECHO])])
+    assert guessed.lost == {"states": 0, "commands": 0}
+    assert_equal(recorded.transitions, guessed.transitions)
 
 
 def test_a_fall_inside_the_goal_is_not_counted_as_reached(
@@ -96,22 +94,14 @@ def test_a_fall_inside_the_goal_is_not_counted_as_reached(
     assert len(falls) >= 3
     moved = copy.deepcopy(ride)
     for topic, message, _ in moved:
-        if topic == COMMAND and (place := falls.get((message.episode, message.step))):
-            message.goal, message.has_goal = place, True
-    found = dataset.load([write_bag(tmp_path / "bag", iter(moved), [TRANSITION])]).transitions
+        if topic == ECHO and (place := falls.get((message.episode, message.step - 1))):
+            message.command.goal, message.command.has_goal = place, True
+    found = dataset.load([write_bag(tmp_path / "bag", iter(moved))]).transitions
     keys = list(zip(found.episode.tolist(), found.step.tolist(), strict=True))
     rows = [row for row, key in enumerate(keys) if key in falls]
     assert len(rows) == len(falls)
     assert found.fallen[rows].all()
     assert not found.terminated[rows].any()
-
-
-def test_the_recorded_ones_are_what_was_published(ride: list[Message], recorded: Dataset) -> None:
-    messages = [message for topic, message, _ in ride if topic == TRANSITION]
-    found = recorded.transitions
-    assert found.step.tolist() == [message.step for message in messages]
-    for name in ("observation", "action", "next_observation"):
-        assert np.array_equal(getattr(found, name), [list(getattr(m, name)) for m in messages])
 
 
 def test_a_lost_state_costs_the_two_steps_beside_it_and_cuts_before_it(
@@ -126,7 +116,7 @@ def test_a_lost_state_costs_the_two_steps_beside_it_and_cuts_before_it(
         for i, state in enumerate(states)
         if (state.episode, state.step) == (whole.episode[row], whole.step[row])
     )
-    bag = write_bag(tmp_path / "bag", without(ride, STATE, {place}), [TRANSITION])
+    bag = write_bag(tmp_path / "bag", without(ride, STATE, {place}))
     found = dataset.load([bag])
     keep = np.ones(len(whole), dtype=bool)
     keep[[row - 1, row]] = False
@@ -137,38 +127,34 @@ def test_a_lost_state_costs_the_two_steps_beside_it_and_cuts_before_it(
     assert found.lost == {"states": 1, "commands": 0}
 
 
-def test_a_lost_command_costs_one_step(
+def test_a_lost_echo_costs_one_step(
     ride: list[Message], recorded: Dataset, tmp_path: Path
 ) -> None:
-    bag = write_bag(tmp_path / "bag", without(ride, COMMAND, {400}), [TRANSITION])
-    found = dataset.load([bag])
+    found = dataset.load([write_bag(tmp_path / "bag", without(ride, ECHO, {400}))])
     assert found.lost == {"states": 0, "commands": 1}
     assert len(found.transitions) == len(recorded.transitions) - 1
 
 
-def test_a_lost_transition_is_counted_and_cut(
+def test_a_lost_command_costs_nothing(
     ride: list[Message], recorded: Dataset, tmp_path: Path
 ) -> None:
-    whole = recorded.transitions
-    row = next(i for i in range(300, len(whole)) if not whole.ended[i - 3 : i + 3].any())
-    found = dataset.load([write_bag(tmp_path / "b", without(ride, TRANSITION, {row, row + 1}))])
-    assert found.lost == {"transitions": 2}
-    assert len(found.transitions) == len(whole) - 2
-    assert found.transitions.truncated[row - 1]
-    assert not whole.truncated[row - 1]
+    found = dataset.load([write_bag(tmp_path / "bag", without(ride, COMMAND, {400}))])
+    assert found.lost == {"states": 0, "commands": 0}
+    assert_equal(recorded.transitions, found.transitions)
 
 
 def test_a_held_command_is_the_action_of_the_steps_that_it_ruled(tmp_path: Path) -> None:
     def late(messages: Iterator[Message]) -> Iterator[Message]:
         """As if the answer to step 20 had come too late: step 20 goes on under that to 19."""
         for topic, message, time in messages:
-            if topic == STATE and message.step == 21:
-                message.command_source, message.command_step = int(CommandSource.HELD), 19
-            if topic == COMMAND and message.step == 19:
-                message.torque = 1.25
+            if topic == ECHO and message.step == 21:
+                message.command_source = int(CommandSource.HELD)
+                message.command.step = 19
+            if topic == ECHO and message.step in (20, 21):
+                message.command.torque = 1.25
             yield topic, message, time
 
-    bag = write_bag(tmp_path / "bag", late(Rider(sigma=0.1, seed=1).ride(60)), [TRANSITION])
+    bag = write_bag(tmp_path / "bag", late(Rider(sigma=0.1, seed=1).ride(60)))
     found = dataset.load([bag]).transitions
     assert found.action[found.step == 20, 0].tolist() == [1.25]
     assert found.action[found.step == 19, 0].tolist() == [1.25]
@@ -185,17 +171,16 @@ def test_a_restarted_simulator_counts_anew_and_nothing_is_mixed_up(tmp_path: Pat
         for seed in (1, 2)
     ]
     expected = Transitions.join([data.transitions for data in apart])
-    for name, left_out in (("recorded", []), ("rebuilt", [TRANSITION])):
+    for name, left_out in (("echoed", []), ("guessed", [ECHO])):
         found = dataset.load([write_bag(tmp_path / name, both(), left_out)])
         assert_equal(found.transitions, expected)
 
 
 def test_a_folder_of_bags_is_read_in_order_and_joined(tmp_path: Path) -> None:
-    for name, left_out in (("b", [TRANSITION]), ("a/deep", [])):
+    for name, left_out in (("b", [ECHO]), ("a/deep", [])):
         write_bag(tmp_path / "bags" / name, Rider(sigma=0.1, seed=1).ride(60), left_out)
     data = dataset.load([tmp_path / "bags"])
     assert [Path(source.path).name for source in data.sources] == ["deep", "b"]
-    assert [source.recorded for source in data.sources] == [True, False]
     assert len(data.transitions) == 2 * data.sources[0].transitions
 
 
@@ -242,34 +227,6 @@ def test_lanes_hold_whole_pursuits_once_each() -> None:
 def test_frozen_falls_are_refused(recorded: Dataset) -> None:
     with pytest.raises(ValueError, match=r"set ddpg\.fall=absorbing"):
         dataset.memory_rows(recorded, offline_ddpg("ddpg.fall=frozen"))
-
-
-# Live.
-
-
-def test_the_stream_of_messages_gives_the_same_and_counts_gaps(
-    ride: list[Message], recorded: Dataset
-) -> None:
-    messages = [message for topic, message, _ in ride if topic == TRANSITION]
-    whole, torn = TransitionStream(), TransitionStream()
-    made = [t for message in messages for t in whole.take(convert.to_transition(message))]
-    assert whole.lost == 0
-    assert len(made) in (len(messages), len(messages) - 1)
-    columns = unpacked(packed(made))
-    for column, name in zip(
-        columns,
-        ("observation", "action", "reward", "next_observation", "terminated", "truncated"),
-        strict=False,
-    ):
-        assert np.array_equal(column, getattr(recorded.transitions, name)[: len(made)]), name
-    row = next(
-        i for i in range(300, len(messages)) if not recorded.transitions.ended[i - 3 : i + 3].any()
-    )
-    rest = messages[:row] + messages[row + 2 :]
-    found = [t for message in rest for t in torn.take(convert.to_transition(message))]
-    assert torn.lost == 2
-    assert found[row - 1].truncated
-    assert not made[row - 1].truncated
 
 
 # The report, and what is refused.
@@ -336,7 +293,7 @@ def test_bags_that_will_not_do_are_refused_in_one_line(
     with pytest.raises(ValueError, match="name it with --scenario"):
         dataset.load([mute])
     assert len(dataset.load([mute], SCENARIO).transitions) > 1000
-    empty = write_bag(tmp_path / "empty", iter(ride), [STATE, TRANSITION])
+    empty = write_bag(tmp_path / "empty", iter(ride), [STATE])
     with pytest.raises(ValueError, match="holds no bicycle"):
         dataset.load([empty])
     other = replace(SCENARIOS["random-small-displacement"], max_steps=SCENARIO.max_steps)
@@ -346,7 +303,7 @@ def test_bags_that_will_not_do_are_refused_in_one_line(
     assert narrow.exists()
 
 
-@pytest.mark.parametrize("leave_out", [(), (TRANSITION,)], ids=["recorded", "rebuilt"])
+@pytest.mark.parametrize("leave_out", [(), (ECHO,)], ids=["echoed", "guessed"])
 @pytest.mark.parametrize("name", CLOCKS)
 def test_the_recordings_clock_does_not_matter(
     ride: list[Message], tmp_path: Path, name: str, leave_out: tuple[str, ...]

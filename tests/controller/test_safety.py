@@ -207,7 +207,7 @@ def commands(actor: str, layer: Safety | None, seed: int, steps: int = 700) -> l
     given = []
     for _ in range(steps):
         now = simulator.snapshot
-        answer = rider.answer(now, now.step * 0.025)
+        answer = rider.answer(now, now.step * 0.025, simulator.applied)
         assert answer.command is not None
         assert answer.hand_over is None
         given.append(answer.command)
@@ -274,7 +274,7 @@ def drive(
     told, events = [], []
     for _ in range(steps):
         now = simulator.snapshot
-        answer = made.answer(now, now.step * 0.025)
+        answer = made.answer(now, now.step * 0.025, simulator.applied)
         events += [event.status for event in answer.events]
         if answer.hand_over is not None:
             told.append(answer.hand_over)
@@ -341,7 +341,7 @@ def test_a_step_without_command_is_stale() -> None:
     made, simulator = driver(Faulty())
     drive(made, simulator, 5)
     simulator.step(None)
-    assert simulator.snapshot.command_source is CommandSource.ZERO
+    assert simulator.applied.source is CommandSource.ZERO
     (taken,), _ = drive(made, simulator, 1)
     assert taken.reason is Reason.STALE
     assert taken.message.startswith("no command led to the state: lqr-")

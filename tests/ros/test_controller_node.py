@@ -17,9 +17,17 @@ from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Path as PathMessage
 from node_process import NodeProcess
 from probe import Probe, goal
+from visualization_msgs.msg import Marker
 
 from bicycle_common.nodes import convert, topics
-from bicycle_common.nodes.topics import COMMAND, GOAL_PATH, GOAL_POSE, GOAL_STATUS, STATE
+from bicycle_common.nodes.topics import (
+    COMMAND,
+    COMMAND_ECHO,
+    GOAL_PATH,
+    GOAL_POSE,
+    GOAL_STATUS,
+    STATE,
+)
 from bicycle_common.types import InitialPose
 from bicycle_controller.policy.trained_for import UNLIKE
 from bicycle_sim.plants.choi.plant import ChoiPlant
@@ -63,9 +71,14 @@ def start_controller(start_node: StartNode) -> Callable[..., NodeProcess]:
 
 @pytest.fixture
 def probe(ros_domain: int) -> Iterator[Probe]:
-    made = Probe(ros_domain, STATE, COMMAND, GOAL_STATUS, topics.ACTIVE_GOAL)
+    made = Probe(ros_domain, STATE, COMMAND, GOAL_STATUS, topics.ACTIVE_GOAL, topics.GOAL_MARKER)
     yield made
     made.close()
+
+
+def senders(probe: Probe) -> set[str]:
+    """Names of the controllers whose commands were applied."""
+    return {echo.command.controller for echo in probe[COMMAND_ECHO]} - {""}
 
 
 def path(*points: tuple[float, float]) -> PathMessage:
@@ -144,7 +157,11 @@ def test_it_rides_waypoints_in_order(start_sim: Any, start_controller: Any, prob
     assert reached.elapsed == pytest.approx(reached.path_length / SCENARIO.start_speed, rel=0.03)
     shown = [(g.pose.position.x, g.pose.position.y) for g in probe[topics.ACTIVE_GOAL]]
     assert shown == [(8.0, 3.0), (14.0, 0.0)]
-    probe.spin_until(lambda: not probe[STATE][-1].has_goal)
+    markers = probe[topics.GOAL_MARKER]
+    probe.spin_until(lambda: markers[-1].action == Marker.DELETE)
+    drawn = [(m.pose.position.x, m.scale.x) for m in markers if m.action == Marker.ADD]
+    assert list(dict.fromkeys(drawn)) == [(8.0, 2.0), (14.0, 2.0)]
+    probe.spin_until(lambda: not probe[COMMAND][-1].has_goal)
     begun = probe[STATE][-1].step
     probe.spin_until(lambda: probe[STATE][-1].step > begun + 200)
     assert not probe[STATE][-1].fallen, "it rides straight on after the last goal"
@@ -353,7 +370,7 @@ def test_killed_and_started_again_it_rides_on_to_the_goal(
     second = start_controller()
     probe.spin_until(lambda: statuses(probe)[-1:] == [(1, GoalStatus.REACHED)])
     assert second.running
-    riders = {state.controller for state in probe[STATE] if state.controller}
+    riders = senders(probe)
     assert len(riders) == 2
     assert not probe[STATE][-1].fallen
 
@@ -380,8 +397,8 @@ def test_of_two_controllers_one_rides(start_sim: Any, start_controller: Any, pro
     probe.spin_for(0.5)
     assert statuses(probe).count((1, GoalStatus.REACHED)) == 1, "who does not ride reaches nothing"
     # The state's last messages may be under way still when the status has come.
-    probe.spin_until(lambda: any(state.controller for state in probe[STATE]))
-    assert len({state.controller for state in probe[STATE] if state.controller}) == 1
+    probe.spin_until(lambda: senders(probe))
+    assert len(senders(probe)) == 1
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

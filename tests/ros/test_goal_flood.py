@@ -8,13 +8,13 @@ import time
 from collections.abc import Callable
 
 import pytest
-from bicycle_msgs.msg import BicycleState, GoalStatus
+from bicycle_msgs.msg import CommandEcho, GoalStatus
 from geometry_msgs.msg import PoseStamped
 from node_process import NodeProcess
 from probe import Probe, goal
 from waiting import PATIENCE
 
-from bicycle_common.nodes.topics import GOAL_POSE, GOAL_STATUS, STATE
+from bicycle_common.nodes.topics import COMMAND_ECHO, GOAL_POSE, GOAL_STATUS, STATE
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 
@@ -45,8 +45,8 @@ def flood(probe: Probe) -> None:
         time.sleep(max(0.0, begun + (number + 1) / RATE - time.monotonic()))
 
 
-def place(state: BicycleState) -> tuple[float, float]:
-    return state.goal.x, state.goal.y
+def place(echo: CommandEcho) -> tuple[float, float]:
+    return echo.command.goal.x, echo.command.goal.y
 
 
 def last(probe: Probe) -> GoalStatus:
@@ -62,20 +62,20 @@ def test_a_flood_of_goals_does_not_stop_the_ride(
     simulator.wait_for_line("episode 1 waits")
     controller = start_node("bicycle_controller.nodes.controller_node")
     controller.wait_for_line("waits for a goal")
-    probe = Probe(ros_domain, STATE, GOAL_STATUS)
+    probe = Probe(ros_domain, COMMAND_ECHO, STATE, GOAL_STATUS)
     try:
         probe.say(GOAL_POSE, goal(40.0, 0.0))
         probe.spin_until(lambda: probe[STATE] and probe[STATE][-1].step > 40)
-        begun = len(probe[STATE])
+        begun = len(probe[COMMAND_ECHO])
         flood(probe)
         probe.say(GOAL_POSE, goal(*LAST))
-        probe.spin_until(lambda: place(probe[STATE][-1]) == LAST)
+        probe.spin_until(lambda: place(probe[COMMAND_ECHO][-1]) == LAST)
         probe.spin_until(lambda: last(probe).status == GoalStatus.REACHED)
         assert (last(probe).position.x, last(probe).position.y) == LAST
         told = {one.status for one in probe[GOAL_STATUS]}
         assert {GoalStatus.REPLACED, GoalStatus.REJECTED, GoalStatus.ACTIVE} <= told
-        sources = {one.command_source for one in probe[STATE][begun:]}
-        assert sources <= {BicycleState.SOURCE_FRESH, BicycleState.SOURCE_HELD}
+        sources = {one.command_source for one in probe[COMMAND_ECHO][begun:]}
+        assert sources <= {CommandEcho.SOURCE_FRESH, CommandEcho.SOURCE_HELD}
         assert not probe[STATE][-1].fallen
     finally:
         probe.close()

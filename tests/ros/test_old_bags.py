@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bicycle_msgs.msg import BicycleState
+from bicycle_msgs.msg import BicycleState, CommandEcho
 from node_process import NodeProcess
 from rclpy.serialization import deserialize_message, serialize_message
 
@@ -17,8 +17,16 @@ from bicycle_bag import messages
 from bicycle_bag.columns import load_topics
 from bicycle_bag.nodes.session import message_class
 from bicycle_bag.reader import BagReader
+from bicycle_bag.versions import ECHO, TodaysReader
 from bicycle_cockpit.bags import session
-from bicycle_controller.data.bag_transitions import COMMAND, STATE, TRANSITION, extract, rebuilt
+from bicycle_controller.data.bag_transitions import (
+    COMMAND,
+    GOAL_STATUS,
+    STATE,
+    TRANSITION,
+    built,
+    extract,
+)
 from bicycle_controller.data.dataset import load as load_dataset
 from bicycle_tools.nodes import verify
 from bicycle_tools.report_page.loading import load
@@ -49,10 +57,10 @@ def test_every_definition_says_its_version(path: Path) -> None:
 
 
 def test_todays_messages_still_hold_what_it_says(old: Path) -> None:
-    """The same bytes, by today's class and by the definition in the bag."""
-    reader = BagReader(old)
+    """What today's class says is what the definition in the bag says."""
+    reader, today = BagReader(old), TodaysReader(old)
     decoded = 0
-    pairs = zip(messages.read(reader), reader.messages(), strict=True)
+    pairs = zip(messages.read(reader), today.messages(reader.topics), strict=True)
     for by_bag, raw in pairs:
         by_class = deserialize_message(raw.data, message_class(raw.type))
         for name in by_class.get_fields_and_field_types():
@@ -63,6 +71,37 @@ def test_todays_messages_still_hold_what_it_says(old: Path) -> None:
                 assert then == now, (raw.topic, name)
         decoded += 1
     assert decoded == reader.message_count > 100
+
+
+def test_its_states_echo_their_commands(old: Path) -> None:
+    """Each state is played after the command that led to it, whole, as it was recorded."""
+    given = {}
+    for item in messages.read(old, [COMMAND]):
+        given[item.message.episode, item.message.step] = item.message
+    *_, driven = _echoes(old)
+    assert len(driven) > 70
+    for echo, state in driven:
+        assert (echo.episode, echo.step) == (state.episode, state.step)
+        sent = given[echo.command.episode, echo.command.step]
+        for name in ("torque", "pedal_force", "has_goal", "goal_id", "controller", "policy"):
+            assert getattr(echo.command, name) == getattr(sent, name), name
+        assert echo.command.goal.x == sent.goal.x
+
+
+def _echoes(path: Path) -> list[list[tuple[CommandEcho, BicycleState]]]:
+    """Echoes with the states after them: of starts, and of steps under a command."""
+    found: list[list[tuple[CommandEcho, BicycleState]]] = [[], []]
+    echo = None
+    for item in TodaysReader(path).messages([ECHO, STATE]):
+        if item.topic == ECHO:
+            assert echo is None
+            echo = deserialize_message(item.data, CommandEcho)
+            continue
+        assert echo is not None
+        pair = echo, deserialize_message(item.data, BicycleState)
+        found[echo.command_source == CommandEcho.SOURCE_FRESH].append(pair)
+        echo = None
+    return found
 
 
 def test_its_states_come_out_again(old: Path) -> None:
@@ -97,7 +136,7 @@ def test_rounding_is_told_from_a_difference(old: Path, apart: float, rounding: b
 def test_it_is_played(old: Path, start_node: Start) -> None:
     player = start_node(ROOT / "ros2_ws" / "replay.sh", [old, "--rate", "2"])
     assert player.wait() == 0, player.output
-    assert f"played {BagReader(old).message_count} messages" in player.lines[-1]
+    assert f"played {TodaysReader(old).message_count} messages" in player.lines[-1]
 
 
 def test_it_teaches(old: Path) -> None:
@@ -105,8 +144,8 @@ def test_it_teaches(old: Path) -> None:
     reader = BagReader(old)
     scenario = load_dataset([old]).scenario
     kept = extract(reader, "", scenario).transitions if TRANSITION in reader.topics else None
-    columns = load_topics(reader, [STATE, COMMAND])
-    made, lost = rebuilt(columns[STATE], columns[COMMAND], scenario)
+    columns = load_topics(reader, [STATE, COMMAND, GOAL_STATUS])
+    made, lost = built(columns[STATE], {}, columns[COMMAND], columns[GOAL_STATUS], scenario)
     assert lost == {"states": 0, "commands": 0}
     assert len(made) > 70
     assert kept is not None

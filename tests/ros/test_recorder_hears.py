@@ -18,7 +18,7 @@ from probe import Probe, goal
 
 from bicycle_bag import columns
 from bicycle_bag.reader import BagReader
-from bicycle_common.nodes.topics import COMMAND, GOAL_POSE, STATE, TIMING, TRANSITION
+from bicycle_common.nodes.topics import COMMAND, COMMAND_ECHO, GOAL_POSE, STATE, TIMING
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 
@@ -164,7 +164,7 @@ def test_a_recorder_that_stood_still_for_longer_than_the_lease_loses_no_step(
     small = re.sub(r"(<receiveBufferSize>)\d+", r"\g<1>65536", given)
     assert small != given
     profiles.write_text(small)
-    names = [f"/{topic.name}" for topic in (STATE, COMMAND, TIMING, TRANSITION)]
+    names = [f"/{topic.name}" for topic in (STATE, COMMAND, TIMING, COMMAND_ECHO)]
     words = ["--output", bag, "--topics", *names]
     recorder = start_node(RECORDER, words, {"FASTRTPS_DEFAULT_PROFILES_FILE": str(profiles)})
     recorder.wait_for_line("recording into", LONG)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from bicycle_msgs.msg import BicycleCommand, BicycleState
+from bicycle_msgs.msg import BicycleCommand, BicycleState, CommandEcho
 from bicycle_msgs.srv import Push, Reset
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from node_process import NodeProcess
@@ -17,7 +17,7 @@ from probe import Probe, command
 from std_srvs.srv import SetBool, Trigger
 
 from bicycle_common.nodes import convert, topics
-from bicycle_common.nodes.topics import COMMAND, STATE, TIMING, TRANSITION
+from bicycle_common.nodes.topics import COMMAND, COMMAND_ECHO, STATE, TIMING
 from bicycle_sim.nodes.episode_setting import to_setting
 from bicycle_sim.plants.choi.plant import ChoiPlant
 
@@ -46,7 +46,7 @@ def start_sim(start_node: StartNode) -> Callable[..., NodeProcess]:
 
 @pytest.fixture
 def probe(ros_domain: int) -> Iterator[Probe]:
-    made = Probe(ros_domain, STATE, TIMING, TRANSITION, topics.DIAGNOSTICS)
+    made = Probe(ros_domain, COMMAND_ECHO, STATE, TIMING, topics.DIAGNOSTICS)
     yield made
     made.close()
 
@@ -57,6 +57,18 @@ def newest(probe: Probe) -> BicycleState:
 
 def at_step(probe: Probe, step: int) -> BicycleState:
     return probe.spin_until(lambda: next((s for s in probe[STATE] if s.step == step), None))
+
+
+def echo_of(probe: Probe, state: BicycleState) -> CommandEcho:
+    """The echo of the command that led to a state."""
+    key = state.episode, state.step
+
+    def found() -> CommandEcho | None:
+        echoes = (echo for echo in probe[COMMAND_ECHO] if (echo.episode, echo.step) == key)
+        return next(echoes, None)
+
+    echo: CommandEcho = probe.spin_until(found)
+    return echo
 
 
 def answer_upright(state: BicycleState) -> BicycleCommand:
@@ -70,6 +82,7 @@ def test_it_publishes_all_that_others_expect(start_sim: Any, ros_domain: int) ->
     start_sim(pace="lockstep", start_x=3.0, start_yaw=0.5)
     probe = Probe(
         ros_domain,
+        COMMAND_ECHO,
         STATE,
         topics.ODOMETRY,
         topics.JOINT_STATES,
@@ -85,9 +98,11 @@ def test_it_publishes_all_that_others_expect(start_sim: Any, ros_domain: int) ->
     probe.say(COMMAND, command(first, torque=0.5))
     state = at_step(probe, 1)
     assert state.steer_angle > 0
-    assert state.command_source == BicycleState.SOURCE_FRESH
-    assert (state.command_step, state.controller) == (0, "probe")
-    assert math.isnan(state.heading_error)
+    echo = echo_of(probe, state)
+    assert echo.command_source == CommandEcho.SOURCE_FRESH
+    assert (echo.command.step, echo.command.controller) == (0, "probe")
+    assert echo.command.torque == 0.5
+    assert echo_of(probe, first).command_source == CommandEcho.SOURCE_INITIAL
     probe.spin_until(lambda: all(probe.heard[t.name] for t in (TIMING, topics.DIAGNOSTICS)))
     odometry = probe[topics.ODOMETRY][-1]
     assert (odometry.header.frame_id, odometry.child_frame_id) == ("odom", "base_link")
@@ -102,7 +117,6 @@ def test_it_publishes_all_that_others_expect(start_sim: Any, ros_domain: int) ->
     assert {m.ns for m in probe[topics.MARKERS][-1].markers} >= {
         "front wheel",
         "rider",
-        "goal",
     }
     names = {status.name for status in probe[topics.DIAGNOSTICS][-1].status}
     assert names == {f"bicycle_sim: {what}" for what in ("loop", "commands", "bicycle")}
@@ -276,7 +290,7 @@ def ride_some(probe: Probe, steps: int) -> None:
 
 
 def sources(probe: Probe) -> list[int]:
-    by_step = {state.step: state.command_source for state in probe[STATE]}
+    by_step = {echo.step: echo.command_source for echo in probe[COMMAND_ECHO]}
     return [by_step[step] for step in sorted(by_step)]
 
 
@@ -284,14 +298,14 @@ def test_without_commands_zero_input_is_applied_and_told(start_sim: Any, probe: 
     sim = start_sim(watchdog_timeout=SLOW)
     ride_some(probe, 10)
     sim.wait_for_line("no valid command for 2 s.*zero input until the next one")
-    probe.spin_until(lambda: set(sources(probe)[-20:]) == {BicycleState.SOURCE_ZERO})
+    probe.spin_until(lambda: set(sources(probe)[-20:]) == {CommandEcho.SOURCE_ZERO})
     reports = probe[topics.DIAGNOSTICS]
     probe.spin_until(
         lambda: reports and any("zero input" in status.message for status in reports[-1].status)
     )
     ride_some(probe, newest(probe).step + 10)
     sim.wait_for_line("commands again")
-    assert BicycleState.SOURCE_FRESH in sources(probe)[-8:]
+    assert CommandEcho.SOURCE_FRESH in sources(probe)[-8:]
     assert sum("no valid command" in line for line in sim.lines) == 1, "told once"
 
 
@@ -305,7 +319,7 @@ def test_by_parameter_the_bicycle_is_held_instead(start_sim: Any, probe: Probe) 
     probe.spin_for(0.5)
     assert newest(probe).step == held
     ride_some(probe, held + 10)
-    assert BicycleState.SOURCE_ZERO not in sources(probe)
+    assert CommandEcho.SOURCE_ZERO not in sources(probe)
 
 
 def test_pause_single_step_and_go_on(start_sim: Any, probe: Probe) -> None:
@@ -319,7 +333,8 @@ def test_pause_single_step_and_go_on(start_sim: Any, probe: Probe) -> None:
     assert newest(probe).step == 0
     for step in (1, 2):
         assert probe.call(topics.STEP, Trigger.Request()).success
-        assert at_step(probe, step).command_source == BicycleState.SOURCE_FRESH
+        echo = echo_of(probe, at_step(probe, step))
+        assert echo.command_source == CommandEcho.SOURCE_FRESH
         probe.spin_for(0.2)
     assert newest(probe).step == 2
     assert probe.call(topics.PAUSE, SetBool.Request(data=False)).success
@@ -387,14 +402,15 @@ def test_it_falls_stays_down_and_is_reset_by_itself(start_sim: Any, probe: Probe
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_cleanly_with_the_last_transition_told(
+def test_a_signal_ends_it_cleanly_with_the_last_state_told(
     start_sim: Any, probe: Probe, number: signal.Signals
 ) -> None:
     sim = start_sim(pace="lockstep")
     probe.on_state = lambda state: answer_upright(state) if state.step < 5 else None
     at_step(probe, 5)
-    probe.spin_until(lambda: len(probe[TRANSITION]) == 4)
     assert sim.stop(number) == 0, sim.output
-    probe.spin_until(lambda: len(probe[TRANSITION]) == 5)
-    assert [one.truncated for one in probe[TRANSITION]] == [False] * 4 + [True]
+    assert [echo_of(probe, at_step(probe, step)).command_source for step in range(6)] == [
+        CommandEcho.SOURCE_INITIAL,
+        *[CommandEcho.SOURCE_FRESH] * 5,
+    ]
     assert "Traceback" not in sim.output

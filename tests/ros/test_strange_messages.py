@@ -74,7 +74,7 @@ def state(step: int = 0, episode: int = 1) -> BicycleState:
     for _ in range(3):
         simulator.step(None)
     message = convert.from_snapshot(simulator.snapshot, 25_000_000 * (step + 1))
-    message.episode, message.step, message.command_step = episode, step, max(step - 1, -1)
+    message.episode, message.step = episode, step
     return message
 
 

@@ -20,7 +20,7 @@ from soak_figures import bag_figures
 from std_msgs.msg import String
 
 from bicycle_bag.reader import BagReader
-from bicycle_common.nodes.topics import COMMAND, GOAL_POSE, STATE, TIMING, Topic
+from bicycle_common.nodes.topics import COMMAND, COMMAND_ECHO, GOAL_POSE, STATE, TIMING, Topic
 
 pytestmark = pytest.mark.ros
 
@@ -120,7 +120,7 @@ def test_jumps_of_the_systems_clock_do_not_matter(
     build = ["g++", "-x", "c", "-shared", "-fPIC", "-Wall", "-Werror", source, "-o", str(library)]
     subprocess.run(build, check=True)
     env = {"LD_PRELOAD": str(library), "CLOCK_JUMP": str(moved)}
-    probe = Probe(ros_domain, STATE, COMMAND, TIMING)
+    probe = Probe(ros_domain, COMMAND_ECHO, STATE, COMMAND, TIMING)
     try:
         sim = start_node("bicycle_sim.nodes.sim_node", [], env)
         sim.wait_for_line("episode 1 waits")
@@ -149,7 +149,7 @@ def test_jumps_of_the_systems_clock_do_not_matter(
     assert jumps[0] > 3500, "the clock was not moved"
     assert jumps[1] < -170_000
     assert not probe[STATE][-1].fallen
-    assert {state.command_source for state in probe[STATE] if state.step > 40} <= {1, 2}
+    assert {echo.command_source for echo in probe[COMMAND_ECHO] if echo.step > 40} <= {1, 2}
     assert "no valid command" not in sim.output
     reader = BagReader(tmp_path / "bag")
     assert len(list(reader.messages([f"/{LATE.name}"]))) == 1

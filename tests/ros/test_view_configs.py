@@ -11,7 +11,7 @@ import yaml
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.qos import DurabilityPolicy
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 from bicycle_common.node_commands import config_folder
 from bicycle_common.nodes import topics
@@ -23,6 +23,7 @@ TOPIC: dict[str, Topic] = {f"/{topic.name.lstrip('/')}": topic for topic in TOPI
 LAYOUT = json.loads((config_folder() / "foxglove-layout.json").read_text())
 RVIZ = yaml.safe_load((config_folder() / "bicycle.rviz").read_text())["Visualization Manager"]
 IN_RVIZ = {
+    "Marker": Marker,
     "MarkerArray": MarkerArray,
     "Odometry": Odometry,
     "Pose": PoseStamped,
@@ -63,6 +64,7 @@ def test_foxgloves_layout_shows_state_markers_command_and_goal() -> None:
     shown = {path.split(".")[0] for path in PATHS}
     wanted = (
         *(topics.STATE, topics.COMMAND, topics.MARKERS, topics.ACTIVE_GOAL),
+        *(topics.GOAL_MARKER, topics.COMMAND_ECHO),
         *(topics.GOAL_STATUS, topics.TIMING, topics.DIAGNOSTICS),
     )
     assert {f"/{topic.name.lstrip('/')}" for topic in wanted} <= shown

@@ -9,7 +9,14 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from bicycle_common.types import BicycleState, Command, CommandSource, InitialPose
+from bicycle_common.types import (
+    AppliedCommand,
+    BicycleState,
+    Command,
+    CommandSource,
+    InitialPose,
+)
+from bicycle_sim.plants import registry
 from bicycle_sim.plants.choi.parameters import Physics
 from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.runtime.simulator import Simulator
@@ -111,32 +118,33 @@ def test_each_episode_has_the_next_seed_unless_one_is_named() -> None:
 
 def test_where_the_input_came_from_is_told() -> None:
     simulator = Simulator(SCENARIO)
-    first = simulator.reset()
-    assert (first.command_source, first.command_step) == (CommandSource.INITIAL, -1)
+    simulator.reset()
+    assert simulator.applied == AppliedCommand(CommandSource.INITIAL)
     command = Command(1, 0, 0.0, 0.0, 0.0, GOAL, 1, "me")
-    fresh, held, zero = simulator.step(command), simulator.step(command), simulator.step(None)
-    assert (fresh.command_source, fresh.command_step) == (CommandSource.FRESH, 0)
-    assert (held.command_source, held.command_step, held.controller) == (
-        CommandSource.HELD,
-        0,
-        "me",
-    )
-    assert (zero.command_source, zero.command_step, zero.controller) == (
-        CommandSource.ZERO,
-        -1,
-        "",
-    )
+    told = []
+    for given in (command, command, None):
+        simulator.step(given)
+        told.append(simulator.applied)
+    fresh, held, zero = told
+    assert (fresh.source, fresh.controller, fresh.lateness(1)) == (CommandSource.FRESH, "me", 0.0)
+    assert (held.source, held.controller, held.lateness(2)) == (CommandSource.HELD, "me", 1.0)
+    assert (zero.source, zero.controller, zero.lateness(3)) == (CommandSource.ZERO, "", math.inf)
     assert fresh.goal == held.goal == GOAL
     assert zero.goal is None
-    assert math.isnan(zero.heading_error)
+    simulator.reset()
+    assert simulator.applied.lateness(0) == 0.0
 
 
-def test_the_goal_is_to_the_right_with_a_positive_heading_error() -> None:
-    simulator = Simulator(SCENARIO)
-    simulator.reset(InitialPose(0.0, 0.0, 0.0, 2.5))
-    snapshot = simulator.step(Command(1, 0, 0.0, 0.0, 0.0, (100.0, 0.0)))
-    assert snapshot.heading_error == pytest.approx(math.pi / 2, abs=0.01)
-    assert snapshot.goal_distance == pytest.approx(100.0, abs=0.1)
+def test_the_rates_and_the_pitch_are_the_plants() -> None:
+    simulator = Simulator(SCENARIO, registry.named("whipple", None, "faithful"))
+    simulator.reset(InitialPose(0.0, 0.0, 0.0, 3.0))
+    before = after = simulator.snapshot
+    for step in range(20):
+        before, after = simulator.snapshot, simulator.step(Command(1, step, 1.0, 0.0, 0.0))
+    turned = math.remainder(after.heading - before.heading, 2.0 * math.pi) / simulator.time_step
+    assert after.yaw_rate == pytest.approx(turned, rel=0.1)
+    assert 0.0 < abs(after.pitch) < 0.1
+    assert not after.estimated
 
 
 def test_a_fallen_bicycle_stays_as_it_lies() -> None:

@@ -50,7 +50,7 @@ def _write(writer: BagWriter, topic: str, message: Any, step: int, late: int = 0
 
 
 def _state(episode: int, step: int, stamp_step: int) -> BicycleState:
-    state = BicycleState(episode=episode, step=step, speed=2.0, goal_distance=float("nan"))
+    state = BicycleState(episode=episode, step=step, speed=2.0)
     state.header.stamp.sec, state.header.stamp.nanosec = divmod(stamp_step * PERIOD, 10**9)
     state.rear_contact.x = 0.05 * step
     state.fallen = episode == 1 and step == STEPS - 1

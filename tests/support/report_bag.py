@@ -17,6 +17,7 @@ __all__ = ["CLOCKS", "with_clock"]
 TYPES = {
     "/bicycle/state": "BicycleState",
     "/bicycle/command": "BicycleCommand",
+    "/bicycle/command_echo": "CommandEcho",
     "/bicycle/timing": "LoopTiming",
     "/bicycle/goal_status": "GoalStatus",
     "/bicycle/episode": "EpisodeInfo",
@@ -50,6 +51,7 @@ def _ride(late_from: int) -> Iterator[tuple[str, dict[str, Any], int]]:
         yield "/bicycle/goal_status", _status(episode, 1, 0.0), count * PERIOD_NS + 1
         for step in range(STEPS):
             now = count * PERIOD_NS
+            yield "/bicycle/command_echo", _echo(episode, step), now + 2
             yield "/bicycle/state", _state(episode, step, count), now + 2
             yield "/bicycle/command", _command(episode, step), now + 3
             if step:
@@ -71,18 +73,27 @@ def _state(episode: int, step: int, count: int) -> dict[str, Any]:
         "lean_angle": 0.1,
         "speed": 2.0,
         "rear_contact": {"x": 0.05 * step, "y": float(episode)},
-        "goal": {"x": 10.0, "y": float(episode)},
-        "goal_distance": 10.0 - 0.05 * step,
         "fallen": episode == 1 and step >= FELL_AT,
-        "command_source": 3 if episode == 2 and step in WATCHDOG else 1,
-        "command_step": step - 1,
-        "controller": "c" if step else "",
+    }
+
+
+def _echo(episode: int, step: int) -> dict[str, Any]:
+    """The command that led to a state: none at the start and in the watchdog's time."""
+    silent = episode == 2 and step in WATCHDOG
+    given = step and not silent
+    return {
+        "episode": episode,
+        "step": step,
+        "command_source": 3 if silent else 1 if given else 0,
+        "command": _command(episode, step - 1) if given else {},
     }
 
 
 def _command(episode: int, step: int) -> dict[str, Any]:
     policy = "lqr-1" if episode == 1 else EVIL
-    return {"episode": episode, "step": step, "torque": 0.5, "controller": "c", "policy": policy}
+    place = {"x": 10.0, "y": float(episode)}
+    given = {"torque": 0.5, "controller": "c", "policy": policy, "has_goal": True, "goal": place}
+    return {"episode": episode, "step": step, **given}
 
 
 def _timing(episode: int, step: int) -> dict[str, Any]:

@@ -88,10 +88,7 @@ def ride(steps: int) -> list[Message]:
             "episode": 1,
             "step": step,
             "lean_angle": 0.01 * np.sin(step),
-            "goal": {"x": float(step), "y": 2.0},
-            "has_goal": step % 2 == 1,
-            "heading_error": float("nan"),
-            "command_step": step - 1,
+            "yaw_rate": float("nan"),
         }
         command = {
             "header": _header(step),
@@ -100,6 +97,8 @@ def ride(steps: int) -> list[Message]:
             "controller": "ddpg" if step % 3 else "lqr fallback",
             "policy": f"p{step % 7}" * (step % 4),
             "goal_id": 3,
+            "goal": {"x": float(step), "y": 2.0},
+            "has_goal": step % 2 == 1,
         }
         now = START_NS + step * PERIOD_NS
         messages.append((STATE, serialise("BicycleState", state), now))

@@ -14,19 +14,18 @@ from bicycle_bag.metadata import Topic
 from bicycle_bag.schemas import Schemas
 from bicycle_bag.writer import BagWriter
 from bicycle_common.nodes import convert
-from bicycle_common.nodes.topics import COMMAND, EPISODE, STATE, TRANSITION
-from bicycle_common.types import Transition
+from bicycle_common.nodes.topics import COMMAND, COMMAND_ECHO, EPISODE, STATE
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.exploration_noise import Noise, NoiseConfig
 from bicycle_controller.control.goals import GoalTracker
 from bicycle_controller.policy.policy import load_controller
-from bicycle_sim.runtime.loop import Loop, LoopOptions, StepResult
+from bicycle_sim.runtime.loop import Loop, LoopOptions
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_sim.task.scenario import SCENARIOS, Scenario
 
 PERIOD_NS = 25_000_000
 SCENARIO = SCENARIOS["random-start-random-goal"]
-TOPICS = {f"/{topic.name}": topic for topic in (STATE, COMMAND, TRANSITION, EPISODE)}
+TOPICS = {f"/{topic.name}": topic for topic in (COMMAND_ECHO, STATE, COMMAND, EPISODE)}
 Message = tuple[str, Any, int]
 """Topic, message, ns of simulated time."""
 
@@ -66,7 +65,8 @@ class Rider:
                 x, y = snapshot.rear_x, snapshot.rear_y
                 goal = self.rng.uniform(-self.field, self.field, 2) + np.array([x, y])
                 self.driver.tracker.replace([(float(goal[0]), float(goal[1]))])
-            answer = self.driver.answer(snapshot, now * 1e-9)
+            applied = self.loop.simulator.applied
+            answer = self.driver.answer(snapshot, now * 1e-9, applied)
             if answer.command is None:
                 yield from self._begin()
                 continue
@@ -75,15 +75,14 @@ class Rider:
             _, made = self.loop.receive(answer.command)
             assert made is not None
             self.steps += 1
-            yield from self._made(made)
-        yield from self._transitions(self.loop.close())
+            yield from self._state()
 
     def _now(self) -> int:
         return self.steps * PERIOD_NS
 
     def _begin(self) -> Iterator[Message]:
         """Yield the next episode, as after a fall."""
-        yield from self._transitions(self.loop.reset(None, None))
+        self.loop.reset(None, None)
         simulator = self.loop.simulator
         yield (
             "/" + EPISODE.name,
@@ -95,20 +94,15 @@ class Rider:
             ),
             self._now() + 2000,
         )
-        yield self._state()
+        yield from self._state()
 
-    def _made(self, made: StepResult) -> Iterator[Message]:
-        yield self._state()
-        yield from self._transitions(made.transitions)
-
-    def _state(self) -> Message:
-        message = convert.from_snapshot(self.loop.snapshot, self._now())
-        return "/" + STATE.name, message, self._now() + 3000
-
-    def _transitions(self, transitions: list[Transition]) -> Iterator[Message]:
-        for transition in transitions:
-            message = convert.from_transition(transition, self._now())
-            yield "/" + TRANSITION.name, message, self._now() + 4000
+    def _state(self) -> Iterator[Message]:
+        """The state, after the echo of the command that led to it."""
+        snapshot, now = self.loop.snapshot, self._now()
+        applied = self.loop.simulator.applied
+        echo = convert.from_applied(applied, snapshot.episode, snapshot.step, now)
+        yield "/" + COMMAND_ECHO.name, echo, now + 2500
+        yield "/" + STATE.name, convert.from_snapshot(snapshot, now), now + 3000
 
 
 def write_bag(path: Path, messages: Iterator[Message], leave_out: Collection[str] = ()) -> Path:

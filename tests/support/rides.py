@@ -34,6 +34,8 @@ def states(count: int, episode: int = 1, fall_at: int | None = None) -> dict[str
         "goal_distance": 10.0 - x,
         "command_source": np.where(step == 0, 0, 1).astype(np.uint8),
         "command_step": step.astype(np.int64) - 1,
+        "applied.torque": np.where(step == 0, np.nan, 1.0),
+        "applied.displacement": np.where(step == 0, np.nan, 0.1),
     }
 
 

@@ -24,12 +24,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bicycle_msgs.msg import BicycleState
+from bicycle_msgs.msg import BicycleState, CommandEcho
 from domains import claimed_domain
 from node_process import NodeProcess, alive, children_of
 from probe import Probe, goal
 
-from bicycle_common.nodes.topics import GOAL_POSE, STATE, TRAINER
+from bicycle_common.nodes.topics import COMMAND_ECHO, GOAL_POSE, STATE, TRAINER
 from bicycle_controller.training.run_folder import origin
 
 FRESH_STEPS = 20
@@ -53,8 +53,9 @@ class Chaos:
         self.outlived = 0.0
         self.falls = 0
         self._asked = 0.0
-        self.probe = Probe(domain, TRAINER)
+        self.probe = Probe(domain, COMMAND_ECHO, TRAINER)
         self.fresh = 0
+        self.has_goal = False
         self.state: BicycleState | None = None
         self.probe.node.create_subscription(STATE.type, STATE.name, self._on_state, 10)
         self.goals = self.probe.node.create_publisher(
@@ -101,14 +102,18 @@ class Chaos:
         if last is not None and state.fallen and not last.fallen:
             self.falls += 1
         moved = last is None or (state.episode, state.step) != (last.episode, last.step)
-        good = state.command_source == BicycleState.SOURCE_FRESH and state.has_goal
+        echoes = self.probe[COMMAND_ECHO]
+        echo = echoes[-1] if echoes else CommandEcho()
+        self.has_goal = echo.command.has_goal
+        good = echo.command_source == CommandEcho.SOURCE_FRESH and self.has_goal
+        echoes.clear()
         if moved:
             self.fresh = self.fresh + 1 if good else 0
 
     def _ask(self) -> None:
         """Send the bicycle somewhere, once a second while it has nowhere to go."""
         state, now = self.state, time.monotonic()
-        if state is None or state.has_goal or now - self._asked < 1.0:
+        if state is None or self.has_goal or now - self._asked < 1.0:
             return
         self._asked = now
         at, (x, y) = state.rear_contact, (self.chance.uniform(-60.0, 60.0) for _ in "xy")

@@ -34,7 +34,15 @@ from probe import Probe, goal
 from soak_figures import bag_figures, growth
 from tqdm import tqdm
 
-from bicycle_common.nodes.topics import COMMAND, EPISODE, GOAL_POSE, GOAL_STATUS, STATE, TIMING
+from bicycle_common.nodes.topics import (
+    COMMAND,
+    COMMAND_ECHO,
+    EPISODE,
+    GOAL_POSE,
+    GOAL_STATUS,
+    STATE,
+    TIMING,
+)
 from bicycle_controller.training.run_folder import origin
 from bicycle_sim.plants.choi.parameters import Constants
 
@@ -60,7 +68,7 @@ class Soak:
         self.pace = pace
         self.chance = random.Random(seed)
         self.nodes: dict[str, NodeProcess] = {}
-        self.probe = Probe(domain)
+        self.probe = Probe(domain, COMMAND_ECHO)
         self.state: BicycleState | None = None
         self.before = 0
         self._asked = 0.0
@@ -99,10 +107,16 @@ class Soak:
         """Steps ridden so far, but for the last ones of an episode that ended unseen."""
         return self.before + (self.state.step if self.state else 0)
 
+    def _has_goal(self) -> bool:
+        """Whether the last step pursued a goal."""
+        echoes = self.probe[COMMAND_ECHO]
+        del echoes[:-1]
+        return bool(echoes and echoes[-1].command.has_goal)
+
     def _ask(self) -> None:
         """Send the bicycle on when it has arrived; repeated until it has understood."""
         state, now = self.state, time.monotonic()
-        if state is None or state.has_goal or now - self._asked < 0.2:
+        if state is None or self._has_goal() or now - self._asked < 0.2:
             return
         self._asked = now
         x, y = (self.chance.uniform(-50.0, 50.0) for _ in "xy")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bicycle_common.observation import observation
-from bicycle_common.types import BicycleState, Command, CommandSource
+from bicycle_common.types import AppliedCommand, BicycleState, Command
 from bicycle_controller.control.control_output import ControllerSwitch, ControlOutput
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.exploration_noise import Noise
@@ -97,8 +97,16 @@ class ControlLoop:
         self.guide: Guide | None = None
         self._time = 0.0
 
-    def answer(self, snapshot: BicycleState, simulated_time: float) -> ControlOutput:
-        """Answer one state; `simulated_time` in s.
+    def answer(
+        self, snapshot: BicycleState, simulated_time: float, applied: AppliedCommand | None = None
+    ) -> ControlOutput:
+        """Answer one state.
+
+        Args:
+            snapshot: the state.
+            simulated_time: its time, s.
+            applied: the command that led to it; None if that is not known, as on a bicycle whose
+                driver does not tell.
 
         No command answers a state older than one already answered, a state after a fall, or a
         state that another controller drives to.
@@ -111,18 +119,18 @@ class ControlLoop:
         self._keep_guide(snapshot)
         pose = _pose(snapshot, simulated_time)
         if found_riding and self._take_over and not snapshot.fallen:
-            self._ride_on(snapshot)
-        regained = self.standby.look(snapshot)
+            self._ride_on(snapshot, applied)
+        regained = self.standby.look(applied)
         resumed = self.tracker.resumed() if regained else []
         events = resumed + self.standby.of_own(self.tracker.update(pose))
         if again and self._command is not None:
             return ControlOutput(self._command, events)
         self._last = (snapshot.episode, snapshot.step)
         self._command, warning, hand_over = None, self.standby.warning(), None
-        if self.standby.keeps_out(snapshot, again):
+        if self.standby.keeps_out(applied, again):
             return ControlOutput(None, events, warning)
         if (self.tracker.steers or self.guide is not None) and not snapshot.fallen:
-            self._command, warning, hand_over = self._decide(snapshot, pose, steps)
+            self._command, warning, hand_over = self._decide(snapshot, pose, steps, applied)
             self.answered += 1
             self.times.append(time.perf_counter() - started)
         return ControlOutput(self._command, events, warning, hand_over)
@@ -167,14 +175,15 @@ class ControlLoop:
             self.safety.reset()
         return 1
 
-    def _ride_on(self, snapshot: BicycleState) -> None:
+    def _ride_on(self, snapshot: BicycleState, applied: AppliedCommand | None) -> None:
         """Take over a riding bicycle from a controller that has gone."""
         self.tracker.hold(snapshot.heading)
-        if snapshot.goal is not None and self.tracker.waiting == 0:
-            self.tracker.replace([snapshot.goal])
+        goal = applied.goal if applied is not None else None
+        if goal is not None and self.tracker.waiting == 0:
+            self.tracker.replace([goal])
 
     def _decide(
-        self, snapshot: BicycleState, pose: Pose, steps: int
+        self, snapshot: BicycleState, pose: Pose, steps: int, applied: AppliedCommand | None
     ) -> tuple[Command, str, ControllerSwitch | None]:
         """Return the command for a state, a line if the policy begins to fail, and any switch."""
         guide = self.guide
@@ -186,7 +195,8 @@ class ControlLoop:
             self.tracker.heading_error(pose) if guide is None else guide.heading_error(snapshot)
         )
         seen = observation(snapshot, error)[None]
-        action, in_charge, warning, hand_over = self._choose(snapshot, seen, guide)
+        lateness = 0.0 if applied is None else applied.lateness(snapshot.step)
+        action, in_charge, warning, hand_over = self._choose(snapshot, seen, lateness, guide)
         if self._noise is not None:
             known = np.where(np.isfinite(self.limits), self.limits, 0.0)
             action = action + self._noise.sample()[0] * known
@@ -208,16 +218,18 @@ class ControlLoop:
             goal_id=goal.goal_id if goal else 0,
             controller=self.name,
             policy=in_charge,
+            heading_error=float(seen[0, -1]),
+            goal_distance=self.tracker.distance,
         )
         return command, warning, hand_over
 
     def _choose(
-        self, snapshot: BicycleState, seen: np.ndarray, guide: Guide | None
+        self, snapshot: BicycleState, seen: np.ndarray, lateness: float, guide: Guide | None
     ) -> tuple[np.ndarray, str, str, ControllerSwitch | None]:
         """Return the action (3,), the id of its controller, and the text to report."""
         speed = np.array([snapshot.speed])
         before = self._driven_by_fallback
-        may = self.safety is None or self._judge(self.safety, snapshot, seen, speed)
+        may = self.safety is None or self._judge(self.safety, seen, speed, lateness)
         trouble, guided = "", None
         if guide is not None:  # it is asked even while the fallback drives: it counts the way
             guided = guide.act(snapshot, self._time)
@@ -317,17 +329,15 @@ class ControlLoop:
             bool(self.safety.reason[0]) or self._stopped_for is not None
         )
 
-    def _judge(
-        self, safety: Safety, snapshot: BicycleState, seen: np.ndarray, speed: np.ndarray
-    ) -> bool:
-        """Return True if the policy may answer a state."""
+    def _judge(self, safety: Safety, seen: np.ndarray, speed: np.ndarray, lateness: float) -> bool:
+        """Return True if the policy may answer a state, whose command was late by some steps."""
         if self.policy is not self._judged:
             self._judged = self.policy
             safety.reset()
         goal = self.tracker.active
         if self._stopped_for is not None and goal and goal.goal_id != self._stopped_for:
             self._stopped_for = None
-        reason = safety.judge(seen, speed, np.array([_lateness(snapshot)]))[0]
+        reason = safety.judge(seen, speed, np.array([lateness]))[0]
         return not reason and self._stopped_for is None
 
     def _tell(self, snapshot: BicycleState, trouble: str) -> ControllerSwitch:
@@ -357,15 +367,6 @@ class ControlLoop:
             count=int(self.safety.hand_overs[0]),
             message=text,
         )
-
-
-def _lateness(snapshot: BicycleState) -> float:
-    """Return by how many steps a state's command was late; infinite without a command."""
-    if snapshot.command_source == CommandSource.ZERO:
-        return np.inf
-    if snapshot.command_source == CommandSource.INITIAL:
-        return 0.0
-    return float(snapshot.step - 1 - snapshot.command_step)
 
 
 def _answer(

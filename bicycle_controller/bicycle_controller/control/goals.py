@@ -151,6 +151,11 @@ class GoalTracker:
         return self._pursuit.goal if self._pursuit else None
 
     @property
+    def distance(self) -> float:
+        """Distance from the rear contact to the active goal, m; NaN without one."""
+        return self._pursuit.distance if self._pursuit else math.nan
+
+    @property
     def has_goal(self) -> bool:
         """True if a goal is being pursued."""
         return self._pursuit is not None

@@ -1,8 +1,8 @@
 """Standby: detect that another controller drives, or a recorded one in a replayed bag.
 
-A state names the controller whose command led to it. While that is another one, this controller
-is not responsible for the ride: it sends nothing and claims no goal, but it follows the states,
-so that it can take over as soon as the other one falls silent.
+An echo names the controller whose command led to a state. While that is another one, this
+controller is not responsible for the ride: it sends nothing and claims no goal, but it follows the
+states, so that it can take over as soon as the other one falls silent.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from bicycle_common.types import BicycleState, CommandSource
+from bicycle_common.types import AppliedCommand, CommandSource
 from bicycle_controller.control.goals import Event, Status
 
 TELL_AFTER = 40
@@ -30,22 +30,28 @@ class Standby:
         self._name = name
         self._row = 0
 
-    def look(self, snapshot: BicycleState) -> bool:
-        """Take in a state; return True if this controller has just resumed driving."""
-        driven = snapshot.command_source in (CommandSource.FRESH, CommandSource.HELD)
-        foreign = driven and snapshot.controller not in ("", self._name)
-        before, self.other = self.other, snapshot.controller if foreign else ""
+    def look(self, applied: AppliedCommand | None) -> bool:
+        """Take in the command that led to a state, None if it is not known.
+
+        Returns:
+            True if this controller has just resumed driving.
+        """
+        if applied is None:
+            return False
+        foreign = applied.controller not in ("", self._name)
+        before, self.other = self.other, applied.controller if foreign else ""
         self._row = self._row + 1 if foreign else 0
         return bool(before) and not foreign
 
-    def keeps_out(self, snapshot: BicycleState, again: bool) -> bool:
+    def keeps_out(self, applied: AppliedCommand | None, again: bool) -> bool:
         """Return True if a state must not be answered.
 
         Args:
-            snapshot: the newest state.
+            applied: the command that led to it; None if that is not known.
             again: True if it is a repetition. A bicycle at rest may wait for an answer.
         """
-        return bool(self.other) and snapshot.command_source == CommandSource.FRESH and not again
+        fresh = applied is None or applied.source is CommandSource.FRESH
+        return bool(self.other) and fresh and not again
 
     def warning(self) -> str:
         """Return one line, once for each time that another controller has driven for some time."""

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bicycle_common.observation import ACTION_FIELDS
-from bicycle_controller.data.bag_transitions import EPISODE, Transitions, bicycles, extract
+from bicycle_controller.data.bag_transitions import EPISODE, bicycles, extract
+from bicycle_controller.data.transition_builder import Transitions
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Scenario
@@ -110,7 +111,7 @@ def _read(path: Path, scenario: Scenario | None) -> list[Dataset]:
     reader = BagReader(path)
     there = bicycles(reader)
     if not there:
-        raise ValueError(f"{path} holds no bicycle: record bicycle/transition, or its states")
+        raise ValueError(f"{path} holds no bicycle: record bicycle/state")
     parts = []
     for prefix in there:
         ridden, plant = _setting(reader, prefix, scenario)

@@ -16,12 +16,13 @@ import time
 from typing import Any
 
 import numpy as np
-from bicycle_msgs.msg import BicycleState, EpisodeInfo, GoalStatus
+from bicycle_msgs.msg import BicycleState, CommandEcho, EpisodeInfo, GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from visualization_msgs.msg import Marker
 
 from bicycle_common.nodes import convert, topics
 from bicycle_common.nodes.declare_parameters import declare
@@ -30,10 +31,11 @@ from bicycle_common.nodes.realtime import Priority
 from bicycle_common.nodes.runner import LOOP_EXECUTOR, UserError, run
 from bicycle_common.nodes.topics import Topic, advertise, listen
 from bicycle_common.parameters import describe
+from bicycle_common.types import AppliedCommand, Point2D
 from bicycle_common.types import BicycleState as Snapshot
-from bicycle_common.types import Point2D
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.controller import Controller
+from bicycle_controller.control.echo_pairing import EchoPairing
 from bicycle_controller.control.goals import Event, GoalTracker, Status
 from bicycle_controller.control.guidance import Guidance
 from bicycle_controller.control.guide import PathEnd
@@ -41,7 +43,7 @@ from bicycle_controller.control.lqr import LqrController
 from bicycle_controller.nodes.action_desk import ActionDesk, Orders
 from bicycle_controller.nodes.controller_settings import ControllerSettings
 from bicycle_controller.nodes.guiding import Guiding, course_named, course_of, to_points
-from bicycle_controller.nodes.messages import from_event, from_hand_over
+from bicycle_controller.nodes.messages import from_event, from_hand_over, goal_marker
 from bicycle_controller.nodes.policy_loader import Making, PolicyLoader
 from bicycle_controller.policy.policy import PolicyError, load_controller
 from bicycle_controller.policy.trained_for import UNLIKE, rides_any, unlike_training, warning
@@ -82,11 +84,13 @@ class ControllerNode(Node):
         self._bad_states = 0
         self._heard = time.monotonic()
         self._state_was_bad = False
+        self._echoes: EchoPairing[BicycleState, CommandEcho] = EchoPairing()
         self._publishers_by_name = advertise(
             self,
             topics.COMMAND,
             topics.GOAL_STATUS,
             topics.ACTIVE_GOAL,
+            topics.GOAL_MARKER,
             topics.HAND_OVER,
             topics.DIAGNOSTICS,
             topics.FOLLOWED_PATH,
@@ -95,6 +99,7 @@ class ControllerNode(Node):
         self._guidance, self._guiding = self._make_guidance()
         # Subscribe to episodes first, so a reset cancels only older goals.
         listen(self, topics.EPISODE, self._on_episode)
+        listen(self, topics.COMMAND_ECHO, self._on_echo, depth=1)
         listen(self, topics.STATE, self._on_state, depth=1)
         listen(self, topics.GOAL_POSE, self._on_goal_pose)
         listen(self, topics.GOAL_PATH, self._on_goal_path)
@@ -150,15 +155,33 @@ class ControllerNode(Node):
     def _warn(self, text: str) -> None:
         self.get_logger().warning(text)
 
+    def _on_echo(self, message: CommandEcho) -> None:
+        """Keep the command that led to the next state, and answer a state that waited for it."""
+        waiting = self._echoes.add((message.episode, message.step), message)
+        if waiting is not None:
+            self._answer(waiting)
+
     def _on_state(self, message: BicycleState) -> None:
-        """Answer the newest state."""
+        """Answer the newest state, once the command that led to it is known."""
         self._heard = time.monotonic()
-        self._take_fallback()
+        key = message.episode, message.step
+        known = self._echoes.of(key) is not None
+        echoed = not known and self.count_publishers(topics.COMMAND_ECHO.name) > 0
+        if not self._echoes.holds(key, message, echoed):
+            self._answer(message)
+
+    def _applied(self, message: BicycleState) -> AppliedCommand | None:
+        """Return the command that led to a state; None if it is not known."""
+        echo = self._echoes.of((message.episode, message.step))
         try:
-            snapshot = convert.to_snapshot(message)
-        except ValueError as error:
-            self._on_bad_state(str(error))
-            return
+            return None if echo is None else convert.to_applied(echo)
+        except ValueError:
+            return None
+
+    def _answer(self, message: BicycleState) -> None:
+        """Answer a state."""
+        self._take_fallback()
+        snapshot = convert.to_snapshot(message)
         if not convert.is_finite(snapshot):
             self._on_bad_state("it holds a number that is not finite")
             return
@@ -167,7 +190,7 @@ class ControllerNode(Node):
         with self._in_use:
             self._newest = snapshot, stamp.sec + stamp.nanosec * 1e-9
             self._guidance.poll(snapshot)
-            answer = self._driver.answer(*self._newest)
+            answer = self._driver.answer(*self._newest, self._applied(message))
         if answer.command is not None:
             now = self.get_clock().now().to_msg()
             self._publish(topics.COMMAND, convert.from_command(answer.command, now))
@@ -389,10 +412,17 @@ class ControllerNode(Node):
             pose = PoseStamped(header=header)
             pose.pose.position = message.position
             self._publish(topics.ACTIVE_GOAL, pose)
+        if event.status is not Status.QUEUED:
+            self._publish(topics.GOAL_MARKER, self._goal_marker())
         x, y = event.goal.point
         name = event.status.name.lower().replace("_", " ")
         text = f"goal {event.goal.goal_id} ({x:g}, {y:g}) {name}: {event.message}"
         self.get_logger().info(text)
+
+    def _goal_marker(self) -> Marker:
+        """Return the active goal with its radius for visualization tools."""
+        tracker = self._driver.tracker
+        return goal_marker(tracker.active.point if tracker.active else None, tracker.radius)
 
     def _swap(self, policy: Controller) -> str:
         """Use another policy from the next state on; called in another thread.

@@ -5,9 +5,12 @@ from __future__ import annotations
 from bicycle_msgs.msg import GoalStatus
 from bicycle_msgs.msg import HandOver as HandOverMessage
 from builtin_interfaces.msg import Time
-from std_msgs.msg import Header
+from geometry_msgs.msg import Vector3
+from std_msgs.msg import ColorRGBA, Header
+from visualization_msgs.msg import Marker
 
 from bicycle_common.nodes import convert
+from bicycle_common.types import Point2D
 from bicycle_controller.control.control_output import ControllerSwitch
 from bicycle_controller.control.goals import Event
 
@@ -39,3 +42,16 @@ def from_hand_over(told: ControllerSwitch, stamp: Time) -> HandOverMessage:
         hand_overs=int(told.count),
         message=told.message,
     )
+
+
+def goal_marker(goal: Point2D | None, radius: float) -> Marker:
+    """Return a disc of `radius`, m, at the goal; without a goal, its removal."""
+    marker = Marker(header=convert.to_header(0), ns="goal", type=Marker.CYLINDER)
+    marker.pose.orientation.w = 1.0
+    if goal is None:
+        marker.action = Marker.DELETE
+        return marker
+    marker.pose.position = convert.to_point(goal)
+    marker.scale = Vector3(x=2.0 * radius, y=2.0 * radius, z=0.05)
+    marker.color = ColorRGBA(r=0.1, g=0.7, b=0.2, a=0.5)
+    return marker

@@ -1,4 +1,4 @@
-"""Trainer as a ROS 2 node: transitions in, status out, better policies to the controller."""
+"""Trainer as a ROS 2 node: the ride in, status out, better policies to the controller."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import importlib.util
 import math
 import sys
 import time
+from collections.abc import Callable
 from typing import Any
 
-from bicycle_msgs.msg import EpisodeInfo, TrainerStatus
-from bicycle_msgs.msg import Transition as TransitionMessage
+from bicycle_msgs.msg import EpisodeInfo, GoalStatus, TrainerStatus
 from bicycle_msgs.srv import LoadPolicy
 from rcl_interfaces.srv import GetParameters
 from rclpy.clock import Clock, ClockType
@@ -23,15 +23,18 @@ from rclpy.node import Node
 from bicycle_common.nodes import convert, topics
 from bicycle_common.nodes.declare_parameters import declare
 from bicycle_common.nodes.runner import UserError, run
-from bicycle_common.nodes.topics import advertise, listen
+from bicycle_common.nodes.topics import RESEND, Topic, advertise, listen
 from bicycle_common.parameters import describe
-from bicycle_common.types import Transition
-from bicycle_controller.data.transition_stream import TransitionStream, packed
+from bicycle_controller.data.live_steps import LiveSteps
+from bicycle_controller.data.packing import packed
+from bicycle_controller.data.transition_builder import Reached, TransitionBuilder
 from bicycle_controller.nodes.trainer_settings import TrainerSettings
 from bicycle_controller.trainer_service.client import TrainerClient
 from bicycle_sim.nodes.episode_setting import to_setting
 
 NAME = "bicycle_trainer"
+MOST_GOALS = 1000
+"""Reached goals that are remembered."""
 POLL = 0.1
 """Period of exchanges with the learning process (s)."""
 TICK = 1.0
@@ -51,8 +54,10 @@ class TrainerNode(Node):
         self._settings = declare(self, TrainerSettings)
         if importlib.util.find_spec("torch") is None:
             raise UserError("learning needs torch: run 'ros2_ws/setup.sh --with train'")
-        self._stream = TransitionStream()
-        self._batch: list[Transition] = []
+        self._steps = LiveSteps()
+        self._builder: TransitionBuilder | None = None
+        self._reached: dict[Reached, None] = {}
+        self._policy = ""
         self._link: TrainerClient | None = None
         self._facts: dict[str, Any] = {"phase": "waiting"}
         self._message = ""
@@ -77,10 +82,9 @@ class TrainerNode(Node):
             raise UserError(str(error)) from None
         if order.live:
             listen(self, topics.EPISODE, self._on_episode)
-            topic = topics.TRANSITION
-            self._subscription = self.create_subscription(
-                topic.type, topic.name, self._on_transition, topic.subscribe
-            )
+            listen(self, topics.GOAL_STATUS, self._on_goal_status)
+            self._drain(topics.COMMAND_ECHO, self._steps.add_echo)
+            self._drain(topics.STATE, self._steps.add_state)
             self._say("waits for a simulator")
         else:
             self._start(
@@ -108,16 +112,33 @@ class TrainerNode(Node):
         except (ValueError, TypeError) as error:
             self.get_logger().warning(f"episode info ignored: {error}; are both of one version?")
             return
+        assert order.scenario is not None
+        self._builder = TransitionBuilder(order.scenario)
         self._start(TrainerClient(order), f"learns live in {order.folder}")
 
-    def _on_transition(self, message: TransitionMessage) -> None:
-        """Read all queued messages: in lock-step one executor turn per message is too slow."""
-        taken: tuple[TransitionMessage, Any] | None = (message, None)
-        handle = self._subscription.handle
-        with handle:
-            while taken is not None:
-                self._batch += self._stream.take(convert.to_transition(taken[0]))
-                taken = handle.take_message(TransitionMessage, False)
+    def _on_goal_status(self, change: GoalStatus) -> None:
+        """Keep which goals were reached, for the last steps towards them."""
+        if change.status != GoalStatus.REACHED:
+            return
+        self._reached[float(change.goal_id), change.position.x, change.position.y] = None
+        while len(self._reached) > MOST_GOALS:
+            del self._reached[next(iter(self._reached))]
+
+    def _drain(self, topic: Topic, take: Callable[[Any], None]) -> None:
+        """Subscribe so that one turn of the executor reads all queued messages.
+
+        In lock-step one turn per message is too slow.
+        """
+
+        def on_message(message: Any) -> None:
+            taken: tuple[Any, Any] | None = (message, None)
+            handle = subscription.handle
+            with handle:
+                while taken is not None:
+                    take(taken[0])
+                    taken = handle.take_message(topic.type, False)
+
+        subscription = self.create_subscription(topic.type, topic.name, on_message, RESEND)
 
     # Exchange with the learning process.
 
@@ -125,9 +146,11 @@ class TrainerNode(Node):
         link = self._link
         if link is None:
             return
-        if self._batch:
-            link.feed(packed(self._batch))
-            self._batch = []
+        if self._builder is not None:
+            found = self._builder.add(self._steps.take(), self._reached)
+            self._policy = self._builder.policy or self._policy
+            if len(found):
+                link.feed(packed(found))
         alive = link.alive
         for news in link.poll():
             self._take(news)
@@ -170,7 +193,7 @@ class TrainerNode(Node):
 
     def _hand_over(self, path: str, policy: str) -> None:
         """Ask the controller to load a better policy, if it still uses the beaten one."""
-        riding, beaten = self._stream.policy, self._facts.get("in_charge", "")
+        riding, beaten = self._policy, self._facts.get("in_charge", "")
         if riding and riding != beaten:
             if not self._held_back:
                 self._say(f"{riding} rides, not {beaten}, which was beaten: nothing handed over")
@@ -193,7 +216,9 @@ class TrainerNode(Node):
             self._say(f"not handed over: {answer.message}")
             return
         self._facts["in_charge"] = str(answer.policy)
-        self._stream.policy = ""
+        self._policy = ""
+        if self._builder is not None:
+            self._builder.policy = ""
         if self._link is not None:
             self._link.in_charge(str(answer.policy))
         self._say(f"handed over: {answer.message}")
@@ -203,7 +228,9 @@ class TrainerNode(Node):
         facts, now = self._facts, time.monotonic()
         updates = facts.get("updates", 0)
         then, old_updates, old_arrived = self._before
-        self._before = (now, updates, self._stream.arrived)
+        arrived = self._builder.arrived if self._builder is not None else 0
+        lost = self._builder.lost if self._builder is not None else 0
+        self._before = (now, updates, arrived)
         last, best = facts.get("last"), facts.get("best")
         return TrainerStatus(
             header=convert.to_header(self.get_clock().now().nanoseconds),
@@ -211,9 +238,9 @@ class TrainerNode(Node):
             phase=str(facts["phase"]),
             updates=int(updates),
             transitions=int(facts.get("transitions", 0)),
-            lost_transitions=int(self._stream.lost),
+            lost_transitions=int(lost),
             update_rate=float((updates - old_updates) / (now - then)),
-            transition_rate=float((self._stream.arrived - old_arrived) / (now - then)),
+            transition_rate=float((arrived - old_arrived) / (now - then)),
             mean_return=_number(last, "mean_return"),
             reach_rate=_number(last, "reach_rate"),
             fall_rate=_number(last, "fall_rate"),

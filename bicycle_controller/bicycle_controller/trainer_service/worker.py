@@ -17,9 +17,9 @@ from bicycle_common.signals import InterruptError, StopRequest
 from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.data import dataset
+from bicycle_controller.data.packing import unpacked
 from bicycle_controller.data.replay_buffer import NStepAccumulator, ReplayBuffer, RewardShaping
 from bicycle_controller.data.replay_log import ReplayLog
-from bicycle_controller.data.transition_stream import unpacked
 from bicycle_controller.evaluation.score import Score, score
 from bicycle_controller.policy.policy import Policy, load_controller, load_policy, save_policy
 from bicycle_controller.trainer_service.order import TrainingOrder

@@ -108,5 +108,5 @@ class SimReport:
 
 def _sources(made: list[StepResult]) -> list[str]:
     """Return a text per kind of input: how many steps it made."""
-    names = [one.snapshot.command_source.name.lower() for one in made]
+    names = [one.applied.source.name.lower() for one in made]
     return [f"{names.count(name)} {name}" for name in sorted(set(names))]

@@ -29,7 +29,7 @@ from bicycle_common.nodes.realtime import Priority
 from bicycle_common.nodes.runner import LOOP_EXECUTOR, UserError, run
 from bicycle_common.nodes.topics import STATE_PERIOD, Topic, advertise, listen, serve
 from bicycle_common.parameters import describe
-from bicycle_common.types import InitialPose, Transition
+from bicycle_common.types import InitialPose
 from bicycle_sim import __version__
 from bicycle_sim.nodes import visualization
 from bicycle_sim.nodes.exclusive import refuse_second_simulator
@@ -41,7 +41,7 @@ from bicycle_sim.runtime.simulator import Simulator
 NAME = "bicycle_sim"
 
 LAST_WORD = 0.5
-"""Longest wait at the end for subscribers to receive the last transition (s)."""
+"""Longest wait at the end for subscribers to receive the last state (s)."""
 
 
 class SimNode(Node):
@@ -71,7 +71,7 @@ class SimNode(Node):
             topics.CLOCK,
             topics.MARKERS,
             topics.DIAGNOSTICS,
-            topics.TRANSITION,
+            topics.COMMAND_ECHO,
             topics.TIMING,
             topics.PUSHED,
             topics.EPISODE,
@@ -113,9 +113,8 @@ class SimNode(Node):
         self.create_timer(self._settings.diagnostics_period, self._on_report, clock=steady)
 
     def close(self) -> None:
-        """Publish the transition that waited for the next step, and wait until it is received."""
-        self._publish_transitions(self._loop.close())
-        publisher = self._publishers_by_name[topics.TRANSITION.name]
+        """Wait until the last state is received."""
+        publisher = self._publishers_by_name[topics.STATE.name]
         publisher.wait_for_all_acked(Duration(seconds=LAST_WORD))
 
     @property
@@ -185,7 +184,7 @@ class SimNode(Node):
         self._on_made(made)
         response.success = made is not None
         if made is not None:
-            response.message = f"step {made.snapshot.step}: {made.snapshot.command_source.name}"
+            response.message = f"step {made.snapshot.step}: {made.applied.source.name}"
         elif self._loop.snapshot.fallen:
             response.message = "the bicycle lies: call bicycle/reset first"
         else:
@@ -250,7 +249,7 @@ class SimNode(Node):
 
     def _begin(self, start: InitialPose | None, seed: int | None) -> None:
         """Start an episode; see `Loop.reset`, which may raise ValueError."""
-        self._publish_transitions(self._loop.reset(start, seed))
+        self._loop.reset(start, seed)
         self._was_timed_out = False
         simulator, settings = self._loop.simulator, self._settings
         info = EpisodeInfo(
@@ -274,7 +273,6 @@ class SimNode(Node):
             self._publish(topics.PUSHED, convert.from_push(made.push, self._now))
         self._joints.advance(made.snapshot)
         self._publish_state()
-        self._publish_transitions(made.transitions)
         pacer = self._loop.pacer
         timing = LoopTiming(
             header=convert.to_header(self._now),
@@ -297,6 +295,10 @@ class SimNode(Node):
 
     def _publish_state(self) -> None:
         snapshot, now, clock = self._loop.snapshot, self._now, time.monotonic()
+        if self._is_heard(topics.COMMAND_ECHO):  # first, so that whoever gets the state knows it
+            applied = self._loop.simulator.applied
+            echo = convert.from_applied(applied, snapshot.episode, snapshot.step, now)
+            self._publish(topics.COMMAND_ECHO, echo)
         self._loop.published()
         self._publish(topics.STATE, convert.from_snapshot(snapshot, now))
         self._last_state = clock
@@ -310,15 +312,8 @@ class SimNode(Node):
         due = rate > 0 and clock - self._last_markers >= 1.0 / rate
         if due and self._is_heard(topics.MARKERS):
             self._last_markers = clock
-            radius = self._loop.simulator.scenario.goal_radius
-            drawn = visualization.markers(snapshot, now, self._geometry, radius)
+            drawn = visualization.markers(snapshot, now, self._geometry)
             self._publish(topics.MARKERS, drawn)
-
-    def _publish_transitions(self, transitions: list[Transition]) -> None:
-        if not self._is_heard(topics.TRANSITION):
-            return
-        for transition in transitions:
-            self._publish(topics.TRANSITION, convert.from_transition(transition, self._now))
 
 
 def main() -> None:

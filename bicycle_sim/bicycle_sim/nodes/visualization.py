@@ -22,7 +22,6 @@ WHEEL_SEGMENTS = 24
 _TYRE = ColorRGBA(r=0.1, g=0.1, b=0.1, a=1.0)
 _FRAME = ColorRGBA(r=0.8, g=0.1, b=0.1, a=1.0)
 _RIDER = ColorRGBA(r=0.1, g=0.3, b=0.8, a=1.0)
-_GOAL = ColorRGBA(r=0.1, g=0.7, b=0.2, a=0.5)
 
 
 def odometry(snapshot: BicycleState, nanoseconds: int) -> Odometry:
@@ -96,10 +95,8 @@ class _Plane:
         return [self.at(front, radius * math.sin(a), radius * (1.0 - math.cos(a))) for a in angles]
 
 
-def markers(
-    snapshot: BicycleState, nanoseconds: int, geometry: Geometry, goal_radius: float
-) -> MarkerArray:
-    """Return markers: two wheels, a frame, the rider's mass, and the goal with its radius."""
+def markers(snapshot: BicycleState, nanoseconds: int, geometry: Geometry) -> MarkerArray:
+    """Return markers: two wheels, a frame and the rider's mass."""
     plane = _Plane(snapshot)
     rear, front = geometry.rear_radius, geometry.front_radius
     frame = [
@@ -117,7 +114,6 @@ def markers(
     )
     made = [_line(name, points, colour, nanoseconds) for name, points, colour in lines]
     made.append(_rider(plane, geometry, nanoseconds))
-    made.append(_goal(snapshot, goal_radius, nanoseconds))
     return MarkerArray(markers=made)
 
 
@@ -139,15 +135,4 @@ def _rider(plane: _Plane, geometry: Geometry, nanoseconds: int) -> Marker:
     marker.pose.position = plane.at(False, geometry.mass_forward, geometry.rider_height)
     marker.scale = Vector3(x=0.3, y=0.3, z=0.6)
     marker.color = _RIDER
-    return marker
-
-
-def _goal(snapshot: BicycleState, radius: float, nanoseconds: int) -> Marker:
-    marker = _marker("goal", Marker.CYLINDER, nanoseconds)
-    if snapshot.goal is None:
-        marker.action = Marker.DELETE
-        return marker
-    marker.pose.position = to_point(snapshot.goal)
-    marker.scale = Vector3(x=2.0 * radius, y=2.0 * radius, z=0.05)
-    marker.color = _GOAL
     return marker

@@ -13,13 +13,12 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from bicycle_common.types import BicycleState, Command, InitialPose, Push, Transition
+from bicycle_common.types import AppliedCommand, BicycleState, Command, InitialPose, Push
 from bicycle_common.validation import require
 from bicycle_sim.runtime.command_validator import CommandValidator
 from bicycle_sim.runtime.pacing import Pacer, StepTiming
 from bicycle_sim.runtime.push import PushGate
 from bicycle_sim.runtime.simulator import Simulator
-from bicycle_sim.runtime.transitions import TransitionLog
 
 RELEASE = 0.25
 """Shortest silence after which a controller gives way to another (s)."""
@@ -69,8 +68,8 @@ class StepResult:
     """One step that the loop made."""
 
     snapshot: BicycleState
-    transitions: list[Transition]
-    """Transitions that this step completed."""
+    applied: AppliedCommand
+    """Input of the step."""
     timing: StepTiming
     """Punctuality of the step; its lateness is NaN in lock-step."""
     latency: float
@@ -122,7 +121,6 @@ class Loop:
         self.timed_out = False
         self.total_steps = 0
         self._clock = clock
-        self._log = TransitionLog(simulator.scenario)
         self._pushes = PushGate()
         self._published = clock()
         self._latency = math.nan
@@ -143,23 +141,14 @@ class Loop:
         """True if steps are being made."""
         return not (self.waiting or self.paused or self.snapshot.fallen)
 
-    def reset(self, start: InitialPose | None, seed: int | None) -> list[Transition]:
-        """Begin a new episode; see `Simulator.reset`, which may raise ValueError.
-
-        Returns:
-            The last transition of the old episode, if it was still open.
-        """
+    def reset(self, start: InitialPose | None, seed: int | None) -> None:
+        """Begin a new episode; see `Simulator.reset`, which may raise ValueError."""
         snapshot = self.simulator.reset(start, seed)
         self.gate.begin(snapshot.episode)
         self.waiting, self.timed_out = True, False
         self._last_step = None
         self._latency = math.nan
         self._pushes.take()
-        return self._log.cut()
-
-    def close(self) -> list[Transition]:
-        """Return the last transition, if it is still open."""
-        return self._log.cut()
 
     def published(self) -> None:
         """Note that the current state is published now, for the first time or again."""
@@ -242,6 +231,5 @@ class Loop:
         push = Push(before.episode, before.step, lean_rate) if lean_rate else None
         after = self.simulator.step(command, lean_rate)
         self.total_steps += 1
-        transitions = self._log.add(before, after, command)
         latency, self._latency = self._latency, math.nan
-        return StepResult(after, transitions, timing, latency, push)
+        return StepResult(after, self.simulator.applied, timing, latency, push)

@@ -11,8 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from bicycle_common.observation import goal_bearing
-from bicycle_common.types import BicycleState, Command, CommandSource, InitialPose
+from bicycle_common.types import (
+    AppliedCommand,
+    BicycleState,
+    Command,
+    CommandSource,
+    InitialPose,
+)
 from bicycle_common.validation import require
 from bicycle_sim.plants import base, registry
 from bicycle_sim.plants.base import BodyState, Plant
@@ -28,6 +33,10 @@ class Simulator:
 
     Episodes are counted from 1 and steps from 0. A fallen bicycle stays as it lies: its steps
     count on, its state does not change (errata row 25).
+
+    Attributes:
+        snapshot: present state.
+        applied: input of the step that led to it.
     """
 
     def __init__(self, scenario: Scenario, plant: Plant[Any] | None = None, seed: int = 0) -> None:
@@ -129,21 +138,14 @@ class Simulator:
                 np.array([pedal]),
                 self.scenario.speed_limits,
             )
-        self.snapshot = self._observe(before.episode, before.step + 1, command)
+        self.applied = AppliedCommand(_source(command, before.step), command)
+        self.snapshot = self._observe(before.episode, before.step + 1)
         return self.snapshot
 
-    def _observe(self, episode: int, step: int, command: Command | None) -> BicycleState:
-        """The present state as plain numbers, with the goal of the command that led to it."""
+    def _observe(self, episode: int, step: int) -> BicycleState:
+        """Return the present state as plain numbers."""
         state = self._state
         numbers: dict[str, Any] = {name: float(getattr(state, name)[0]) for name in _BODY}
-        goal = command.goal if command else None
-        error, distance = goal_bearing(numbers, goal)
-        if step == 0:
-            source = CommandSource.INITIAL
-        elif command is None:
-            source = CommandSource.ZERO
-        else:
-            source = CommandSource.FRESH if command.step == step - 1 else CommandSource.HELD
         lies = self.plant.fallen(state, self.scenario.fall_angle)[0]
         inner = () if self.plant.body_is_all else tuple(base.to_array(state)[0].tolist())
         return BicycleState(
@@ -151,16 +153,9 @@ class Simulator:
             step=step,
             **numbers,
             fallen=bool(lies),
-            goal=goal,
-            heading_error=error,
-            goal_distance=distance,
-            command_source=source,
-            command_step=command.step if command else -1,
-            controller=command.controller if command else "",
             plant_state=inner,
             yaw_rate=float(self.plant.yaw_rate(state)[0]),
             pitch=float(self.plant.pitch(state)[0]),
-            action=command.action if command else (0.0, 0.0, 0.0),
         )
 
     def _place(self, start: InitialPose, episode: int) -> BicycleState:
@@ -168,7 +163,8 @@ class Simulator:
         where = (np.array([start.x]), np.array([start.y]), np.array([start.heading]))
         self._state = self.plant.initial(*where, np.array([start.speed]))
         self._noise = _noise(self.seed)
-        return self._observe(episode, 0, None)
+        self.applied = AppliedCommand()
+        return self._observe(episode, 0)
 
     def _draw(self, seed: int) -> InitialPose:
         """A start of the scenario's distribution, as the task draws it."""
@@ -180,6 +176,13 @@ class Simulator:
             heading=float(state.heading[0]),
             speed=self.scenario.start_speed,
         )
+
+
+def _source(command: Command | None, step: int) -> CommandSource:
+    """Return where the input of the step after `step` comes from."""
+    if command is None:
+        return CommandSource.ZERO
+    return CommandSource.FRESH if command.step == step else CommandSource.HELD
 
 
 def _checked_seed(seed: int) -> int:

@@ -6,10 +6,7 @@ from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mcap.exceptions import McapError
-from mcap.records import Schema
-from mcap_ros2.decoder import DecoderFactory
-
+from bicycle_bag.decoding import decoder
 from bicycle_bag.errors import BagError
 from bicycle_bag.reader import BagReader
 
@@ -44,7 +41,7 @@ def read(
     for topic, type_name, log_time, publish_time, data, encoding, _ in reader.messages(topics):
         reader.check_kind(topic, type_name, encoding)
         if topic not in decoders:
-            decoders[topic] = _decoder(topic, type_name, reader.definition(topic))
+            decoders[topic] = decoder(topic, type_name, reader.definition(topic))
         try:
             decoded = decoders[topic](data)
         except Exception as error:  # whatever the decoder makes of foreign bytes
@@ -53,17 +50,3 @@ def read(
                 "another version or the bag is corrupt"
             ) from None
         yield DecodedMessage(topic, type_name, log_time, publish_time, decoded)
-
-
-def _decoder(topic: str, type_name: str, definition: str) -> Callable[[bytes], Any]:
-    schema = Schema(id=1, data=definition.encode(), encoding="ros2msg", name=type_name)
-    try:
-        decode = DecoderFactory().decoder_for("cdr", schema) if definition else None
-    except (McapError, ValueError, KeyError):
-        decode = None
-    if decode is None:
-        raise BagError(
-            f"the bag has no usable definition of {type_name} for {topic}: record it again with "
-            "the workspace sourced that defines it"
-        )
-    return decode

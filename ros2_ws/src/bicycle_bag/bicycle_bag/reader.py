@@ -12,9 +12,7 @@ from bicycle_bag.container import DamageError, Registry
 from bicycle_bag.contents import Contents
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import NO_START, BagMetadata, FileInformation, Topic
-from bicycle_bag.schemas import Schemas
 from bicycle_bag.summary import Summary
-from bicycle_bag.versions import missing_end, missing_fields
 
 PACKED = ".mcap.zstd"
 """Endings of the files that rosbag2 has compressed as a whole."""
@@ -23,7 +21,6 @@ PACKED = ".mcap.zstd"
 class BagMessage(NamedTuple):
     """One recorded message in its encoding, nearly always CDR; times are in nanoseconds.
 
-    ``data`` of an earlier version of the type ends with zeros for the fields that are new.
     ``number`` is its place in the bag's recorded order, which no clock can change.
     """
 
@@ -53,7 +50,6 @@ class BagReader:
         self.files = find_files(self.path)
         self._topics: dict[str, Topic] = {}
         self._definitions: dict[str, str] = {}
-        self._ends: dict[str, bytes] = {}
         self._counts: dict[str, int] = {}
         self._informations: list[FileInformation] = []
         self._stored = self._stored_metadata()
@@ -140,19 +136,6 @@ class BagReader:
             there = ", ".join(sorted(self._topics)) or "none"
             raise BagError(f"{self.path} has no topic {', '.join(missing)}: it has {there}")
 
-    def missing_end(self, topic: str) -> bytes:
-        """Return the bytes that ``messages`` appends to a topic's; see ``missing_end``."""
-        if topic not in self._ends:
-            text = self._definitions.get(topic, "")
-            known = text and missing_end(self._topics[topic].type, text, Schemas())
-            self._ends[topic] = known or b""
-        return self._ends[topic]
-
-    def missing_fields(self, topic: str) -> list[str]:
-        """Return the fields that a topic's type has gained since the bag was recorded."""
-        text = self._definitions.get(topic, "")
-        return missing_fields(self._topics[topic].type, text, Schemas()) if text else []
-
     def check_kind(self, topic: str, type_name: str, encoding: str) -> None:
         """Check that a message can be decoded by its topic's definition.
 
@@ -184,9 +167,7 @@ class BagReader:
             self.require(topics)
         before = 0
         for file, about in zip(self.files, self._informations, strict=True):
-            for item in _file_messages(file, topics, before):
-                end = self.missing_end(item.topic)
-                yield item._replace(data=item.data + end) if end else item
+            yield from _file_messages(file, topics, before)
             before += about.message_count
 
     def _open(self, file: Path) -> None:

@@ -1,4 +1,4 @@
-"""Types shared by the packages: states, commands, starts, pushes and transitions.
+"""Types shared by the packages: states, commands, starts and pushes.
 
 All values use the paper's signs and symbols; `conventions.py` lists the sign changes in messages.
 """
@@ -8,8 +8,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import IntEnum
-
-import numpy as np
 
 from bicycle_common.validation import require
 
@@ -26,7 +24,7 @@ FASTEST_START = 20.0
 
 
 class CommandSource(IntEnum):
-    """Source of a step's input; the numbers are those of BicycleState."""
+    """Source of a step's input; the numbers are those of CommandEcho."""
 
     INITIAL = 0
     FRESH = 1
@@ -51,11 +49,45 @@ class Command:
     goal_id: int = 0
     controller: str = ""
     policy: str = ""
+    heading_error: float = math.nan
+    """rad, positive if what it steers to lies to the right of the state answered (psi_g)."""
+    goal_distance: float = math.nan
+    """m from the rear contact of the state answered; NaN without a goal."""
+    message: object = field(default=None, compare=False, repr=False)
+    """The message that carried it here, to be echoed as it came; None for one made here."""
 
     @property
     def action(self) -> tuple[float, float, float]:
         """Action (T, d, F) in N m, m, N."""
         return self.torque, self.displacement, self.pedal_force
+
+
+@dataclass(frozen=True)
+class AppliedCommand:
+    """Input of the step that led to a state."""
+
+    source: CommandSource = CommandSource.INITIAL
+    command: Command | None = None
+    """None at the start of an episode and for zero input."""
+
+    @property
+    def controller(self) -> str:
+        """Sender of the command; empty without one."""
+        return self.command.controller if self.command else ""
+
+    @property
+    def goal(self) -> Point2D | None:
+        """Goal that the command pursues, m; None without one."""
+        return self.command.goal if self.command else None
+
+    def lateness(self, step: int) -> float:
+        """Return how many steps too old the command was that led to `step`; infinite without one.
+
+        The start of an episode counts as punctual.
+        """
+        if self.source is CommandSource.INITIAL:
+            return 0.0
+        return math.inf if self.command is None else float(step - 1 - self.command.step)
 
 
 @dataclass(frozen=True)
@@ -91,7 +123,7 @@ class InitialPose:
 
 @dataclass(frozen=True)
 class BicycleState:
-    """The bicycle after one step, as plain numbers in the paper's signs."""
+    """The body of the bicycle after one step, as plain numbers in the paper's signs."""
 
     episode: int
     step: int
@@ -118,17 +150,6 @@ class BicycleState:
     speed: float
     """m/s (v)."""
     fallen: bool = False
-    goal: Point2D | None = None
-    """Goal that the applied command pursued, m."""
-    heading_error: float = math.nan
-    """rad, positive if that goal lies to the right (psi_g); NaN without a goal."""
-    goal_distance: float = math.nan
-    """m from the rear contact; NaN without a goal."""
-    command_source: CommandSource = CommandSource.INITIAL
-    command_step: int = -1
-    """Step answered by the applied command, -1 for none."""
-    controller: str = ""
-    """Sender of the applied command; empty for none."""
     plant_state: tuple[float, ...] = ()
     """The whole state of the plant in its own order, where the numbers above do not make it up;
     empty for the paper's bicycle."""
@@ -138,8 +159,6 @@ class BicycleState:
     """rad, positive with the nose up; zero upright with straight steering."""
     estimated: bool = False
     """True if an estimator made it of what sensors tell."""
-    action: tuple[float, float, float] = field(default=(0.0, 0.0, 0.0), compare=False)
-    """(T, d, F) as commanded, N m, m, N. A state message does not carry it."""
 
 
 @dataclass(frozen=True)
@@ -151,33 +170,3 @@ class Push:
     """Step of the pushed state."""
     lean_rate: float
     """rad/s added to its lean rate, positive to the left."""
-
-
-@dataclass(frozen=True)
-class Transition:
-    """One step towards one goal, in the paper's signs; see `task.OBSERVATION_FIELDS`."""
-
-    episode: int
-    step: int
-    """Step of the state in which the action was taken."""
-    goal: Point2D
-    """m."""
-    goal_id: int
-    observation: np.ndarray
-    """(6,)."""
-    action: tuple[float, float, float]
-    """(T, d, F) as commanded, N m, m, N."""
-    reward: float
-    """Reward of the next state (equation 20)."""
-    next_observation: np.ndarray
-    """(6,)."""
-    terminated: bool
-    """True if the goal was reached."""
-    truncated: bool
-    """True if the pursuit was cut here: reset, new goal, or no command."""
-    fallen: bool
-    """True if the bicycle has fallen in the next state."""
-    speed: float
-    """m/s before the step."""
-    policy: str
-    """Id of the policy that chose the action."""

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from bicycle_common.plot_style import INK
 from bicycle_tools.drawing import LEAN, REACHED, SHIFT, STEER, STYLE, TORQUE, Floats, ride_time
-from bicycle_tools.ride_log import Columns, RideLog
+from bicycle_tools.ride_log import RideLog
 from bicycle_tools.summary import RideSummary, summarise
 from bicycle_tools.track import draw_track
 
@@ -41,13 +41,13 @@ def _strips(strips: list[Axes], log: RideLog, time: Floats) -> None:
     states = log.states
     _line(lean, time, np.degrees(states["lean_angle"]), LEAN, "lean (°)")
     _line(steer, time, np.degrees(states["steer_angle"]), STEER, "steering (°)")
-    applied = _applied(log)
-    if applied is not None:
-        _line(command, time, applied[0], TORQUE, "torque (N m)")
-        if np.nanmax(np.abs(applied[1])) > 0:
+    torque, shift = (states[f"applied.{name}"] for name in ("torque", "displacement"))
+    if np.isfinite(torque).any():
+        _line(command, time, torque, TORQUE, "torque (N m)")
+        if np.nanmax(np.abs(shift)) > 0:
             other = command.twinx()
             other.grid(visible=False)
-            _line(other, time, 100.0 * applied[1], SHIFT, "displacement (cm)")
+            _line(other, time, 100.0 * shift, SHIFT, "displacement (cm)")
     _line(distance, time, states["goal_distance"], INK, "distance to\ngoal (m)")
     distance.set_ylim(bottom=0.0)
     distance.set_xlabel("time (s)")
@@ -69,28 +69,6 @@ def _mark_goals(axes: Axes, log: RideLog, time: Floats) -> None:
     changed = (np.diff(place, axis=0) != 0).any(axis=1) & np.isfinite(place[1:]).all(axis=1)
     for row in np.flatnonzero(changed):
         axes.axvline(time[row + 1], color=REACHED, linewidth=0.7, alpha=0.5, zorder=0)
-
-
-def _applied(log: RideLog) -> tuple[Floats, Floats] | None:
-    """Return torque (N m) and displacement (m) that led to each state; NaN without a command."""
-    commands: Columns = log.commands
-    if not len(commands.get("step", ())):
-        return None
-    keys = {
-        (int(episode), int(step)): row
-        for row, (episode, step) in enumerate(
-            zip(commands["episode"], commands["step"], strict=True)
-        )
-    }
-    states = log.states
-    rows = np.array(
-        [
-            keys.get((int(episode), int(step)), -1)
-            for episode, step in zip(states["episode"], states["command_step"], strict=True)
-        ]
-    )
-    torque = np.where(rows < 0, np.nan, commands["torque"][rows])
-    return torque, np.where(rows < 0, np.nan, commands["displacement"][rows])
 
 
 def _title(figure: Figure, summary: RideSummary) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from bicycle_bag.columns import load_topics
 from bicycle_bag.errors import BagError
 from bicycle_bag.reader import BagReader
+from bicycle_bag.steps import steps
 from bicycle_common import topic_names
 from bicycle_tools.recorded_here import driving, goals_of_recording
 
@@ -22,11 +23,12 @@ Columns = Mapping[str, NDArray[Any]]
 
 STATE = topic_names.in_bag(topic_names.STATE)
 COMMAND = topic_names.in_bag(topic_names.COMMAND)
+ECHO = topic_names.in_bag(topic_names.COMMAND_ECHO)
 TIMING = topic_names.in_bag(topic_names.TIMING)
 GOAL_STATUS = topic_names.in_bag(topic_names.GOAL_STATUS)
 EPISODE = topic_names.in_bag(topic_names.EPISODE)
 PUSHED = topic_names.in_bag(topic_names.PUSHED)
-READ = (STATE, COMMAND, TIMING, GOAL_STATUS, EPISODE)
+READ = (STATE, COMMAND, ECHO, TIMING, GOAL_STATUS, EPISODE)
 """Topics of a ride, in the bicycle's namespace."""
 RIDDEN = (STATE, COMMAND, TIMING)
 """Topics that are not latched: a bag without any of them contains no ride."""
@@ -38,7 +40,8 @@ class RideLog:
 
     path: Path
     states: Columns
-    """BicycleState; each step once, see `distinct`."""
+    """BicycleState; each step once, see `distinct`; with the command that led to it, see
+    `bicycle_bag.steps`."""
     commands: Columns
     """BicycleCommand; without answers of a controller that ran beside the driving one."""
     timing: Columns
@@ -83,6 +86,8 @@ def load_ride(reader: BagReader, prefix: str) -> RideLog:
     columns = {name: loaded[prefix + name] if name in there else {} for name in READ}
     states, segment = distinct(columns[STATE]) if columns[STATE] else _no_states()
     commands, told = columns[COMMAND], columns[GOAL_STATUS]
+    if columns[STATE]:
+        states = steps(dict(states), dict(columns[ECHO]), dict(commands))
     drove = driving(commands, states)
     statuses = goals_of_recording(told, begun(reader), commands)
     return RideLog(

@@ -25,6 +25,7 @@ from bicycle_bag.qos_overrides import read_overrides
 from bicycle_bag.reader import BagReader
 from bicycle_bag.selection import absolute
 from bicycle_bag.tempo import Tempo
+from bicycle_bag.versions import TodaysReader
 from bicycle_common.command_line import RULES, OneLineParser
 from bicycle_common.nodes.runner import UserError
 from bicycle_common.signals import StopRequest
@@ -125,7 +126,7 @@ def play(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
         options.max_gap,
     )
     overrides = read_overrides(options.qos_profile_overrides_path)
-    reader = BagReader(options.bag)
+    reader = TodaysReader(options.bag)
     playback = Playback(reader, chosen)
     names = renamed(options.remap, reader)
     tempo = Tempo(options.start_paused)

@@ -27,7 +27,7 @@ from bicycle_common.nodes.runner import start_tool
 from bicycle_common.processes import ProcessGroup, Supervisor, Vigil, registry_of
 from bicycle_common.signals import StopRequest
 from bicycle_controller.control.goals import Status
-from bicycle_tools.nodes.ride_client import RECORDER, RideClient, progress_text
+from bicycle_tools.nodes.ride_client import RECORDER, RideClient
 from bicycle_tools.plan import Plan
 from bicycle_tools.ride_report import report
 from bicycle_tools.summary import RideSummary
@@ -266,7 +266,7 @@ class Ride:
     def _show(self) -> None:
         """Update the progress bar."""
         done = self._rider.time if self._options.minutes else len(self._plan.results)
-        self._display.show(self._plan.number, done, progress_text(self._rider.state))
+        self._display.show(self._plan.number, done, self._rider.progress_text())
 
     def _note(self, line: str) -> None:
         """Keep a line for the summary."""

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from bicycle_msgs.msg import BicycleCommand, BicycleState, TrainerStatus
+from bicycle_msgs.msg import BicycleCommand, BicycleState, CommandEcho, TrainerStatus
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
 from bicycle_cockpit.samples import REWARDED, Sample, plain, reward_columns
+from bicycle_common.geometry import wrap_angle
 from bicycle_common.nodes import convert, topics
 from bicycle_common.types import Point2D
 from bicycle_controller.policy.trained_for import UNLIKE
@@ -19,13 +20,24 @@ from bicycle_sim.task.reward import RewardWeights
 
 def to_sample(
     state: BicycleState,
+    echo: CommandEcho | None,
     command: BicycleCommand | None,
     weights: RewardWeights,
     policy: float = math.nan,
 ) -> Sample:
-    """Return the row of one state and the newest command; `policy` is its policy's number."""
+    """Return the row of one state.
+
+    Args:
+        state: the state.
+        echo: of the command that led to it; None if nobody tells.
+        command: the newest one.
+        weights: of the reward's terms.
+        policy: number of the newest command's policy.
+    """
     stamp = state.header.stamp
-    rewarded = {name: getattr(state, name) for name in REWARDED}
+    error, distance = bearing(state, echo)
+    rewarded = {name: getattr(state, name) for name in REWARDED if name != "heading_error"}
+    rewarded["heading_error"] = error
     acts = ("torque", "displacement", "pedal_force")
     chosen = [getattr(command, name) if command else math.nan for name in acts]
     return Sample(
@@ -39,12 +51,23 @@ def to_sample(
         state.lean_rate,
         state.steer_angle,
         state.speed,
-        state.goal_distance,
-        state.heading_error,
-        state.command_source,
+        distance,
+        error,
+        echo.command_source if echo is not None else math.nan,
         *[*chosen, policy],
         *reward_columns(rewarded, weights),
     )
+
+
+def bearing(state: BicycleState, echo: CommandEcho | None) -> tuple[float, float]:
+    """Return heading error (rad, positive to the left) and distance (m) of the pursued goal.
+
+    Both are NaN without a goal.
+    """
+    if echo is None or not echo.command.has_goal:
+        return math.nan, math.nan
+    x, y = echo.command.goal.x - state.rear_contact.x, echo.command.goal.y - state.rear_contact.y
+    return float(wrap_angle(math.atan2(y, x) - state.heading)), math.hypot(x, y)
 
 
 def to_pose(point: Point2D, heading: float | None = None) -> PoseStamped:

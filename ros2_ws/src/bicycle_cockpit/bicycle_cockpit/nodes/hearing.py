@@ -10,6 +10,7 @@ from typing import Any, Protocol
 from bicycle_msgs.msg import (
     BicycleCommand,
     BicycleState,
+    CommandEcho,
     EpisodeInfo,
     GoalStatus,
     HandOver,
@@ -68,11 +69,13 @@ class Hearing:
         self._node, self._live, self._trouble = node, live, trouble
         self._tell, self._newest = tell, newest
         self._command: BicycleCommand | None = None
+        self._echoes: dict[tuple[int, int], CommandEcho] = {}
         self._fallen = False
         self._told = goal_words.Told()
         self._began = time.monotonic()
         self._began_ns = time.time_ns()
         live.names |= {**shipped_names(), **lqr_names(registry.default())}
+        listen(node, topics.COMMAND_ECHO, self._on_echo, depth=DEEP)
         listen(node, topics.STATE, self._on_state, depth=DEEP)
         listen(node, topics.COMMAND, self._on_command)
         listen(node, topics.TIMING, live.loop.add)
@@ -111,11 +114,18 @@ class Hearing:
         if live.due() or fell:
             policy = self._command.policy if self._command is not None else ""
             number = live.policy_number(policy)
-            moved = live.add(conversions.to_sample(state, self._command, live.weights, number))
+            echo = self._echoes.pop((state.episode, state.step), None)
+            sample = conversions.to_sample(state, echo, self._command, live.weights, number)
+            moved = live.add(sample)
             if moved and state.step > 0 and live.mode == "held":
                 live.mode = "riding"
         if fell:
             self._tell("bad", "the bicycle fell: press Reset to set it up again", kind="fell")
+
+    def _on_echo(self, echo: CommandEcho) -> None:
+        while len(self._echoes) >= DEEP:
+            del self._echoes[next(iter(self._echoes))]
+        self._echoes[echo.episode, echo.step] = echo
 
     def _on_command(self, command: BicycleCommand) -> None:
         live = self._live

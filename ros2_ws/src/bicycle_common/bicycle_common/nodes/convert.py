@@ -12,10 +12,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from bicycle_msgs.msg import BicycleCommand
+from bicycle_msgs.msg import BicycleCommand, CommandEcho
 from bicycle_msgs.msg import BicycleState as BicycleStateMessage
 from bicycle_msgs.msg import Push as PushMessage
-from bicycle_msgs.msg import Transition as TransitionMessage
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point as PointMessage
 from geometry_msgs.msg import Pose, Quaternion
@@ -25,13 +24,13 @@ from bicycle_common.conventions import mirror
 from bicycle_common.geometry import heading_between, heading_to_yaw, yaw_to_heading
 from bicycle_common.nodes.topics import GOAL_FRAMES, ODOM_FRAME
 from bicycle_common.types import (
+    AppliedCommand,
     BicycleState,
     Command,
     CommandSource,
     InitialPose,
     Point2D,
     Push,
-    Transition,
 )
 
 BODY = (
@@ -103,27 +102,16 @@ def from_snapshot(snapshot: BicycleState, nanoseconds: int) -> BicycleStateMessa
         front_contact=to_point((snapshot.front_x, snapshot.front_y)),
         rear_contact=to_point((snapshot.rear_x, snapshot.rear_y)),
         fallen=bool(snapshot.fallen),
-        has_goal=snapshot.goal is not None,
-        goal=to_point(snapshot.goal),
-        heading_error=mirror("heading_error", float(snapshot.heading_error)),
-        goal_distance=float(snapshot.goal_distance),
-        command_source=int(snapshot.command_source),
-        command_step=int(snapshot.command_step),
-        controller=str(snapshot.controller),
         plant_state=[float(value) for value in snapshot.plant_state],
         estimated=bool(snapshot.estimated),
     )
 
 
 def to_snapshot(message: BicycleStateMessage) -> BicycleState:
-    """Return the state of a message; `Simulator.restore` can continue from it.
-
-    Raises:
-        ValueError: on an unknown command source.
-    """
+    """Return the state of a message; `Simulator.restore` can continue from it."""
     front, rear = message.front_contact, message.rear_contact
     x_b, y_b, x_f, y_f = (np.array([value]) for value in (rear.x, rear.y, front.x, front.y))
-    if message.plant_state:
+    if message.plant_state or message.estimated:
         heading = float(yaw_to_heading(message.heading))
     else:
         heading = float(heading_between(x_b, y_b, x_f, y_f)[0])
@@ -137,12 +125,6 @@ def to_snapshot(message: BicycleStateMessage) -> BicycleState:
         rear_x=rear.x,
         rear_y=rear.y,
         fallen=bool(message.fallen),
-        goal=(message.goal.x, message.goal.y) if message.has_goal else None,
-        heading_error=mirror("heading_error", message.heading_error),
-        goal_distance=message.goal_distance,
-        command_source=CommandSource(int(message.command_source)),
-        command_step=int(message.command_step),
-        controller=message.controller,
         plant_state=tuple(message.plant_state),
         estimated=bool(message.estimated),
     )
@@ -150,11 +132,8 @@ def to_snapshot(message: BicycleStateMessage) -> BicycleState:
 
 def is_finite(snapshot: BicycleState) -> bool:
     """Return True if every number that a controller uses is finite."""
-    skipped = ("heading_error", "goal_distance")
     return all(map(math.isfinite, snapshot.plant_state)) and all(
-        math.isfinite(value)
-        for name, value in vars(snapshot).items()
-        if isinstance(value, float) and name not in skipped
+        math.isfinite(value) for value in vars(snapshot).values() if isinstance(value, float)
     )
 
 
@@ -172,6 +151,8 @@ def from_command(command: Command, stamp: Time) -> BicycleCommand:
         goal=to_point(command.goal),
         controller=str(command.controller),
         policy=str(command.policy),
+        heading_error=mirror("heading_error", float(command.heading_error)),
+        goal_distance=float(command.goal_distance),
     )
 
 
@@ -187,45 +168,47 @@ def to_command(message: BicycleCommand) -> Command:
         goal_id=int(message.goal_id),
         controller=message.controller,
         policy=message.policy,
+        heading_error=mirror("heading_error", message.heading_error),
+        goal_distance=message.goal_distance,
+        message=message,
     )
 
 
-def from_transition(transition: Transition, nanoseconds: int) -> TransitionMessage:
-    """Return the transition message, in the paper's signs."""
-    return TransitionMessage(
+def from_applied(
+    applied: AppliedCommand, episode: int, step: int, nanoseconds: int
+) -> CommandEcho:
+    """Return the echo of the command that led to a state, at the state's simulated time in ns."""
+    command = applied.command
+    if command is None:
+        message = BicycleCommand(
+            goal=to_point(None), heading_error=math.nan, goal_distance=math.nan
+        )
+    elif isinstance(command.message, BicycleCommand):
+        message = command.message
+    else:
+        message = from_command(command, to_stamp(nanoseconds))
+    return CommandEcho(
         header=to_header(nanoseconds),
-        episode=int(transition.episode),
-        step=int(transition.step),
-        goal_id=int(transition.goal_id),
-        observation=[float(value) for value in transition.observation],
-        action=[float(value) for value in transition.action],
-        reward=float(transition.reward),
-        next_observation=[float(value) for value in transition.next_observation],
-        terminated=bool(transition.terminated),
-        truncated=bool(transition.truncated),
-        fallen=bool(transition.fallen),
-        speed=float(transition.speed),
-        policy=str(transition.policy),
+        episode=int(episode),
+        step=int(step),
+        command_source=int(applied.source),
+        command=message,
     )
 
 
-def to_transition(message: TransitionMessage) -> Transition:
-    """Return the transition of a message; its goal is NaN, because no message carries it."""
-    return Transition(
-        episode=int(message.episode),
-        step=int(message.step),
-        goal=(math.nan, math.nan),
-        goal_id=int(message.goal_id),
-        observation=np.array(message.observation),
-        action=(message.action[0], message.action[1], message.action[2]),
-        reward=message.reward,
-        next_observation=np.array(message.next_observation),
-        terminated=bool(message.terminated),
-        truncated=bool(message.truncated),
-        fallen=bool(message.fallen),
-        speed=message.speed,
-        policy=message.policy,
-    )
+def to_applied(message: CommandEcho) -> AppliedCommand:
+    """Return the applied command of an echo.
+
+    Raises:
+        ValueError: on an unknown source, or a command that is not finite.
+    """
+    source = CommandSource(int(message.command_source))
+    if source not in (CommandSource.FRESH, CommandSource.HELD):
+        return AppliedCommand(source)
+    command = to_command(message.command)
+    if not all(map(math.isfinite, (*command.action, *(command.goal or ())))):
+        raise ValueError("its command is not finite")
+    return AppliedCommand(source, command)
 
 
 def from_push(push: Push, nanoseconds: int) -> PushMessage:

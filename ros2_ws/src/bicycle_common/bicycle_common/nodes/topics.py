@@ -15,6 +15,7 @@ from bicycle_msgs.action import FollowPath, RideToPose
 from bicycle_msgs.msg import (
     BicycleCommand,
     BicycleState,
+    CommandEcho,
     EpisodeInfo,
     GoalStatus,
     HandOver,
@@ -22,7 +23,6 @@ from bicycle_msgs.msg import (
     PathStatus,
     Push,
     TrainerStatus,
-    Transition,
 )
 from bicycle_msgs.srv import LoadPolicy, Reset
 from bicycle_msgs.srv import Push as PushService
@@ -36,7 +36,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_srvs.srv import SetBool, Trigger
-from visualization_msgs.msg import MarkerArray
+from visualization_msgs.msg import Marker, MarkerArray
 
 from bicycle_common import topic_names
 
@@ -92,6 +92,9 @@ STATE = Topic(topic_names.STATE, BicycleState, _offered(RESEND, 2.5 * STATE_PERI
 COMMAND = Topic(
     topic_names.COMMAND, BicycleCommand, _offered(RESEND, 2.5 * STATE_PERIOD), _profile(5)
 )
+COMMAND_ECHO = Topic(
+    topic_names.COMMAND_ECHO, CommandEcho, _offered(RESEND, 2.5 * STATE_PERIOD), _profile(5)
+)
 ODOMETRY = Topic(topic_names.ODOMETRY, Odometry, _offered(RESEND, 2.5 * STATE_PERIOD), _profile(5))
 JOINT_STATES = Topic(
     topic_names.JOINT_STATES, JointState, _offered(RESEND, 2.5 * STATE_PERIOD), _profile(5)
@@ -99,7 +102,7 @@ JOINT_STATES = Topic(
 CLOCK = Topic(topic_names.CLOCK, Clock, _profile(1, reliable=False), _profile(1, reliable=False))
 MARKERS = _topic(topic_names.MARKERS, MarkerArray, depth=1)
 DIAGNOSTICS = _topic(topic_names.DIAGNOSTICS, DiagnosticArray, depth=10)
-TRANSITION = _topic(topic_names.TRANSITION, Transition, depth=RESEND)
+GOAL_MARKER = _topic(topic_names.GOAL_MARKER, Marker, depth=1, latched=True)
 TIMING = _topic(topic_names.TIMING, LoopTiming, depth=RESEND)
 PUSHED = _topic(topic_names.PUSHED, Push, depth=RESEND)
 EPISODE = _topic(topic_names.EPISODE, EpisodeInfo, depth=1, latched=True)
@@ -119,12 +122,13 @@ TRAINER = _topic(topic_names.TRAINER, TrainerStatus, depth=1, latched=True)
 TOPICS: tuple[Topic, ...] = (
     STATE,
     COMMAND,
+    COMMAND_ECHO,
     ODOMETRY,
     JOINT_STATES,
     CLOCK,
     MARKERS,
+    GOAL_MARKER,
     DIAGNOSTICS,
-    TRANSITION,
     TIMING,
     PUSHED,
     EPISODE,

@@ -24,7 +24,7 @@ from bicycle_common.types import Point2D
 from bicycle_controller.control.goals import Status
 from bicycle_tools.course import read_waypoints
 from bicycle_tools.nodes.calling import LYING, NOBODY
-from bicycle_tools.nodes.ride_client import RideClient, progress_text
+from bicycle_tools.nodes.ride_client import RideClient
 from bicycle_tools.plan import Plan
 
 EXIT = {Status.REACHED: 0, Status.FALLEN: LYING, Status.MISSED: 4, Status.GIVEN_UP: 4}
@@ -168,7 +168,7 @@ class GoalClient:
         return now - self._missing.setdefault(what, now) > seconds
 
     def _progress(self) -> str:
-        return progress_text(self._rider.state)
+        return self._rider.progress_text()
 
     def _heard(self) -> bool:
         """Return True if the controller has answered the first goal.

@@ -25,7 +25,7 @@ RECORDED = (
     topics.STATE,
     topics.COMMAND,
     topics.TIMING,
-    topics.TRANSITION,
+    topics.COMMAND_ECHO,
     topics.PUSHED,
     topics.EPISODE,
     topics.GOAL_STATUS,
@@ -56,13 +56,14 @@ class RideClient(Node):
         super().__init__(name)
         self.state: BicycleState | None = None
         self.changes: deque[GoalStatus] = deque()
+        self._goal: Point2D | None = None
         self.warnings: list[str] = []
         self.policy_judged = False
         self._dead: set[bytes] = set()
         self._heard = self._moved = time.monotonic()
         self._goal_publishers = advertise(self, topics.GOAL_POSE, topics.GOAL_PATH)
         listen(self, topics.STATE, self._on_state, depth=1)
-        listen(self, topics.GOAL_STATUS, lambda message: self.changes.append(message))
+        listen(self, topics.GOAL_STATUS, self._on_goal_status)
         listen(self, topics.DIAGNOSTICS, self._on_diagnostics)
         self._reset = self.create_client(topics.RESET.type, topics.RESET.name)
         self._executor = SingleThreadedExecutor()
@@ -73,6 +74,13 @@ class RideClient(Node):
         self._heard = time.monotonic()
         if before is None or (before.episode, before.step) != (message.episode, message.step):
             self._moved = self._heard
+
+    def _on_goal_status(self, change: GoalStatus) -> None:
+        self.changes.append(change)
+        if change.status == GoalStatus.ACTIVE:
+            self._goal = change.position.x, change.position.y
+        elif change.status != GoalStatus.QUEUED:
+            self._goal = None
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in array.status:
@@ -113,6 +121,18 @@ class RideClient(Node):
             return 0.0
         stamp = self.state.header.stamp
         return float(stamp.sec + 1e-9 * stamp.nanosec)
+
+    def progress_text(self) -> str:
+        """Return the distance left, speed and lean, for a progress bar."""
+        state = self.state
+        if state is None:
+            return "no state yet"
+        left = ""
+        if self._goal is not None:
+            x, y = state.rear_contact.x, state.rear_contact.y
+            left = f"{math.hypot(self._goal[0] - x, self._goal[1] - y):.1f} m left, "
+        lean = math.degrees(state.lean_angle)
+        return f"{left}{state.speed:.2f} m/s, lean {lean:+.1f}°"
 
     def others(self) -> list[str]:
         """Return the names of nodes that simulate or command a bicycle of this name."""
@@ -178,11 +198,3 @@ def _pose(goal: Point2D) -> PoseStamped:
     pose.pose.position.y = float(goal[1])
     pose.pose.orientation.w = 1.0
     return pose
-
-
-def progress_text(state: BicycleState | None) -> str:
-    """Return the distance left, speed and lean, for a progress bar."""
-    if state is None:
-        return "no state yet"
-    left = f"{state.goal_distance:.1f} m left, " if math.isfinite(state.goal_distance) else ""
-    return f"{left}{state.speed:.2f} m/s, lean {math.degrees(state.lean_angle):+.1f}°"

@@ -24,20 +24,20 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from bicycle_msgs.msg import BicycleCommand, BicycleState, EpisodeInfo, Push
+from bicycle_msgs.msg import BicycleCommand, BicycleState, CommandEcho, EpisodeInfo, Push
 from rclpy.serialization import deserialize_message
 from tqdm import tqdm
 
 from bicycle_bag.errors import BagError
-from bicycle_bag.reader import BagReader
 from bicycle_bag.schemas import Schemas
+from bicycle_bag.versions import TodaysReader
 from bicycle_common.command_line import OneLineParser
 from bicycle_common.nodes import convert
 from bicycle_common.types import Command, CommandSource
 from bicycle_sim.nodes.episode_setting import to_setting
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_tools.nodes.flatten import flatten
-from bicycle_tools.ride_log import COMMAND, EPISODE, PUSHED, STATE, prefix_of
+from bicycle_tools.ride_log import COMMAND, ECHO, EPISODE, PUSHED, STATE, prefix_of
 
 ROUNDING = 1e-9
 """Largest effect of rounding on one step, in any field's unit; errors are larger."""
@@ -52,10 +52,12 @@ class Recording:
 
     states: list[tuple[int, bytes]] = field(default_factory=list)
     """Place in the recorded order, and CDR."""
-    added: int = 0
-    """Bytes of each that the reader added, see `BagReader.missing_end`."""
     missing: frozenset[str] = frozenset()
     """Fields of today's states that the bag's have not."""
+    echoes: dict[tuple[int, int], list[tuple[int, CommandEcho]]] = field(
+        default_factory=lambda: defaultdict(list)
+    )
+    """Place and message by episode and step of the state that the command led to."""
     commands: dict[Key, list[Command]] = field(default_factory=lambda: defaultdict(list))
     episodes: list[tuple[int, EpisodeInfo]] = field(default_factory=list)
     """Place in the recorded order, and message."""
@@ -129,11 +131,17 @@ def read(path: Path) -> Recording:
     Raises:
         BagError: if the bag cannot be read, is foreign, or has other message definitions.
     """
-    reader = BagReader(path)
+    reader = TodaysReader(path)
     prefix = prefix_of(reader)
     kinds = {prefix + STATE: BicycleState, prefix + COMMAND: BicycleCommand}
     kinds[prefix + EPISODE] = EpisodeInfo
     reader.require(list(kinds))
+    kinds[prefix + ECHO] = CommandEcho
+    if prefix + ECHO not in reader.topics:
+        raise BagError(
+            f"{path} does not say which command led to which state (no {ECHO}): only a bag of a "
+            "simulator can be verified"
+        )
     if prefix + PUSHED in reader.topics:  # older bags lack it
         kinds[prefix + PUSHED] = Push
     for name, kind in kinds.items():
@@ -147,13 +155,14 @@ def read(path: Path) -> Recording:
         _check_kind(path, item.topic, item.type, item.encoding, kind)
         if kind is BicycleState:
             recording.states.append((place, item.data))
-            recording.added = len(reader.missing_end(item.topic))
             continue
-        message = decoded(item.data, kind, len(reader.missing_end(item.topic)))
+        message = decoded(item.data, kind)
         if kind is BicycleCommand:
             command = convert.to_command(message)
             key = command.episode, command.step, command.controller
             recording.commands[key].append(command)
+        elif kind is CommandEcho:
+            recording.echoes[message.episode, message.step].append((place, message))
         elif kind is Push:
             push = convert.to_push(message)
             recording.pushes[push.episode, push.step].append(push.lean_rate)
@@ -176,8 +185,8 @@ def _check_kind(path: Path, topic: str, type_name: str, encoding: str, kind: typ
         )
 
 
-def _check_versions(reader: BagReader, topics: list[str]) -> None:
-    """Refuse a bag whose messages have other fields than today's, but for new ones at the end.
+def _check_versions(reader: TodaysReader, topics: list[str]) -> None:
+    """Refuse a bag whose messages cannot be brought up to date.
 
     Raises:
         BagError: if it is one.
@@ -185,7 +194,7 @@ def _check_versions(reader: BagReader, topics: list[str]) -> None:
     schemas = Schemas()
     for name in topics:
         topic = reader.topics[name]
-        known = reader.missing_end(name) or topic.type_hash == schemas.type_hash(topic.type)
+        known = reader.is_rewritten(name) or topic.type_hash == schemas.type_hash(topic.type)
         if topic.type_hash and not known:
             raise BagError(
                 f"{reader.path} has another version of {topic.type}: verify it with the release "
@@ -193,13 +202,12 @@ def _check_versions(reader: BagReader, topics: list[str]) -> None:
             )
 
 
-def decoded(data: bytes, kind: type[Any], added: int = 0) -> Any:
+def decoded(data: bytes, kind: type[Any]) -> Any:
     """Decode a message from its CDR.
 
     Args:
         data: the message as the reader gives it.
         kind: its class.
-        added: bytes of it that the reader added, see `BagReader.missing_end`.
 
     Raises:
         BagError: if it is not of this kind.
@@ -208,7 +216,7 @@ def decoded(data: bytes, kind: type[Any], added: int = 0) -> Any:
         return deserialize_message(data, kind)
     except Exception as error:  # the middleware's errors have no common base class
         raise BagError(
-            f"a message of {len(data) - added} bytes is not a {kind.__name__} "
+            f"a message of {len(data)} bytes is not a {kind.__name__} "
             f"({' '.join(str(error).split())[:100]}): the bag's recorder was another version or "
             "the message was damaged before it was recorded"
         ) from None
@@ -230,7 +238,7 @@ def verify(recording: Recording) -> Iterator[Verdict]:
     before: BicycleState | None = None
     simulator: Simulator | None = None
     for place, data in recording.states:
-        state = decoded(data, BicycleState, recording.added)
+        state = decoded(data, BicycleState)
         if before is not None and (state.episode, state.step) == (before.episode, before.step):
             yield verdict  # a held bicycle's state, published again
             continue
@@ -263,7 +271,7 @@ def _compute(
     here, recorded = simulator.snapshot, _numbers(state, recording.missing)
     computed: dict[str, Any] | None = None
     pushes = recording.pushes.get((here.episode, here.step), [0.0])
-    for command, push in product(_candidates(recording, state), pushes):
+    for command, push in product(_candidates(recording, state, place), pushes):
         trial = Simulator.restore(here, simulator.scenario, simulator.plant, simulator.seed)
         message = convert.from_snapshot(trial.step(command, push), stamp)
         computed = _numbers(message, recording.missing)
@@ -284,12 +292,18 @@ def _compute(
     return _restored(recording, state, place)
 
 
-def _candidates(recording: Recording, state: BicycleState) -> list[Command | None]:
+def _candidates(recording: Recording, state: BicycleState, place: int) -> list[Command | None]:
     """Return the commands that may have led to a state; a state may be answered twice."""
-    if state.command_source == CommandSource.ZERO:
+    echoes = recording.echoes.get((state.episode, state.step), [])
+    if not echoes:
+        return []
+    _, echo = min(echoes, key=lambda pair: abs(pair[0] - place))
+    if echo.command_source == CommandSource.ZERO:
         return [None]
-    key = int(state.episode), int(state.command_step), str(state.controller)
-    return list(recording.commands.get(key, []))
+    command = convert.to_command(echo.command)
+    if all(map(math.isfinite, command.action)):
+        return [command]
+    return list(recording.commands.get((command.episode, command.step, command.controller), []))
 
 
 def _restored(recording: Recording, state: BicycleState, place: int) -> Simulator:

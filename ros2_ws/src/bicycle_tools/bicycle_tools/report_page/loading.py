@@ -17,9 +17,19 @@ from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import BagMetadata
 from bicycle_bag.reader import BagReader
 from bicycle_bag.repair import repair
+from bicycle_bag.steps import states_name_commands
 from bicycle_tools.drawing import Floats, ride_time
 from bicycle_tools.outcomes import Outcome, outcomes
-from bicycle_tools.ride_log import READ, RIDDEN, STATE, Columns, RideLog, load_ride, no_bicycle
+from bicycle_tools.ride_log import (
+    ECHO,
+    READ,
+    RIDDEN,
+    STATE,
+    Columns,
+    RideLog,
+    load_ride,
+    no_bicycle,
+)
 from bicycle_tools.summary import RideSummary, summarise
 
 
@@ -187,6 +197,8 @@ def _ride(reader: BagReader, prefix: str) -> tuple[RideLog, Sequence[str]]:
             f"stack's types ({error}): choose another bicycle with --namespace"
         ) from None
     empty = [prefix + topic for topic in READ if not reader.counts.get(prefix + topic)]
+    if prefix + ECHO in empty and states_name_commands(reader, prefix + STATE):
+        empty.remove(prefix + ECHO)
     if not any(reader.counts.get(prefix + topic) for topic in RIDDEN):
         raise no_bicycle(reader)
     nothing = [f"Nothing was recorded of {', '.join(empty)}."] if empty else []

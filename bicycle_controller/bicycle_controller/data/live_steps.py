@@ -1,0 +1,118 @@
+"""Steps of a running bicycle, from its messages, for the transition builder."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from typing import Any
+
+import numpy as np
+
+from bicycle_controller.data.transition_builder import COMMANDED, READ, Columns
+
+LONGEST_WAIT = 40
+"""States that may come before the echo of an older one is given up."""
+MOST_ECHOES = 5_000
+"""Echoes that are kept for states that have not come."""
+
+_STATE = ("lean_angle", "lean_rate", "lean_acceleration", "steer_angle", "steer_rate", "heading")
+_NOTHING = (False, 0.0, 0.0, 0.0, False, 0, np.nan, np.nan, "")
+"""Values of COMMANDED without a command."""
+_COLUMNS = (
+    "run",
+    "episode",
+    "step",
+    *_STATE,
+    "rear_contact.x",
+    "rear_contact.y",
+    "front_contact.x",
+    "front_contact.y",
+    "fallen",
+    "own_heading",
+    "log_time",
+    "command_source",
+    *(f"applied.{name}" for name in COMMANDED),
+)
+_UNKNOWN = 0
+"""Source of a step whose echo never came."""
+Key = tuple[int, int]
+
+
+class LiveSteps:
+    """Joins the messages of states and of command echoes, which may come in any order."""
+
+    def __init__(self) -> None:
+        """Start before the first message."""
+        self._states: deque[tuple[Key, tuple[Any, ...], tuple[Any, ...] | None]] = deque()
+        self._echoes: dict[Key, tuple[Any, ...]] = {}
+        self._last: Key = (0, -1)
+        self._run = 0
+
+    def add_echo(self, message: Any) -> None:
+        """Take in a CommandEcho."""
+        command, row = message.command, _NOTHING
+        if message.command_source in (message.SOURCE_FRESH, message.SOURCE_HELD):
+            row = (
+                True,
+                command.torque,
+                command.displacement,
+                command.pedal_force,
+                command.has_goal,
+                command.goal_id,
+                command.goal.x,
+                command.goal.y,
+                command.policy,
+            )
+        self._echoes[message.episode, message.step] = (message.command_source, *row)
+        while len(self._echoes) > MOST_ECHOES:
+            del self._echoes[next(iter(self._echoes))]
+
+    def add_state(self, message: Any) -> None:
+        """Take in a BicycleState; one that repeats the last is left out."""
+        key = message.episode, message.step
+        if key == self._last:
+            return
+        self._run += key < self._last
+        self._last = key
+        rear, front = message.rear_contact, message.front_contact
+        row = (
+            self._run,
+            *key,
+            *(getattr(message, name) for name in _STATE),
+            rear.x,
+            rear.y,
+            front.x,
+            front.y,
+            message.fallen,
+            bool(message.plant_state) or message.estimated,
+            time.time(),
+        )
+        self._states.append((key, row, self._echoes.pop(key, None)))
+
+    def take(self) -> Columns:
+        """Return the steps that are complete, as a table with the columns READ, in order."""
+        rows = []
+        while self._states:
+            key, row, echo = self._states[0]
+            echo = echo or self._echoes.pop(key, None)
+            if echo is None and len(self._states) <= LONGEST_WAIT:
+                break
+            self._states.popleft()
+            rows.append(row + (echo or (_UNKNOWN, *_NOTHING)))
+        columns = zip(*rows, strict=True) if rows else ((),) * len(_COLUMNS)
+        table = {
+            name: _column(name, values) for name, values in zip(_COLUMNS, columns, strict=True)
+        }
+        return {name: table[name] for name in READ}
+
+
+def _column(name: str, values: tuple[Any, ...]) -> np.ndarray:
+    """Return the values of a column as an array."""
+    if name == "applied.policy":
+        column = np.empty(len(values), dtype=object)
+        column[:] = values
+        return column
+    flags = ("fallen", "own_heading", "applied.known", "applied.has_goal")
+    whole = ("run", "episode", "step", "command_source", "applied.goal_id")
+    kind = np.bool_ if name in flags else np.int64 if name in whole else np.float64
+    return np.array(values, dtype=kind)
