@@ -71,7 +71,8 @@ def start_controller(start_node: StartNode) -> Callable[..., NodeProcess]:
 
 @pytest.fixture
 def probe(ros_domain: int) -> Iterator[Probe]:
-    made = Probe(ros_domain, STATE, COMMAND, GOAL_STATUS, topics.ACTIVE_GOAL, topics.GOAL_MARKER)
+    goals = GOAL_STATUS, topics.ACTIVE_GOAL, topics.GOAL_MARKER
+    made = Probe(ros_domain, COMMAND_ECHO, STATE, COMMAND, *goals)
     yield made
     made.close()
 

@@ -1,13 +1,10 @@
-"""Observation of a policy (the paper's six states), and the bearing of a goal."""
+"""Observation of a policy: the paper's six states."""
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from bicycle_common.geometry import heading_error
-from bicycle_common.types import BicycleState, Point2D
+from bicycle_common.types import BicycleState
 
 
 def observation(snapshot: BicycleState, heading_error: float) -> np.ndarray:
@@ -22,15 +19,6 @@ def observation(snapshot: BicycleState, heading_error: float) -> np.ndarray:
             heading_error,
         ]
     )
-
-
-def goal_bearing(numbers: dict[str, float], goal: Point2D | None) -> tuple[float, float]:
-    """Return a goal's heading error psi_g (rad) and distance (m) from a state; NaN without one."""
-    if goal is None:
-        return math.nan, math.nan
-    x, y = numbers["rear_x"], numbers["rear_y"]
-    error = heading_error(np.array([numbers["heading"]]), np.array([x]), np.array([y]), *goal)
-    return float(error[0]), float(np.hypot(goal[0] - x, goal[1] - y))
 
 
 OBSERVATION_FIELDS = (
