@@ -24,7 +24,7 @@ pytestmark = pytest.mark.ros
 
 Start = Callable[..., NodeProcess]
 WORKSPACE = Path(__file__).resolve().parents[2] / "ros2_ws"
-(BAG,) = (Path(__file__).parents[1] / "data").glob("ride-*")
+BAG = Path(__file__).parents[1] / "data" / "ride-0.1.0"
 """0.5 s of a ride, 804 messages of 11 topics."""
 FROM_BAG = ("--remap", *(f"{name}:=/ghost{name}" for name in ("/bicycle/state", "/odom")))
 
