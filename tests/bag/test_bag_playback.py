@@ -13,7 +13,7 @@ from bicycle_bag.ordering import Reorder, by_log_time
 from bicycle_bag.playback import ClockTick, Playback, PlayOptions
 from bicycle_bag.qos import QosProfile, adapt, dump_profiles, parse_profiles
 from bicycle_bag.reader import BagMessage, BagReader
-from bicycle_bag.selection import TopicFilter
+from bicycle_bag.selection import TopicFilter, echo_of, with_echoes
 from bicycle_bag.writer import BagWriter
 
 
@@ -134,3 +134,15 @@ def test_qos_text_comes_back_and_nonsense_is_left_out() -> None:
         assert parse_profiles(nonsense) == ()
     with pytest.raises(ValueError, match="reliability is 'often'"):
         QosProfile(reliability="often")
+
+
+def test_echoes_go_with_the_states_that_they_belong_to() -> None:
+    there = ["/red/bicycle/state", "/red/bicycle/command_echo", "/bicycle/state", "/odom"]
+    assert with_echoes(["/odom", "/red/bicycle/state"], there) == [
+        "/odom",
+        "/red/bicycle/state",
+        "/red/bicycle/command_echo",
+    ]
+    assert with_echoes(["/bicycle/state"], there) == ["/bicycle/state"]
+    assert echo_of("/ghost/bicycle/state") == "/ghost/bicycle/command_echo"
+    assert echo_of("/odom") == ""

@@ -12,7 +12,7 @@ from bicycle_bag.errors import BagError
 from bicycle_bag.ordering import by_log_time
 from bicycle_bag.play_time import PlayTime, with_standing_clocks
 from bicycle_bag.reader import BagMessage, BagReader
-from bicycle_bag.selection import absolute
+from bicycle_bag.selection import absolute, with_echoes
 
 CLOCK = "/clock"
 SLOWEST, FASTEST = 1e-4, 1e4
@@ -105,7 +105,8 @@ class Playback:
         left_out = {absolute(name) for name in options.exclude_topics}
         chosen = [absolute(name) for name in options.topics] or list(reader.topics)
         reader.require([*chosen, *left_out])
-        chosen = [name for name in chosen if name not in left_out]
+        left_out = set(with_echoes(left_out, reader.topics)) - set(options.topics)
+        chosen = [n for n in with_echoes(chosen, reader.topics) if n not in left_out]
         self.topics = [name for name in chosen if not (options.clock_hz and name == CLOCK)]
         if not any(reader.counts[name] for name in self.topics):
             raise BagError(f"{reader.path} has no message to play: choose other topics")

@@ -7,11 +7,32 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 
 from bicycle_bag.errors import BagError
+from bicycle_common import topic_names
+
+STATE, ECHO = topic_names.in_bag(topic_names.STATE), topic_names.in_bag(topic_names.COMMAND_ECHO)
 
 
 def absolute(name: str) -> str:
     """Return a topic's full name; ``bicycle/state`` means ``/bicycle/state``."""
     return name if name.startswith("/") else f"/{name}"
+
+
+def echo_of(name: str) -> str:
+    """Return the topic of the command echoes that belong to a topic of states; "" for others."""
+    if not name.endswith(STATE):
+        return ""
+    return name.removesuffix(STATE) + ECHO
+
+
+def with_echoes(names: Collection[str], there: Collection[str]) -> list[str]:
+    """Return the names with the echoes of their states, which say who drove, where there are any.
+
+    Args:
+        names: of chosen topics.
+        there: all topics.
+    """
+    echoes = [echo_of(name) for name in names]
+    return list(dict.fromkeys([*names, *(echo for echo in echoes if echo in there)]))
 
 
 def is_hidden(name: str) -> bool:

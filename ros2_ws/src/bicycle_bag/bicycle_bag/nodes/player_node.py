@@ -23,7 +23,7 @@ from bicycle_bag.nodes.session import ros_node
 from bicycle_bag.playback import LONGEST_GAP, Playback, PlayOptions
 from bicycle_bag.qos_overrides import read_overrides
 from bicycle_bag.reader import BagReader
-from bicycle_bag.selection import absolute
+from bicycle_bag.selection import absolute, echo_of
 from bicycle_bag.tempo import Tempo
 from bicycle_bag.versions import TodaysReader
 from bicycle_common.command_line import RULES, OneLineParser
@@ -104,6 +104,10 @@ def renamed(rules: Sequence[str], reader: BagReader) -> dict[str, str]:
             raise BagError(f"{rule!r} does not rename a topic: write /odom:=/ghost/odom")
         found[absolute(old)] = absolute(new)
     reader.require(list(found))
+    for old, new in list(found.items()):  # the echo of a state goes with it
+        echo = echo_of(old)
+        if echo in reader.topics and echo not in found:
+            found[echo] = echo_of(new) or f"{new}_command_echo"
     return found
 
 
