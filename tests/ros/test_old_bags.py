@@ -46,7 +46,8 @@ def old(request: pytest.FixtureRequest) -> Path:
 
 
 def test_there_is_an_old_bag() -> None:
-    assert [path.name for path in BAGS] == ["ride-0.1.0", "ride-state-2", "whipple-state-2"]
+    names = {path.name for path in BAGS}
+    assert names >= {"ride-0.1.0", "ride-state-2", "whipple-state-2"}
 
 
 @pytest.mark.parametrize("path", DEFINITIONS, ids=lambda path: path.name)
@@ -57,7 +58,7 @@ def test_every_definition_says_its_version(path: Path) -> None:
 
 
 def test_todays_messages_still_hold_what_it_says(old: Path) -> None:
-    """What today's class says is what the definition in the bag says."""
+    """Today's class reads what the definition in the bag says."""
     reader, today = BagReader(old), TodaysReader(old)
     decoded = 0
     pairs = zip(messages.read(reader), today.messages(reader.topics), strict=True)
@@ -161,7 +162,7 @@ def test_it_teaches(old: Path) -> None:
 def test_it_opens_in_the_cockpit(old: Path) -> None:
     page = session(old)
     columns = dict(zip(page["columns"], page["data"], strict=True))
-    assert set(columns["source"]) == {0.0, 1.0}
+    assert {0.0, 1.0} <= set(columns["source"]) <= {0.0, 1.0, 2.0}
     left = [value for value in columns["goal_distance"] if value is not None]
     assert len(left) > 70
     assert all(before != after for before, after in pairwise(left))

@@ -108,7 +108,7 @@ class Soak:
         return self.before + (self.state.step if self.state else 0)
 
     def _has_goal(self) -> bool:
-        """Whether the last step pursued a goal."""
+        """Return True if the last step pursued a goal."""
         echoes = self.probe[COMMAND_ECHO]
         del echoes[:-1]
         return bool(echoes and echoes[-1].command.has_goal)

@@ -19,9 +19,10 @@ class OwnController(Node):
 
     def answer(self, state: BicycleState) -> None:
         """Answer one state, until the goal is reached."""
-        if state.fallen or math.dist((state.rear_contact.x, state.rear_contact.y), GOAL) < 1.0:
+        x, y = GOAL[0] - state.rear_contact.x, GOAL[1] - state.rear_contact.y
+        if state.fallen or math.hypot(x, y) < 1.0:
             return
-        error = 0.0 if math.isnan(state.heading_error) else state.heading_error
+        error = math.remainder(math.atan2(y, x) - state.heading, 2.0 * math.pi)
         command = BicycleCommand(episode=state.episode, step=state.step, has_goal=True)
         command.controller, command.policy = self.get_name(), "pd@1"
         command.goal.x, command.goal.y = GOAL

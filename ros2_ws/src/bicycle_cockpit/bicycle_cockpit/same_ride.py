@@ -19,6 +19,7 @@ from bicycle_cockpit.marks import push_text
 from bicycle_cockpit.riders import lqr_names, rider, shipped_names
 from bicycle_cockpit.samples import COLUMNS, REWARDED, Sample, plain, plain_column, reward_columns
 from bicycle_common.conventions import mirror
+from bicycle_common.observation import goal_bearing
 from bicycle_common.types import BicycleState, Command, InitialPose, Point2D
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.goals import Event, GoalTracker, Status
@@ -37,7 +38,7 @@ NAMES = (*shipped_policies(), *LQR)
 
 
 class Plan(NamedTuple):
-    """What a recorded ride was asked to do, by the time since its start."""
+    """Tasks of a recorded ride, by the time since its start."""
 
     goals: list[tuple[float, list[Point2D]]]
     """s at which the points became the goals, in order, m."""
@@ -135,7 +136,7 @@ def _ride(
         while pending and pending[0][0] <= now + period / 2:
             loop.tracker.replace(pending.pop(0)[1])
         state = simulator.snapshot
-        answer = loop.answer(state, now)
+        answer = loop.answer(state, now, simulator.applied)
         command = answer.command
         rows.append(_sample(state, before, now, simulator))
         before = command or before
@@ -158,7 +159,10 @@ def _ride(
 def _sample(
     state: BicycleState, command: Command | None, now: float, simulator: Simulator
 ) -> Sample:
-    named = {name: mirror(name, getattr(state, name)) for name in REWARDED}
+    applied = simulator.applied
+    error, distance = goal_bearing(state, applied.goal)
+    numbers = {**vars(state), "heading_error": error}
+    named = {name: mirror(name, numbers[name]) for name in REWARDED}
     action = command.action if command is not None else (math.nan,) * 3
     heading = math.remainder(state.heading + math.pi / 2, 2 * math.pi)
     return Sample(
@@ -172,9 +176,9 @@ def _sample(
         mirror("lean_rate", state.lean_rate),
         state.steer_angle,
         state.speed,
-        state.goal_distance,
+        distance,
         named["heading_error"],
-        int(state.command_source),
+        int(applied.source),
         *action,
         0 if command is not None else math.nan,
         *reward_columns(named, simulator.scenario.reward),

@@ -1,10 +1,13 @@
-"""Observation of a policy: the paper's six states."""
+"""Observation of a policy (the paper's six states), and the bearing of a goal."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from bicycle_common.types import BicycleState
+from bicycle_common.geometry import heading_error
+from bicycle_common.types import BicycleState, Point2D
 
 
 def observation(snapshot: BicycleState, heading_error: float) -> np.ndarray:
@@ -19,6 +22,15 @@ def observation(snapshot: BicycleState, heading_error: float) -> np.ndarray:
             heading_error,
         ]
     )
+
+
+def goal_bearing(snapshot: BicycleState, goal: Point2D | None) -> tuple[float, float]:
+    """Return a goal's heading error psi_g (rad) and distance (m) from a state; NaN without one."""
+    if goal is None:
+        return math.nan, math.nan
+    x, y = snapshot.rear_x, snapshot.rear_y
+    error = heading_error(snapshot.heading, x, y, *goal)
+    return float(error), math.hypot(goal[0] - x, goal[1] - y)
 
 
 OBSERVATION_FIELDS = (
