@@ -59,7 +59,7 @@ def refused(process: NodeProcess, *nodes: str) -> None:
 
 def test_what_others_publish_is_not_played(simulator: NodeProcess, replay: Start) -> None:
     done = replay()
-    refused(done, "/bicycle_sim (/bicycle/episode and ")
+    refused(done, "/bicycle_sim (/bicycle/command_echo and ")
     assert "playing" not in done.output, "it is told before the first message"
     # What the simulator does not publish, and other names, may be played.
     assert replay("--topics", "/bicycle/goal_status").wait() == 0
