@@ -27,6 +27,7 @@ setup(
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={
         NAME: [
+            "py.typed",
             "models/*",
             "presets/*.yaml",
             "courses/*",

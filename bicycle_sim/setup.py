@@ -26,6 +26,7 @@ setup(
     version=VERSION,
     packages=find_packages(),
     package_data={
+        NAME: ["py.typed"],
         f"{NAME}.plants.whipple": ["*.cpp", "*.h", "bicycles/*.yaml", "bicycles/licences/*.txt"],
         f"{NAME}.sensors": ["presets/*.yaml"],
     },

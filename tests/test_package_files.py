@@ -96,6 +96,32 @@ def test_setup_py_names_what_is_imported_without_ros(package: str) -> None:
     assert needed - named == set()
 
 
+def test_packages_have_one_version_and_say_that_they_are_typed() -> None:
+    """Every package must be released together, and its type hints must reach its users."""
+    versions = set()
+    for name, folder in PACKAGES.items():
+        versions.add(ElementTree.parse(folder / "package.xml").getroot().findtext("version"))
+        versions |= set(re.findall(r'version="([^"]+)"', (folder / "setup.py").read_text()))
+        init = (folder / name / "__init__.py").read_text()
+        versions |= set(re.findall(r'^__version__ = "([^"]+)"', init, re.MULTILINE))
+        assert (folder / name / "py.typed").is_file(), name
+        assert '"py.typed"' in (folder / "setup.py").read_text(), name
+    assert len(versions) == 1, versions
+
+
+def test_every_setup_py_finds_its_siblings_alike() -> None:
+    """Each must build alone, so each has its own copy of the function; the copies are equal."""
+    bodies = {}
+    for name, folder in PACKAGES.items():
+        for node in ast.parse((folder / "setup.py").read_text()).body:
+            if isinstance(node, ast.FunctionDef) and node.name == "sibling":
+                depth, *rest = node.body[1:]
+                bodies[name] = "\n".join(map(ast.unparse, rest))
+                assert "resolve().parent" in ast.unparse(depth)
+    assert len(bodies) == len(PACKAGES) - 1, "all but bicycle_common, which needs no other"
+    assert len(set(bodies.values())) == 1
+
+
 PRINT_REQUIREMENTS = """
 import re, runpy, setuptools
 def show(**given):

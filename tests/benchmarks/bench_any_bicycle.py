@@ -1,4 +1,4 @@
-"""How large a kick the actor for any bicycle catches, beside the best LQR of a grid for each.
+"""Largest kick caught by the actor for any bicycle, beside the best LQR of a grid for each.
 
     python tests/benchmarks/bench_any_bicycle.py any-bicycle --out any_bicycle.json
 

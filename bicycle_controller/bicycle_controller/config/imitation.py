@@ -75,7 +75,7 @@ class TurnConfig:
 
 @dataclass(frozen=True)
 class RidingConfig:
-    """What happens on the training rides.
+    """Disturbances of the training rides.
 
     Raises:
         ValueError: on a value out of range.
@@ -117,7 +117,7 @@ class RidingConfig:
 
 @dataclass(frozen=True)
 class ImitationConfig:
-    """How an actor imitates the teachers while it rides (DAgger).
+    """Settings of imitation while the actor rides (DAgger).
 
     Raises:
         ValueError: on a value out of range.

@@ -22,7 +22,7 @@ from bicycle_sim.plants.whipple.plant import WhipplePlant
 SPEEDS = np.linspace(0.75, 7.0, 11)
 """m/s, for which teachers are designed."""
 JUDGED = (1, 3, 5, 8)
-"""Where in SPEEDS the weights are compared; between them the nearest."""
+"""Indices into SPEEDS at which the weights are compared; between them the nearest."""
 LARGEST_KICK = 300.0
 """deg/s."""
 BISECTIONS = 6

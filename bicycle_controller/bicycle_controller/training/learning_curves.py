@@ -26,9 +26,9 @@ VALUES = {
     "goal_rate": "train",
     "critic_loss": "train",
 }
-"""What can be drawn, by the kind of line in `log.jsonl` that has it."""
+"""Curves that can be drawn, by the kind of line in `log.jsonl`."""
 AXES = {"step": "environment steps", "updates": "updates", "cpu_s": "processor time (s)"}
-"""What it can be drawn over."""
+"""Horizontal axes of a curve."""
 
 
 @dataclass(frozen=True)
