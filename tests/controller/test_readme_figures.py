@@ -1,4 +1,4 @@
-"""The README's tables of what the shipped actors do, against the files that they name."""
+"""Tables of what the shipped actors do, against the files that they name."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "performance.md").read_text(encoding="utf-8")
 LIMITS = json.loads((ROOT / "tests" / "benchmarks" / "results" / "limits.json").read_text())
 CONDITIONS = {
     "action late by 25 ms": "--action-delay 1",
@@ -40,7 +41,7 @@ AGAINST = {
 
 def cells(label: str) -> list[str]:
     """Return the cells of the row that begins with a label."""
-    (found,) = re.findall(rf"^\| {re.escape(label)} \|(.*)\|$", README, re.MULTILINE)
+    (found,) = re.findall(rf"^\| {re.escape(label)} \|(.*)\|$", PAGE, re.MULTILINE)
     return [cell.strip() for cell in found.split("|")]
 
 
@@ -77,3 +78,27 @@ def test_rides_that_are_sooner_as_soon_and_later_are_all_rides() -> None:
         assert float(less.removesuffix(" %")) == pytest.approx(
             100.0 * (1.0 - found["time_ratio"]), abs=0.006
         )
+
+
+def column(label: str) -> list[str]:
+    """Return the numbers of a row of the page's first table, without what stands in brackets."""
+    return [re.match(r"[\d.,]+", cell)[0] for cell in cells(label)]  # type: ignore[index]
+
+
+def test_the_readme_says_what_the_page_says() -> None:
+    rows = re.findall(r"^\| \S.* \| `(\S+)` \|(.*)\|$", README, re.MULTILINE)
+    told = {name: [cell.strip() for cell in rest.split("|")] for name, rest in rows}
+    reached, falls, times = (
+        column(row) for row in ("goals reached", "falls", "time to goal, median")
+    )
+    for actor, *figures in zip(AGAINST, reached, falls, times, strict=True):
+        assert [cell.removesuffix(" s") for cell in told[actor][:3]] == figures
+
+
+def test_the_readme_is_short_and_its_prose_holds_few_numbers() -> None:
+    assert len(README.splitlines()) <= 120
+    prose = re.sub(r"^```.*?^```", "", README, flags=re.DOTALL | re.MULTILINE)
+    lines = [line for line in prose.splitlines() if not line.startswith("|")]
+    words = re.sub(r"\]\([^)]*\)|`[^`]*`|!\[[^\]]*", " ", "\n".join(lines)).split()
+    numbers = [word for word in words if re.search(r"\d", word)]
+    assert len(numbers) <= 0.04 * len(words), numbers

@@ -32,6 +32,7 @@ ELSEWHERE = {
     "./ros2_ws/ride.sh": "tests/ros/test_ride.py",
     "./ros2_ws/cockpit.sh": "tests/ros/test_cockpit.py",
     "./ros2_ws/setup.sh": "tests/bringup/test_shell.py",
+    "./ros2_ws/report.sh my-ride --video": "tests/cockpit/test_maker.py",
     "./tests/run.sh": ".ci/run",
     "bicycle train": "tests/controller/test_train.py",
     ". ros2_ws/env.sh": "tests/bringup/test_shell.py",
