@@ -26,7 +26,7 @@ _LITTLE_ENDIAN = 1
 
 
 def load(bag: BagReader | Path | str, topic: str) -> Columns:
-    """Return all messages of one topic as columns; see ``load_topics``."""
+    """Return all messages of one topic as columns; see `load_topics`."""
     return load_topics(bag, [topic])[topic]
 
 
@@ -38,17 +38,17 @@ def load_topics(bag: BagReader | Path | str, topics: Collection[str]) -> dict[st
         topics: Names of the topics.
 
     Returns:
-        For each topic a dict from dotted field name (``goal.x``) to an array with one row per
-        message in recorded order: ``(n,)`` of the field's own type; ``(n, k)`` for an array of
+        For each topic a dict from dotted field name (`goal.x`) to an array with one row per
+        message in recorded order: `(n,)` of the field's own type; `(n, k)` for an array of
         fixed length k, or of a length that happens to be equal in all messages; objects for
-        strings and other sequences. Besides, in seconds as float64: ``log_time``,
-        ``publish_time`` and, of each ``builtin_interfaces/Time``, its sum by its own name
-        (``header.stamp``); and ``recorded_order``, the place in the bag among all its messages:
+        strings and other sequences. Besides, in seconds as float64: `log_time`,
+        `publish_time` and, of each `builtin_interfaces/Time`, its sum by its own name
+        (`header.stamp`); and `recorded_order`, the place in the bag among all its messages:
         what came before what, also where the recording's clock was set meanwhile.
 
     Raises:
         BagError: The bag cannot be read, lacks a topic, or a type is not made of numbers and
-            strings (a sequence of messages: use ``messages.read``).
+            strings (a sequence of messages: use `messages.read`).
     """
     reader = bag if isinstance(bag, BagReader) else BagReader(bag)
     reader.require(topics)

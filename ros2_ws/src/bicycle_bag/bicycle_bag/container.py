@@ -1,6 +1,6 @@
 """The MCAP container, read with bounds: whatever the bytes are, an error is all they can cause.
 
-Record layouts come from the ``mcap`` package; framing and messages are parsed here, because its
+Record layouts come from the `mcap` package; framing and messages are parsed here, because its
 stream reader accepts short reads, trusts announced sizes and needs about ten times as long.
 """
 
@@ -25,8 +25,8 @@ from bicycle_bag.metadata import Topic
 from bicycle_bag.qos import parse_profiles
 
 MAGIC = b"\x89MCAP0\r\n"
-# Larger than any record that a recorder writes, small enough for any machine.
 MAX_RECORD_BYTES = 256 * 2**20
+"""Limit of a record: larger than any that a recorder writes, small enough for any machine."""
 
 _T = TypeVar("_T")
 HEAD = struct.Struct("<BQ")
@@ -35,7 +35,7 @@ _MESSAGE = struct.Struct("<HIQQ")
 
 
 class DamageError(Exception):
-    """Bytes that are not what the MCAP format says; ``str()`` says what is wrong."""
+    """Bytes that are not what the MCAP format says; `str()` says what is wrong."""
 
 
 class Record(NamedTuple):
@@ -76,7 +76,7 @@ class Registry:
         return schema.name if schema else ""
 
     def definition_of(self, channel: Channel) -> str:
-        """Return the ``ros2msg`` text of a channel's type; empty if the file has none."""
+        """Return the `ros2msg` text of a channel's type; empty if the file has none."""
         schema = self.schemas.get(channel.schema_id)
         written = schema is not None and schema.encoding == "ros2msg"
         return schema.data.decode(errors="replace") if schema and written else ""
@@ -93,7 +93,7 @@ class Registry:
 
 
 def check_magic(path: Path, stream: BinaryIO) -> None:
-    """Place ``stream`` behind the leading magic bytes.
+    """Place `stream` behind the leading magic bytes.
 
     Raises:
         BagError: The file is of another kind.
@@ -145,7 +145,7 @@ class Content(NamedTuple):
     has_checksum: bool
 
     def records(self) -> Iterator[tuple[int, Record]]:
-        """Yield each record with its offset in ``plain``; ``DamageError`` if there is none."""
+        """Yield each record with its offset in `plain`; `DamageError` if there is none."""
         view, offset, size = memoryview(self.plain), 0, len(self.plain)
         while offset < size:
             body = offset + HEAD.size
@@ -166,7 +166,7 @@ def chunk_records(body: bytes) -> Iterator[Record]:
 
 
 def parse_chunk(body: bytes) -> Chunk:
-    """Return a chunk record, still packed; ``DamageError`` if it is none."""
+    """Return a chunk record, still packed; `DamageError` if it is none."""
     return parse(Chunk.read, body, whole=True)
 
 
@@ -235,22 +235,22 @@ def channel_of(body: bytes) -> int:
 
 
 def parse_channel(body: bytes) -> Channel:
-    """Return a channel record; ``DamageError`` if it is none."""
+    """Return a channel record; `DamageError` if it is none."""
     return parse(Channel.read, body)
 
 
 def parse_schema(body: bytes) -> Schema:
-    """Return a schema record; ``DamageError`` if it is none."""
+    """Return a schema record; `DamageError` if it is none."""
     return parse(Schema.read, body)
 
 
 def parse_metadata(body: bytes) -> Metadata:
-    """Return a metadata record; ``DamageError`` if it is none."""
+    """Return a metadata record; `DamageError` if it is none."""
     return parse(Metadata.read, body)
 
 
 def parse(read: Callable[[ReadDataStream], _T], body: bytes, whole: bool = False) -> _T:
-    """Return a record of the ``mcap`` package.
+    """Return a record of the `mcap` package.
 
     Args:
         read: Its reader.
@@ -286,7 +286,7 @@ class _Strict(ReadDataStream):
 
 
 def size_of(path: Path) -> int:
-    """Return the size of a file in bytes; ``BagError`` if it is unknown."""
+    """Return the size of a file in bytes; `BagError` if it is unknown."""
     try:
         return path.stat().st_size
     except OSError as error:
@@ -294,7 +294,7 @@ def size_of(path: Path) -> int:
 
 
 def open_binary(path: Path) -> BinaryIO:
-    """Open a file for reading; ``BagError`` if that fails."""
+    """Open a file for reading; `BagError` if that fails."""
     try:
         return path.open("rb")
     except OSError as error:

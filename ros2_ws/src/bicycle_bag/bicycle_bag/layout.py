@@ -20,7 +20,7 @@ MAX_DEPTH = 32
 class Leaf(NamedTuple):
     """A number, a string or an array of numbers within a message.
 
-    ``length`` is the number of elements, ``None`` where each message has its own.
+    `length` is the number of elements, `None` where each message has its own.
     """
 
     name: str
@@ -39,8 +39,8 @@ def layout(type_name: str, definition: str) -> list[Leaf]:
     """Return the leaves of a type in the order in which CDR holds them.
 
     Args:
-        type_name: ``pkg/msg/Type`` of the definition's first part.
-        definition: ``ros2msg`` text with all dependencies.
+        type_name: `pkg/msg/Type` of the definition's first part.
+        definition: `ros2msg` text with all dependencies.
 
     Raises:
         ValueError: The text lacks a type, or holds arrays of messages or strings.

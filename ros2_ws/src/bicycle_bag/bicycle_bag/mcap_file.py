@@ -17,8 +17,8 @@ COMPRESSIONS = {
     "lz4": CompressionType.LZ4,
     "none": CompressionType.NONE,
 }
-# Small, so that a killed recorder leaves little behind that was not handed over.
 CHUNK_BYTES = 32 * 1024
+"""Size of a chunk; small, so that a kill of the recorder loses little."""
 _LATEST = 2**64
 
 
@@ -27,7 +27,7 @@ class McapFile:
 
     Args:
         path: File to create; it must not exist.
-        compression: A key of ``COMPRESSIONS``.
+        compression: A key of `COMPRESSIONS`.
         chunk_bytes: Size at which a chunk is packed and written.
 
     Raises:
@@ -80,11 +80,11 @@ class McapFile:
 
     @property
     def first_ns(self) -> int:
-        """Smallest log time, or ``NO_START``."""
+        """Smallest log time, or `NO_START`."""
         return self._first_ns if self._first_ns < _LATEST else NO_START
 
     def add_topic(self, topic: Topic, definition: str) -> None:
-        """Register a topic; an empty ``definition`` leaves its messages without a schema."""
+        """Register a topic; an empty `definition` leaves its messages without a schema."""
         schema_id = self._schemas.get(topic.type)
         if schema_id is None:
             encoding = "ros2msg" if definition else ""
@@ -156,7 +156,7 @@ class McapFile:
 
     @property
     def information(self) -> FileInformation:
-        """Entry of this file in ``metadata.yaml``."""
+        """Entry of this file in `metadata.yaml`."""
         count = sum(self.counts.values())
         return FileInformation(
             path=self.path.name,

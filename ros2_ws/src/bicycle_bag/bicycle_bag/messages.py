@@ -12,7 +12,7 @@ from bicycle_bag.reader import BagReader
 
 
 class DecodedMessage(NamedTuple):
-    """One message; ``message`` has the fields of its type, times are in nanoseconds."""
+    """One message; `message` has the fields of its type, times are in nanoseconds."""
 
     topic: str
     type: str
@@ -26,7 +26,7 @@ def read(
 ) -> Iterator[DecodedMessage]:
     """Yield a bag's messages in recorded order, decoded by the definitions in the bag.
 
-    For long recordings of numbers, ``columns.load`` is some fifty times faster.
+    For long recordings of numbers, `columns.load` is some fifty times faster.
 
     Args:
         bag: An open bag, or the path of one.

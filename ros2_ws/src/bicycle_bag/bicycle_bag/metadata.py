@@ -1,4 +1,4 @@
-"""A bag's ``metadata.yaml`` in rosbag2's version 9, the one that Jazzy writes."""
+"""A bag's `metadata.yaml` in rosbag2's version 9, the one that Jazzy writes."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from bicycle_common import yaml_text
 VERSION = 9
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"
-# rosbag2 writes this for a bag without messages, and knows no later time.
 NO_START = 2**63 - 1
+"""Start of a bag without messages in rosbag2, which has no later time."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class FileInformation:
 
 @dataclass(frozen=True)
 class BagMetadata:
-    """All that rosbag2 keeps about a bag; ``counts`` holds the messages of each topic."""
+    """All that rosbag2 keeps about a bag; `counts` holds the messages of each topic."""
 
     topics: tuple[Topic, ...] = ()
     counts: Mapping[str, int] = field(default_factory=dict)
@@ -58,7 +58,7 @@ class BagMetadata:
 
     @property
     def starting_time_ns(self) -> int:
-        """Log time of the first message, or ``NO_START``."""
+        """Log time of the first message, or `NO_START`."""
         starts = [file.starting_time_ns for file in self.files if file.message_count]
         return min(starts, default=NO_START)
 
@@ -92,7 +92,7 @@ class BagMetadata:
         }
 
     def to_record(self) -> dict[str, str]:
-        """Return the contents of the MCAP metadata record named ``rosbag2``."""
+        """Return the contents of the MCAP metadata record named `rosbag2`."""
         return {"serialized_metadata": yaml_text.dump(self.to_yaml_map())}
 
 
@@ -121,7 +121,7 @@ def _signed(nanoseconds: int) -> int:
 
 
 def write(folder: Path, metadata: BagMetadata, sync: bool = True) -> None:
-    """Write ``metadata.yaml`` into ``folder``: whole or not at all, also on a power cut.
+    """Write `metadata.yaml` into `folder`: whole or not at all, also on a power cut.
 
     Args:
         folder: The bag's.
@@ -143,7 +143,7 @@ def write(folder: Path, metadata: BagMetadata, sync: bool = True) -> None:
 
 
 def read(folder: Path) -> BagMetadata:
-    """Read ``metadata.yaml`` of any version that rosbag2 has written with MCAP files.
+    """Read `metadata.yaml` of any version that rosbag2 has written with MCAP files.
 
     Raises:
         BagError: The file is missing, is not YAML or is not rosbag2's.
@@ -166,7 +166,7 @@ def _one_line(error: Exception) -> str:
 
 
 def from_yaml_map(content: Mapping[str, Any]) -> BagMetadata:
-    """Return the metadata from rosbag2's keys; inverse of ``BagMetadata.to_yaml_map``.
+    """Return the metadata from rosbag2's keys; inverse of `BagMetadata.to_yaml_map`.
 
     Raises:
         BagError: The files are not MCAP or are compressed as a whole.

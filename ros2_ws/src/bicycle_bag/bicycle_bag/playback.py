@@ -37,7 +37,7 @@ class PlayOptions:
         topics: Only these; all by default.
         exclude_topics: Not these.
         duration: Bag seconds to play at most, from the start offset on; 0 is to the end.
-        clock_hz: How often per second to publish the time of the bag on ``/clock`` instead of
+        clock_hz: How often per second to publish the time of the bag on `/clock` instead of
             the recorded one; 0 never does.
         delay: s before the first message.
         max_gap: Bag seconds of silence to wait for; longer ones are left out.
@@ -75,7 +75,7 @@ class PlayOptions:
 
 
 class ClockTick(NamedTuple):
-    """A moment at which ``/clock`` is due; bag time in nanoseconds."""
+    """A moment at which `/clock` is due; bag time in nanoseconds."""
 
     log_time_ns: int
 

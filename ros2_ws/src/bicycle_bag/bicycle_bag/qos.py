@@ -8,8 +8,8 @@ from typing import Any
 
 from bicycle_common import yaml_text
 
-# rmw writes "for ever" as the largest int64 count of nanoseconds.
 INFINITE_NS = 2**63 - 1
+"""Infinite duration of rmw: the largest int64 count of nanoseconds."""
 _SECOND_NS = 1_000_000_000
 
 # Names in the order of rmw's enumerations, which metadata before version 9 stores as numbers.
@@ -87,7 +87,7 @@ def from_yaml_map(values: Mapping[str, Any]) -> QosProfile:
 
 
 def dump_profiles(profiles: Sequence[QosProfile]) -> str:
-    """YAML text of profiles, for the ``offered_qos_profiles`` of an MCAP channel."""
+    """YAML text of profiles, for the `offered_qos_profiles` of an MCAP channel."""
     return yaml_text.dump([profile.to_yaml_map() for profile in profiles])
 
 
@@ -113,7 +113,7 @@ def adapt(offers: Sequence[QosProfile]) -> tuple[bool, bool]:
     """Return the profile of a subscription that hears every publisher, as rosbag2's recorder.
 
     Returns:
-        ``(reliable, transient_local)``: each only if every publisher offers it.
+        `(reliable, transient_local)`: each only if every publisher offers it.
     """
     if not offers:
         return False, False

@@ -1,4 +1,4 @@
-"""The file of ``--qos-profile-overrides-path``, as ``ros2 bag record`` takes it."""
+"""The file of `--qos-profile-overrides-path`, as `ros2 bag record` takes it."""
 
 from __future__ import annotations
 

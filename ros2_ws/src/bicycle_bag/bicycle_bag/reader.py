@@ -21,7 +21,7 @@ PACKED = ".mcap.zstd"
 class BagMessage(NamedTuple):
     """One recorded message in its encoding, nearly always CDR; times are in nanoseconds.
 
-    ``number`` is its place in the bag's recorded order, which no clock can change.
+    `number` is its place in the bag's recorded order, which no clock can change.
     """
 
     topic: str
@@ -34,7 +34,7 @@ class BagMessage(NamedTuple):
 
 
 class BagReader:
-    """A finished bag: a directory as ``ros2 bag record`` leaves it, or one ``.mcap`` file.
+    """A finished bag: a directory as `ros2 bag record` leaves it, or one `.mcap` file.
 
     Opening reads the index only. Nothing stays open between calls.
 
@@ -78,7 +78,7 @@ class BagReader:
 
     @property
     def metadata(self) -> BagMetadata:
-        """Contents of the bag, counted from its files; custom data from ``metadata.yaml``."""
+        """Contents of the bag, counted from its files; custom data from `metadata.yaml`."""
         return BagMetadata(
             topics=tuple(self._topics.values()),
             counts=self.counts,
@@ -89,7 +89,7 @@ class BagReader:
 
     @property
     def starting_time_ns(self) -> int:
-        """Log time of the first message; ``metadata.NO_START`` in an empty bag."""
+        """Log time of the first message; `metadata.NO_START` in an empty bag."""
         return self.metadata.starting_time_ns
 
     @property
@@ -117,7 +117,7 @@ class BagReader:
         return found
 
     def definition(self, topic: str) -> str:
-        """Return the ``ros2msg`` text of a topic's type; empty if the bag has none.
+        """Return the `ros2msg` text of a topic's type; empty if the bag has none.
 
         Raises:
             BagError: The bag has no such topic.
@@ -196,7 +196,7 @@ def find_files(path: Path, listed: bool = True) -> list[Path]:
 
     Args:
         path: Bag directory or MCAP file.
-        listed: Go by ``metadata.yaml`` where there is one, not by what lies in the directory.
+        listed: Go by `metadata.yaml` where there is one, not by what lies in the directory.
 
     Raises:
         BagError: There is no bag there.

@@ -34,11 +34,11 @@ MOST_SPANS = 5
 
 @dataclass
 class RepairReport:
-    """Result of a repair; ``kept`` are copies of the damaged files.
+    """Result of a repair; `kept` are copies of the damaged files.
 
-    ``lost_messages`` is known of files that were finished once; ``lost_spans`` are the first and
-    last times of lost chunks in ns, ``lost_bytes`` were of no record that could be told, and of
-    ``unproved`` messages, which have no checksum, some may be damaged.
+    `lost_messages` is known of files that were finished once; `lost_spans` are the first and
+    last times of lost chunks in ns, `lost_bytes` were of no record that could be told, and of
+    `unproved` messages, which have no checksum, some may be damaged.
     """
 
     messages: int = 0
@@ -84,11 +84,11 @@ class RepairReport:
 
 
 def repair(path: Path | str, progress: Progress = lambda _: None) -> RepairReport:
-    """Rewrite the unfinished or damaged files of a bag and its ``metadata.yaml``, in place.
+    """Rewrite the unfinished or damaged files of a bag and its `metadata.yaml`, in place.
 
     All that checks out is kept as it was, also what is not understood. A new file is read again in
     full before it takes the old one's place, in one step, so an interrupted repair can be run
-    again. What was damaged stays beside it as ``*.damaged``.
+    again. What was damaged stays beside it as `*.damaged`.
 
     Args:
         path: Bag directory or MCAP file.
@@ -115,14 +115,14 @@ def repair(path: Path | str, progress: Progress = lambda _: None) -> RepairRepor
 
 
 def present_files(path: Path) -> list[Path]:
-    """Return the MCAP files, whatever ``metadata.yaml`` says; ``BagError`` if there are none."""
+    """Return the MCAP files, whatever `metadata.yaml` says; `BagError` if there are none."""
     return find_files(path, listed=False)
 
 
 def _write_metadata(
     folder: Path, parts: Sequence[BagMetadata], custom_data: dict[str, str], report: RepairReport
 ) -> None:
-    """Write ``metadata.yaml`` if it does not say already what is there."""
+    """Write `metadata.yaml` if it does not say already what is there."""
     topics: dict[str, Topic] = {}
     counts: dict[str, int] = {}
     for part in parts:
@@ -235,7 +235,7 @@ def _disk_errors(path: Path) -> Iterator[None]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command ``bicycle_repair``; return its exit status."""
+    """Run the command `bicycle_repair`; return its exit status."""
     parser = OneLineParser(prog="bicycle_repair", description=__doc__)
     parser.add_argument("bag", type=Path, help="bag directory or .mcap file, repaired in place")
     bag = parser.parse_args(arguments).bag

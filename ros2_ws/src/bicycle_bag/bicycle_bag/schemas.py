@@ -25,7 +25,7 @@ _TYPE_NAME = re.compile(r"[A-Za-z]\w*/msg/[A-Za-z]\w*")
 
 
 class Field(NamedTuple):
-    """One field of a message definition; ``array`` holds its brackets, or nothing."""
+    """One field of a message definition; `array` holds its brackets, or nothing."""
 
     type: str
     array: str
@@ -33,7 +33,7 @@ class Field(NamedTuple):
 
 
 def fields(definition: str) -> Iterator[Field]:
-    """Yield the fields of one ``.msg`` text, in order, without its constants."""
+    """Yield the fields of one `.msg` text, in order, without its constants."""
     for line in definition.splitlines():
         match = _FIELD.match(line.split("#", 1)[0])
         if match and not match["constant"]:
@@ -41,17 +41,17 @@ def fields(definition: str) -> Iterator[Field]:
 
 
 def dependencies(definition: str, package: str) -> list[str]:
-    """Return names ``pkg/Type`` of the messages that a definition uses, sorted, each once."""
+    """Return names `pkg/Type` of the messages that a definition uses, sorted, each once."""
     used = {field.type for field in fields(definition) if field.type not in PRIMITIVES}
     return sorted(name if "/" in name else f"{package}/{name}" for name in used)
 
 
 class Schemas:
-    """Finds definitions in the ``share`` folders of installed packages.
+    """Finds definitions in the `share` folders of installed packages.
 
     Args:
         prefixes: Install prefixes, the first that holds a package wins; by default those of
-            ``AMENT_PREFIX_PATH``.
+            `AMENT_PREFIX_PATH`.
     """
 
     def __init__(self, prefixes: Sequence[Path] | None = None) -> None:
@@ -62,7 +62,7 @@ class Schemas:
         self._text = cache(self._read)
 
     def definition(self, type_name: str) -> str:
-        """Return the ``ros2msg`` text of ``pkg/msg/Type``: its definition, then its dependencies'.
+        """Return the `ros2msg` text of `pkg/msg/Type`: its definition, then its dependencies'.
 
         Raises:
             BagError: No installed package defines the type or one that it uses.
@@ -72,7 +72,7 @@ class Schemas:
         return self._with_dependencies(f"{package}/{name}", seen)
 
     def type_hash(self, type_name: str) -> str:
-        """Return the type's hash ``RIHS01_…``, or an empty string where none is installed."""
+        """Return the type's hash `RIHS01_…`, or an empty string where none is installed."""
         package, name = self._split(type_name)
         path = self._find(package, f"{name}.json")
         if path is None:

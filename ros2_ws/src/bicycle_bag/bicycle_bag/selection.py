@@ -13,7 +13,7 @@ STATE, ECHO = topic_names.in_bag(topic_names.STATE), topic_names.in_bag(topic_na
 
 
 def absolute(name: str) -> str:
-    """Return a topic's full name; ``bicycle/state`` means ``/bicycle/state``."""
+    """Return a topic's full name; `bicycle/state` means `/bicycle/state`."""
     return name if name.startswith("/") else f"/{name}"
 
 
@@ -42,7 +42,7 @@ def is_hidden(name: str) -> bool:
 
 @dataclass(frozen=True)
 class TopicFilter:
-    """The choice of ``ros2 bag record``: listed names or those that match, less the excluded.
+    """The choice of `ros2 bag record`: listed names or those that match, less the excluded.
 
     Without names and without a pattern all topics are chosen, but for hidden ones. A listed name
     is chosen even if hidden or excluded by the pattern.

@@ -30,9 +30,9 @@ class Place(NamedTuple):
 
 
 class Summary(NamedTuple):
-    """The summary of a finished file; ``statistics`` may be missing.
+    """The summary of a finished file; `statistics` may be missing.
 
-    ``places`` has records that an index names, by offset; ``data_end`` is the offset of the record
+    `places` has records that an index names, by offset; `data_end` is the offset of the record
     that ends the data.
     """
 

@@ -1,4 +1,4 @@
-"""Unpacks the files of a bag that rosbag2 compressed as a whole (``--compression-mode file``)."""
+"""Unpacks the files of a bag that rosbag2 compressed as a whole (`--compression-mode file`)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from bicycle_bag.reader import PACKED
 
 
 def unpack_files(folder: Path) -> None:
-    """Lay each ``*.mcap`` beside its ``*.mcap.zstd``, which stays, unless it is there.
+    """Lay each `*.mcap` beside its `*.mcap.zstd`, which stays, unless it is there.
 
     Raises:
         BagError: One is corrupt, or the disk does not take it.

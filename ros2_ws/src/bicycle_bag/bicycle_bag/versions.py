@@ -50,7 +50,7 @@ class TodaysReader(BagReader):
         path: Bag directory or MCAP file.
 
     Raises:
-        BagError: See ``BagReader``.
+        BagError: See `BagReader`.
     """
 
     def __init__(self, path: Path | str) -> None:
@@ -91,7 +91,7 @@ class TodaysReader(BagReader):
         return sum(self.counts.values())
 
     def require(self, topics: Collection[str]) -> None:
-        """Check that the bag has these topics; see ``BagReader.require``."""
+        """Check that the bag has these topics; see `BagReader.require`."""
         super().require([name for name in topics if name not in self._echoed.values()])
 
     def missing_fields(self, topic: str) -> list[str]:
@@ -112,7 +112,7 @@ class TodaysReader(BagReader):
             topics: Only these; all by default.
 
         Raises:
-            BagError: See ``BagReader.messages``; or a message is not of its recorded type.
+            BagError: See `BagReader.messages`; or a message is not of its recorded type.
         """
         if topics is None:
             topics = list(self.topics)

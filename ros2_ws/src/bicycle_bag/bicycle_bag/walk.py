@@ -47,13 +47,13 @@ _CHAIN = 3
 
 
 class UnreadableError(Exception):
-    """A chunk that is whole and yet cannot be read here; ``str()`` says why."""
+    """A chunk that is whole and yet cannot be read here; `str()` says why."""
 
 
 class Damage(NamedTuple):
     """Damaged bytes of a file.
 
-    ``span`` are the times of a lost chunk in ns, ``orphans`` messages that are left out.
+    `span` are the times of a lost chunk in ns, `orphans` messages that are left out.
     """
 
     offset: int

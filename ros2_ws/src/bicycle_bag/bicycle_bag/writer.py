@@ -13,14 +13,14 @@ from bicycle_bag.errors import BagError
 from bicycle_bag.mcap_file import CHUNK_BYTES, COMPRESSIONS, McapFile
 from bicycle_bag.metadata import BagMetadata, FileInformation, Topic
 
-# With the recorder's sorting, a killed recorder has lost 0.6 s at worst.
 FLUSH_SECONDS = 0.3
+"""Time between two flushes; with the recorder's sorting, a kill of the recorder loses 0.6 s."""
 MIN_SPLIT_BYTES = 1024
 MAX_SPLIT_SECONDS = 1e9
-# Finished files that a slow disk may owe us, each with a thread and an open file.
 MOST_OWED = 8
-# The kernel's word behind the name of an open file that is gone.
+"""Limit of finished but unsynced files, each with a thread and an open file."""
 DELETED = " (deleted)"
+"""Suffix by the kernel to the name of an open file that was deleted."""
 
 
 @contextlib.contextmanager
@@ -39,14 +39,14 @@ def _disk_errors(path: Path, file: McapFile | None = None) -> Iterator[None]:
 
 
 class BagWriter:
-    """A bag in the making: ``add_topic``, then ``write``, at last ``close``.
+    """A bag in the making: `add_topic`, then `write`, at last `close`.
 
     Args:
         path: Directory to create.
-        compression: ``zstd``, ``lz4`` or ``none``, applied to each chunk.
+        compression: `zstd`, `lz4` or `none`, applied to each chunk.
         split_bytes: Begin a new file beyond this size; 0 never does.
         split_seconds: Begin a new file when one spans this log time; 0 never does.
-        custom_data: Free texts for ``metadata.yaml``; may be changed until the end.
+        custom_data: Free texts for `metadata.yaml`; may be changed until the end.
         chunk_bytes: Size at which a chunk is packed and written.
 
     Attributes:
@@ -104,7 +104,7 @@ class BagWriter:
 
         Args:
             topic: Its name, type, offered QoS and type hash.
-            definition: ``ros2msg`` text of the type; empty where none is known.
+            definition: `ros2msg` text of the type; empty where none is known.
         """
         self._topics[topic.name] = topic
         self._definitions[topic.name] = definition
@@ -112,7 +112,7 @@ class BagWriter:
             self._file.add_topic(topic, definition)
 
     def write(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
-        """Append a message; every ``FLUSH_SECONDS`` all goes to the disk.
+        """Append a message; every `FLUSH_SECONDS` all goes to the disk.
 
         Raises:
             BagError: The disk is full or fails; what was flushed before is safe.
@@ -124,7 +124,7 @@ class BagWriter:
         self.flush_if_due()
 
     def flush_if_due(self) -> None:
-        """Flush if the last flush is ``FLUSH_SECONDS`` ago; a recorder's timer calls it."""
+        """Flush if the last flush is `FLUSH_SECONDS` ago; a recorder's timer calls it."""
         if time.monotonic() - self._flushed >= FLUSH_SECONDS:
             self.flush()
 
@@ -150,7 +150,7 @@ class BagWriter:
                 self._file.add_topic(topic, self._definitions[name])
 
     def close(self) -> BagMetadata:
-        """Finish the bag, write ``metadata.yaml``, and wait until the disk has it all.
+        """Finish the bag, write `metadata.yaml`, and wait until the disk has it all.
 
         Returns:
             What the bag holds.

@@ -1,4 +1,4 @@
-"""Closes a bag on a disk that may be slow, and says what it waits for."""
+"""Closes a bag on a disk that may be slow, and reports the wait."""
 
 from __future__ import annotations
 
@@ -12,15 +12,14 @@ from bicycle_bag.metadata import BagMetadata
 from bicycle_bag.writer import BagWriter
 from bicycle_common.signals import StopRequest
 
-# s after which a wait is told for the first time, and from then on.
-FIRST_WORD = 1.0
-NEXT_WORD = 10.0
-# s between two looks at the signals that have come.
+FIRST_WORD, NEXT_WORD = 1.0, 10.0
+"""Wait before the first message about a slow disk, and between messages (s)."""
 LOOK = 0.05
+"""Polling period of signals (s)."""
 
 
 class LeftError(Exception):
-    """The user did not wait for the disk; the text says what that means."""
+    """The user did not wait for the disk; the text names the consequence."""
 
 
 class Closing(threading.Thread):
@@ -33,7 +32,7 @@ class Closing(threading.Thread):
         self._writer = writer
 
     def run(self) -> None:
-        """Close the bag; what comes of it stays in `bag` or `error`."""
+        """Close the bag; the result is in `bag` or `error`."""
         try:
             self.bag = self._writer.close()
         except BagError as error:
@@ -44,10 +43,10 @@ def close(writer: BagWriter, stop: StopRequest, name: str) -> BagMetadata:
     """Close the bag, for as long as the disk takes.
 
     Args:
-        writer: Of the bag.
-        stop: Whose second SIGINT leaves the rest to the kernel, once the wait has been told and
-            all is with the kernel.
-        name: Of the bag, for people.
+        writer: writer of the bag.
+        stop: its second SIGINT leaves the rest to the kernel, after a message about the wait and
+            once the kernel has everything.
+        name: name of the bag, for people.
 
     Raises:
         BagError: The disk fails.

@@ -1,4 +1,4 @@
-"""Publishes a bag again: a stand-in for ``ros2 bag play`` where there is none."""
+"""Publishes a bag again: a stand-in for `ros2 bag play` where there is none."""
 
 from __future__ import annotations
 
@@ -163,7 +163,7 @@ def play(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command ``bicycle_play``; return its exit status."""
+    """Run the command `bicycle_play`; return its exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         options, ros_arguments = parse(words)

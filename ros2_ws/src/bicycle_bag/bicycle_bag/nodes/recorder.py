@@ -21,20 +21,20 @@ from bicycle_bag.selection import TopicFilter
 from bicycle_bag.writer import BagWriter
 
 DISCOVERY_SECONDS = 0.1
-# How often a topic already recorded is asked for publishers of another quality.
 RECHECK_POLLS = 10
-# How often a loss is told.
+"""Polls between two searches for publishers of another quality on a recorded topic."""
 TELL_POLLS = 10
-# Sleep between spins (s). One spin costs more than reading ten messages, so let them queue; the
-# middleware keeps their receive time.
+"""Polls between two reports of losses."""
 REST = 0.005
-# s without a message that was sent before the end, after which all of those have come: on a busy
-# machine some arrive late, and lost packets are sent again after 10 ms.
+"""Sleep between spins (s). One spin costs more than reading ten messages, so let them queue; the
+middleware keeps their receive time."""
 QUIET = 0.5
-# s after which nothing more is waited for.
+"""Time without a message from before the end after which none is missing (s): on a busy machine
+some arrive late, and lost packets are sent again after 10 ms."""
 LONGEST_END = 5.0
-# s between two turns that are worth a word.
+"""Longest wait for messages from before the end (s)."""
 STANDSTILL = 3.0
+"""Shortest gap between two spins that is reported (s)."""
 
 
 class Recorder:

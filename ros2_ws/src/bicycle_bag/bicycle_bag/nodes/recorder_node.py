@@ -1,4 +1,4 @@
-"""Records topics into a bag: a stand-in for ``ros2 bag record`` where there is none."""
+"""Records topics into a bag: a stand-in for `ros2 bag record` where there is none."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ from bicycle_common.command_line import OneLineParser
 from bicycle_common.nodes.runner import UserError, made_heartbeat
 from bicycle_common.signals import StopRequest
 
-# s; beyond this a power cut would have cost more than a second.
 SLOW_SYNC = 0.4
+"""Longest sync with which a power cut costs less than a second (s)."""
 INTERRUPTED = 130
 
 
@@ -62,10 +62,10 @@ def parse(arguments: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
 
 
 def custom_data(entries: Sequence[str]) -> dict[str, str]:
-    """Return the bag's custom data: its origin and the user's ``KEY=VALUE`` entries.
+    """Return the bag's custom data: its origin and the user's `KEY=VALUE` entries.
 
     Raises:
-        BagError: An entry has no ``=``.
+        BagError: An entry has no `=`.
     """
     data = {
         "recorder": f"bicycle_bag {__version__}",
@@ -135,7 +135,7 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command ``bicycle_record``; return its exit status."""
+    """Run the command `bicycle_record`; return its exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         options, ros_arguments = parse(words)

@@ -47,7 +47,7 @@ def ros_node(name: str, arguments: Sequence[str]) -> Iterator[Node]:
 
 
 def message_class(type_name: str) -> type[Any]:
-    """Return the Python class of ``pkg/msg/Type``.
+    """Return the Python class of `pkg/msg/Type`.
 
     Raises:
         BagError: It is not installed here.
