@@ -24,7 +24,7 @@ cd "$root"
 
 # A wrong type in a message field is an error in tests instead of a silently wrong number.
 export ROS_PYTHON_CHECK_FIELDS=1
-packages=(-p bicycle_common -p bicycle_sim -p bicycle_controller -p bicycle_bag -p bicycle_tools -p bicycle_bringup -p bicycle_cockpit)
+packages=(-p bicycle_common -p bicycle_sim -p bicycle_controller -p bicycle_bag -p bicycle_tools -p bicycle_bringup -p bicycle_cockpit -p bicycle_hardware)
 
 echo "== ruff check" && ruff check --quiet .
 echo "== ruff format" && ruff format --check --quiet .

@@ -38,7 +38,7 @@ def table() -> list[Room]:
     page = (ROOT / "docs" / "architecture.md").read_text()
     section = page.partition("## Layers")[2].partition("\n## ")[0]
     rows = [
-        line.strip("| \n").split("|") for line in section.splitlines() if line.startswith("| `")
+        line.strip().strip("|").split("|") for line in section.splitlines() if line.startswith("| `")
     ]
     return [
         Room(
@@ -147,6 +147,7 @@ KNOWN_BY_NAME = {
     "bicycle_controller.config.imitation": "names ranges of random Whipple bicycles",
     "bicycle_controller.training.bicycle_park": "rides them",
     "bicycle_controller.config.loading": "reads a run's `physics` by its fields",
+    "bicycle_controller.evaluation.link_loss": "steps a bicycle every 10 ms",
     "bicycle_controller.evaluation.sensing": "puts motor, delay and friction on a bicycle",
     "bicycle_controller.cli.info": "describes Whipple bicycles",
     "bicycle_controller.cli.eigenvalue_chart": "draws their eigenvalues",

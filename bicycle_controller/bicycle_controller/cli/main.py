@@ -26,6 +26,7 @@ from bicycle_controller import __version__
 COMMANDS = {
     "train": "learn to ride, or go on learning",
     "evaluate": "ride a controller from many starts and score it",
+    "sensing": "ride by what sensors say, and tell what each imperfection costs",
     "learn": "learn to ride from recorded rides",
     "sweep": "train many presets on many scenarios with many seeds",
     "plot": "draw learning curves of runs and sweeps",
@@ -114,6 +115,10 @@ def _module(name: str) -> ModuleType:
         from bicycle_controller.cli import evaluate
 
         return evaluate
+    if name == "sensing":
+        from bicycle_controller.cli import sensing
+
+        return sensing
     if name == "learn":
         from bicycle_controller.cli import learn
 

@@ -7,13 +7,14 @@ with a lean of its own, and the controller holds a heading that changes now and 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from bicycle_common.geometry import wrap_angle
 from bicycle_common.validation import require, require_between
+from bicycle_controller.control.riding import Riding
 from bicycle_controller.estimation.kalman import Estimate, Filter
 from bicycle_controller.estimation.queue import Arrivals
 from bicycle_sim.plants.base import Loads, Plant
@@ -29,6 +30,8 @@ FALL = math.radians(45.0)
 """rad of lean that counts as a fall."""
 SETTLING = 1.0
 """s after the start from which on errors of the estimate count."""
+CHUNK = 2000
+"""Rides that are simulated together, which bounds the memory."""
 TURN_PERIOD = 5.0
 """s between two changes of the heading."""
 
@@ -117,6 +120,12 @@ class Outcome:
     torque_rms: np.ndarray
     """(N,) N m."""
 
+    @classmethod
+    def join(cls, parts: list[Outcome]) -> Outcome:
+        """All rides of several parts."""
+        names = [item.name for item in fields(cls)]
+        return cls(**{n: np.concatenate([getattr(part, n) for part in parts]) for n in names})
+
     @property
     def fall_rate(self) -> float:
         """Share of the rides."""
@@ -160,10 +169,14 @@ def ride(
     """
     require(count >= 1, f"there must be at least one ride, not {count}")
     require(seed >= 0, f"a seed must be zero or more, not {seed}")
-    rides = _Rides(plant, conditions, count, seed, model)
-    for _ in range(round(conditions.duration / rides.period)):
-        rides.step(controller)
-    return rides.outcome()
+    parts = []
+    for index, first in enumerate(range(0, count, CHUNK)):
+        number = min(CHUNK, count - first)
+        rides = _Rides(controller, plant, conditions, number, 1000 * seed + index, model)
+        for _ in range(round(conditions.duration / rides.period)):
+            rides.step()
+        parts.append(rides.outcome())
+    return Outcome.join(parts)
 
 
 class _Rides:
@@ -171,6 +184,7 @@ class _Rides:
 
     def __init__(
         self,
+        controller: Controller,
         plant: Plant[Any],
         conditions: Conditions,
         count: int,
@@ -179,6 +193,7 @@ class _Rides:
     ) -> None:
         self.conditions = conditions
         self.count = count
+        self.riding = Riding(controller, count, conditions.applied(plant))
         self.plant = conditions.applied(plant)
         self.period = self.plant.time_step
         self.rng = np.random.default_rng([seed, 7])
@@ -225,19 +240,21 @@ class _Rides:
         )
         return np.array(columns).T, body.speed, found
 
-    def step(self, controller: Controller) -> None:
+    def step(self) -> None:
         """One control period of all."""
         c = self.conditions
         if self.steps % round(TURN_PERIOD / self.period) == 0 and self.steps:
             self.wanted = self.wanted + c.turn * self.rng.standard_normal(self.count)
         observation, speed, estimate = self.seen()
         self._count_error(estimate)
-        torque = np.clip(controller.act(observation, speed)[:, 0], -c.torque_limit, c.torque_limit)
+        action = self.riding.act(observation, speed)
+        torque = np.clip(action[:, 0], -c.torque_limit, c.torque_limit)
+        zero = np.zeros(self.count)
+        self.riding.acted(observation, speed, np.stack([torque, zero, zero], 1))
         # Gusts last about a second.
         keep = math.exp(-self.period)
         fresh = c.wind * math.sqrt(1.0 - keep * keep) * self.rng.standard_normal(self.count)
         self.gust = keep * self.gust + fresh
-        zero = np.zeros(self.count)
         loads = Loads(lateral_force=self._force(), force_height=1.0) if c.wind > 0.0 else None
         limits = (self.speed - 0.1, self.speed + 0.1)
         if self.filter is None:

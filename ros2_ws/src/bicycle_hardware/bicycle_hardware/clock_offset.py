@@ -1,0 +1,46 @@
+"""The microcontroller's clock beside the PC's, from questions and answers."""
+
+from __future__ import annotations
+
+WRAP = 2**32
+
+
+class ClockOffset:
+    """Turns the microcontroller's microseconds, which wrap after 71 minutes, into s of the PC."""
+
+    def __init__(self) -> None:
+        self._offset: float | None = None
+        self._best = float("inf")
+        self._turns = 0
+        self._last = 0
+        self.round_trip = float("nan")
+        """s of the last question."""
+
+    def answered(self, asked: float, now: float, stamp_us: int) -> None:
+        """Take an answer: asked and received at s of the PC's clock."""
+        self.round_trip = now - asked
+        # The quickest answers tell best; an old one is trusted less and less.
+        self._best *= 1.02
+        if self.round_trip <= self._best or self._offset is None:
+            self._best = self.round_trip
+            self._offset = 0.5 * (asked + now) - self.unwrapped(stamp_us)
+
+    def unwrapped(self, stamp_us: int) -> float:
+        """s of the microcontroller's clock since its start, for stamps that come in order."""
+        if stamp_us < self._last - WRAP // 2:
+            self._turns += 1
+            self._last = stamp_us
+        elif stamp_us > self._last + WRAP // 2 and self._turns > 0:
+            return (stamp_us + (self._turns - 1) * WRAP) * 1e-6
+        else:
+            self._last = max(self._last, stamp_us)
+        return (stamp_us + self._turns * WRAP) * 1e-6
+
+    @property
+    def known(self) -> bool:
+        """True once there was an answer."""
+        return self._offset is not None
+
+    def to_pc(self, stamp_us: int) -> float:
+        """s of the PC's clock; of the microcontroller's own while nothing is known."""
+        return self.unwrapped(stamp_us) + (self._offset or 0.0)

@@ -1,0 +1,78 @@
+/* Board layer of the simulation: the serial line is a pseudo-terminal, the sensors are lines of text.
+ *
+ * Writes the pseudo-terminal's path as its first line. Then, for each line "now_us imu_us steer_us wheel_us
+ * gx gy gz fx fy fz steer wheel battery stopped" of standard input, takes what has come over the serial line,
+ * makes one tick and answers "torque drive mode reasons". Ends with standard input.
+ */
+#define _XOPEN_SOURCE 600
+#include <fcntl.h>
+#include <poll.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <termios.h>
+#include <unistd.h>
+
+#include "bicycle_core.h"
+
+static int serial;
+
+static void write_serial(void *context, const uint8_t *bytes, size_t count) {
+    (void)context;
+    /* A full line loses bytes, as a real one does: the core never waits. */
+    ssize_t sent = write(serial, bytes, count);
+    (void)sent;
+}
+
+static void read_serial(struct core *core, uint32_t now) {
+    uint8_t bytes[512];
+    ssize_t count;
+    while ((count = read(serial, bytes, sizeof bytes)) > 0) core_receive(core, bytes, (size_t)count, now);
+}
+
+int main(void) {
+    serial = posix_openpt(O_RDWR | O_NOCTTY);
+    if (serial < 0 || grantpt(serial) || unlockpt(serial)) {
+        perror("pseudo-terminal");
+        return 1;
+    }
+    const char *path = ptsname(serial);
+    /* Held open here, so that a reader may come and go. */
+    int line = open(path, O_RDWR | O_NOCTTY);
+    struct termios raw;
+    if (line < 0 || tcgetattr(line, &raw)) {
+        perror(path);
+        return 1;
+    }
+    raw.c_iflag = raw.c_oflag = raw.c_lflag = 0;
+    raw.c_cflag = CS8 | CREAD | CLOCAL;
+    tcsetattr(line, TCSANOW, &raw);
+    fcntl(serial, F_SETFL, O_NONBLOCK);
+    printf("%s\n", path);
+    fflush(stdout);
+
+    struct core core;
+    core_init(&core, &CORE_DEFAULTS, write_serial, NULL);
+    static char text[1024];
+    while (fgets(text, sizeof text, stdin)) {
+        struct core_inputs in;
+        unsigned now, imu, steer, wheel;
+        int stopped;
+        int found = sscanf(text, "%u %u %u %u %f %f %f %f %f %f %f %f %f %d", &now, &imu, &steer, &wheel,
+                           &in.gyro[0], &in.gyro[1], &in.gyro[2], &in.force[0], &in.force[1], &in.force[2],
+                           &in.steer, &in.wheel, &in.battery, &stopped);
+        if (found != 14) {
+            fprintf(stderr, "no sensors: %s", text);
+            return 1;
+        }
+        in.imu_us = imu;
+        in.steer_us = steer;
+        in.wheel_us = wheel;
+        in.stopped = stopped != 0;
+        read_serial(&core, now);
+        core_tick(&core, &in, now);
+        printf("%.9g %.9g %d %d\n", (double)core.applied_torque, (double)core.applied_drive, (int)core.mode,
+               (int)core.reasons);
+        fflush(stdout);
+    }
+    return 0;
+}

@@ -1,0 +1,134 @@
+"""The firmware's portable core as a process of this machine, on a pseudo-terminal.
+
+It is a program of its own, built by the host's C compiler from the same sources that go on a
+board; `firmware/board_host.c` is its board layer.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import subprocess
+import tempfile
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+
+from bicycle_hardware.frames import Mode
+
+SOURCES = ("bicycle_core.c", "board_host.c")
+FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic")
+
+
+def build(folder: Path | None = None) -> Path:
+    """Compile the simulated board, once for each version of its sources.
+
+    Args:
+        folder: for the program; None is this user's temporary one.
+
+    Raises:
+        OSError: if there is no C compiler or it fails, in one line.
+    """
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    if compiler is None:
+        raise OSError("the simulated board needs a C compiler: apt install gcc")
+    with resources.as_file(resources.files("bicycle_hardware") / "firmware") as place:
+        texts = [place / name for name in (*SOURCES, "bicycle_core.h")]
+        digest = hashlib.sha256(b"".join(text.read_bytes() for text in texts)).hexdigest()[:16]
+        target = (folder or Path(tempfile.gettempdir())) / f"bicycle-board-{digest}"
+        if target.is_file() and folder is not None:
+            return target
+        made = Path(tempfile.mkdtemp(prefix="bicycle-board-")) / "board"
+        words = [compiler, *FLAGS, "-o", str(made), *map(str, texts[:-1]), "-lm"]
+        done = subprocess.run(words, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise OSError(f"{compiler} failed: {done.stderr.strip().splitlines()[0]}")
+    if folder is None:
+        return made
+    made.replace(target)
+    return target
+
+
+@dataclass
+class BoardInputs:
+    """What the board's sensors read; REP-103 signs."""
+
+    imu_us: int = 0
+    steer_us: int = 0
+    wheel_us: int = 0
+    gyro: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    force: tuple[float, float, float] = (0.0, 0.0, 9.81)
+    steer: float = 0.0
+    wheel: float = 0.0
+    battery: float = 24.0
+    stopped: bool = False
+
+
+@dataclass
+class BoardOutputs:
+    """What the board does with its motors."""
+
+    torque: float = 0.0
+    drive: float = 0.0
+    mode: Mode = Mode.DISARMED
+    reasons: int = 0
+
+
+@dataclass
+class SimulatedBoard:
+    """The process."""
+
+    program: Path
+    path: str = ""
+    """Of the pseudo-terminal."""
+    _process: subprocess.Popen[str] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self._process = subprocess.Popen(
+            [str(self.program)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        assert self._process.stdout is not None
+        self.path = self._process.stdout.readline().strip()
+        if not self.path:
+            raise OSError("the simulated board ended at its start")
+
+    @property
+    def pid(self) -> int:
+        """Of the process."""
+        return self._process.pid
+
+    def tick(self, now_us: int, inputs: BoardInputs) -> BoardOutputs:
+        """One period of the board at a time of its clock.
+
+        Raises:
+            OSError: if the process has ended.
+        """
+        i = inputs
+        numbers = (*i.gyro, *i.force, i.steer, i.wheel, i.battery)
+        stamps = (now_us, i.imu_us, i.steer_us, i.wheel_us)
+        line = " ".join(str(value & 0xFFFFFFFF) for value in stamps)
+        line += " " + " ".join(f"{value:.9g}" for value in numbers) + f" {int(i.stopped)}\n"
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        try:
+            self._process.stdin.write(line)
+            self._process.stdin.flush()
+        except BrokenPipeError:
+            raise OSError("the simulated board has ended") from None
+        answer = self._process.stdout.readline().split()
+        if len(answer) != 4:
+            raise OSError("the simulated board has ended")
+        torque, drive, mode, reasons = answer
+        return BoardOutputs(float(torque), float(drive), Mode(int(mode)), int(reasons))
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process.stdin is not None:
+            self._process.stdin.close()
+        try:
+            self._process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        if self._process.stdout is not None:
+            self._process.stdout.close()

@@ -1,0 +1,68 @@
+"""Rides by estimates: upright under delay, motor, friction and wind; the command's errors."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from bicycle_controller.cli.main import main
+from bicycle_controller.control.lqr import LqrController
+from bicycle_controller.evaluation import sensing
+from bicycle_sim.plants import registry
+from bicycle_sim.sensors import settings as sensors
+
+HARD: dict[str, Any] = {"delay": 0.05, "motor_lag": 0.03, "friction": 0.5, "wind": 2.0}
+
+
+@pytest.mark.parametrize("bicycle", ["browser-rider", "steer-by-wire"])
+def test_rides_from_estimates_only_stay_upright(bicycle: str) -> None:
+    given = sensing.Conditions(sensors=sensors.load("mpu6050"), duration=10.0, **HARD)
+    plant = given.applied(registry.named("whipple", bicycle))
+    found = sensing.ride(LqrController.named("lqr", plant, 7.0), plant, given, 60, seed=2)
+    assert found.fall_rate == 0.0
+    assert found.summary()["roll_error_rms_deg"] < 1.0
+
+
+def test_same_seed_same_rides_another_seed_others() -> None:
+    given = sensing.Conditions(sensors=sensors.load("mpu6050"), duration=2.0)
+    plant = registry.named("whipple", "browser-rider")
+    who = LqrController.named("lqr", plant, 7.0)
+    first, again, other = (
+        sensing.ride(who, plant, given, 5, seed=seed).summary() for seed in (4, 4, 5)
+    )
+    assert first == again
+    assert first != other
+
+
+def test_command_tells_what_each_imperfection_costs(capsys: pytest.CaptureFixture[str]) -> None:
+    words = "sensing lqr --bicycles browser-rider --episodes 4 --duration 2 --costs --json"
+    assert main([*words.split(), "--delay", "0.05", "--wind", "2"]) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    assert [row["with"] for row in rows] == ["nothing", "sensors", "delay", "wind", "everything"]
+    assert rows[0]["roll_error_rms_deg"] == 0.0 < rows[1]["roll_error_rms_deg"] < 1.0
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        ("--sensors mpu605", "did you mean 'mpu6050'"),
+        ("--bicycles broswer", "did you mean 'browser'"),
+        ("--speeds 4", "write LOW,HIGH"),
+        ("--speeds 6,2", "speeds must lie within"),
+        ("--delay -1", "delay must lie within"),
+        ("--episodes 0", "at least one ride"),
+    ],
+)
+def test_mistakes_are_told_in_one_line(
+    words: str, told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        status = main(["sensing", "lqr", *words.split()])
+    except SystemExit as error:
+        status = int(error.code or 0)
+    assert status == 2
+    error_text = capsys.readouterr().err
+    assert told in error_text
+    assert error_text.count("\n") == 1

@@ -1,0 +1,248 @@
+"""The firmware's core as a process: arming, riding, and all that may go wrong on the wire."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from board_rig import Rig
+
+from bicycle_hardware.frames import (
+    Actuators,
+    Arm,
+    AskTime,
+    Imu,
+    Joints,
+    Mode,
+    Reason,
+    TimeIs,
+    encode,
+    words,
+)
+from bicycle_hardware.simulated_board import build
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return build(tmp_path_factory.mktemp("board"))
+
+
+@pytest.fixture
+def rig(program: Path) -> Iterator[Rig]:
+    made = Rig(program)
+    yield made
+    made.close()
+
+
+def test_nothing_moves_before_arming(rig: Rig) -> None:
+    for _ in range(150):
+        rig.command(torque=5.0, drive=100.0)
+        out = rig.tick()
+        assert (out.torque, out.drive, out.mode) == (0.0, 0.0, Mode.DISARMED)
+    rig.line.send(Arm(1))
+    rig.command(torque=5.0, drive=100.0)
+    out = rig.tick()
+    assert (out.torque, out.drive, out.mode) == (5.0, 100.0, Mode.RIDING)
+
+
+def mode(rig: Rig) -> Mode:
+    return rig.outputs.mode
+
+
+def _refused(rig: Rig) -> Reason:
+    rig.line.send(Arm(1))
+    out = rig.tick()
+    assert out.mode is Mode.DISARMED
+    assert out.torque == out.drive == 0.0
+    return Reason(out.reasons)
+
+
+def test_arming_is_refused_while_the_gyro_turns(rig: Rig) -> None:
+    rig.frozen = ("imu",)
+    for index in range(150):
+        rig.inputs.imu_us = rig.now_us
+        rig.inputs.gyro = (0.2 * math.sin(index), 0.0, 0.0)
+        rig.command()
+        rig.tick()
+    rig.inputs.imu_us = rig.now_us
+    rig.inputs.gyro = (0.2, 0.0, 0.0)
+    rig.tick()
+    rig.inputs.imu_us = rig.now_us
+    rig.inputs.gyro = (-0.2, 0.0, 0.0)
+    assert Reason.MOVES in _refused(rig)
+
+
+def test_arming_is_refused_uncalibrated(rig: Rig) -> None:
+    rig.tick(50)
+    assert Reason.UNCALIBRATED in _refused(rig)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "reason"),
+    [("imu", Reason.NO_IMU), ("steer", Reason.NO_STEER), ("wheel", Reason.NO_WHEEL)],
+)
+def test_arming_is_refused_with_old_readings(rig: Rig, sensor: str, reason: Reason) -> None:
+    for index in range(160):
+        if index == 120:
+            rig.frozen = (sensor,)
+        rig.command()
+        rig.tick()
+    assert _refused(rig) == reason
+
+
+def test_arming_is_refused_without_a_second_of_commands(rig: Rig) -> None:
+    rig.tick(150)
+    assert _refused(rig) == Reason.NO_COMMANDS
+    for _ in range(80):
+        rig.command()
+        rig.tick()
+    assert _refused(rig) == Reason.NO_COMMANDS
+    # The same frame again and again does not advance the sequence.
+    frame = encode(Actuators(0, 0.0, 0.0, 100), 77)
+    for _ in range(150):
+        os.write(rig.line.file, frame)
+        rig.tick()
+    assert _refused(rig) == Reason.NO_COMMANDS
+
+
+def test_arming_is_refused_while_rolling(rig: Rig) -> None:
+    for _ in range(120):
+        rig.command()
+        rig.tick()
+    rig.frozen = ("wheel",)
+    rig.inputs.wheel = 1.5
+    rig.inputs.wheel_us = rig.now_us
+    rig.command()
+    rig.tick()
+    assert Reason.TOO_FAST in _refused(rig)
+
+
+def test_arming_is_refused_while_the_stop_is_pressed(rig: Rig) -> None:
+    for _ in range(120):
+        rig.command()
+        rig.tick()
+    rig.inputs.stopped = True
+    rig.tick()
+    assert _refused(rig) == Reason.STOPPED
+    rig.inputs.stopped = False
+    rig.command()
+    rig.tick()
+    rig.line.send(Arm(1))
+    assert rig.tick().mode in (Mode.ARMED, Mode.RIDING)
+
+
+def test_every_reason_has_words() -> None:
+    assert len(Reason) == 8
+    assert all(words(reason) for reason in Reason)
+    assert words(0) == ""
+
+
+def test_stop_ends_the_drive_within_20_ms_and_keeps_the_bicycle_upright(rig: Rig) -> None:
+    rig.arm()
+    rig.place(3.0)
+    rig.ride(2.0)
+    rig.command(drive=100.0)
+    assert rig.tick().drive == 100.0
+    rig.inputs.stopped = True
+    rig.command(drive=100.0)
+    out = rig.tick()  # one period of 10 ms
+    assert (out.drive, out.mode) == (0.0, Mode.ESTOP)
+    assert rig.ride(5.0) < math.radians(20.0)
+    assert rig.outputs.drive == 0.0
+    # Released, it does not ride on by itself.
+    rig.inputs.stopped = False
+    rig.steer()
+    assert rig.tick().mode is Mode.ESTOP
+
+
+@pytest.mark.parametrize("speed", [1.5, 2.5, 4.0])
+def test_pc_is_lost_and_the_bicycle_stays_upright(rig: Rig, speed: float) -> None:
+    rig.arm()
+    rig.place(speed)
+    rig.state = rig.plant.pushed(rig.state, 0.05)
+    assert rig.ride(2.0) < math.radians(15.0)
+    assert mode(rig) == Mode.RIDING
+    largest = rig.ride(10.0, pc=False)
+    assert mode(rig) == Mode.FALLBACK
+    assert largest < math.radians(20.0)
+    # Commands again: it obeys them again.
+    assert rig.ride(1.0) < math.radians(20.0)
+    assert mode(rig) == Mode.RIDING
+
+
+def test_command_is_valid_for_its_time_only(rig: Rig) -> None:
+    rig.arm()
+    rig.command(torque=1.0, valid_ms=50)
+    modes = [rig.tick().mode for _ in range(10)]
+    assert modes[:5] == [Mode.RIDING] * 5
+    assert set(modes[7:]) == {Mode.FALLBACK}
+    rig.command(torque=1.0, valid_ms=60000)
+    modes = [rig.tick().mode for _ in range(40)]
+    assert modes[25] is Mode.FALLBACK  # the board's own longest time is 200 ms
+
+
+def test_bytes_lost_flipped_and_delayed_are_no_worse_than_the_fallback(rig: Rig) -> None:
+    rig.arm()
+    rig.place(3.0)
+    rng = np.random.default_rng(4)
+    late: list[bytes] = []
+    sequence = 1000
+    for index in range(800):
+        if index % 2 == 0:
+            s = rig.state
+            o = (s.steer_angle, s.steer_rate, s.lean_angle, s.lean_rate)
+            seen = np.array([*o, s.lean_acceleration, s.heading]).T
+            torque = float(rig.controller.act(seen, s.speed)[0, 0])
+            sequence += 1
+            frame = bytearray(encode(Actuators(rig.now_us, torque, 0.0, 100), sequence))
+            luck = rng.random()
+            if luck < 0.2:
+                del frame[rng.integers(len(frame))]
+            elif luck < 0.4:
+                frame[rng.integers(len(frame))] ^= 1 << rng.integers(8)
+            elif luck < 0.5:
+                late.append(bytes(frame))
+                frame = bytearray()
+            os.write(rig.line.file, bytes(frame))
+            if late and rng.random() < 0.1:
+                os.write(rig.line.file, late.pop(0))
+        out = rig.tick()
+        assert abs(out.torque) <= 7.0
+        assert abs(float(rig.state.lean_angle[0])) < math.radians(20.0)
+    assert rig.driver is not None
+    assert rig.driver.bad_frames > 50
+
+
+def test_noise_on_the_line_moves_nothing(rig: Rig) -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        os.write(rig.line.file, rng.integers(0, 256, 300, dtype=np.uint8).tobytes())
+        out = rig.tick()
+        assert (out.torque, out.drive, out.mode) == (0.0, 0.0, Mode.DISARMED)
+
+
+def test_not_a_number_is_no_command(rig: Rig) -> None:
+    rig.arm()
+    rig.command(torque=math.nan, valid_ms=200)
+    rig.tick(3)
+    assert rig.outputs.torque == rig.outputs.torque
+    rig.command(torque=1e30, drive=-1e30)
+    assert rig.tick().torque == 7.0
+
+
+def test_readings_state_and_time_are_sent(rig: Rig) -> None:
+    rig.line.send(AskTime(123456789012345))
+    rig.tick(100)
+    kinds = [type(message).__name__ for message in rig.heard]
+    assert kinds.count("Imu") == kinds.count("Joints") == 100
+    assert 18 <= kinds.count("DriverState") <= 21
+    answer = next(message for message in rig.heard if isinstance(message, TimeIs))
+    assert answer.pc == 123456789012345
+    imu = [message for message in rig.heard if isinstance(message, Imu)]
+    assert np.mean([message.force_z for message in imu]) == pytest.approx(9.8, abs=0.3)
+    assert any(isinstance(message, Joints) for message in rig.heard)
+    assert rig.line.splitter.bad == rig.line.splitter.missing == 0
