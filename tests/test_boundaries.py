@@ -38,7 +38,9 @@ def table() -> list[Room]:
     page = (ROOT / "docs" / "architecture.md").read_text()
     section = page.partition("## Layers")[2].partition("\n## ")[0]
     rows = [
-        line.strip().strip("|").split("|") for line in section.splitlines() if line.startswith("| `")
+        line.strip().strip("|").split("|")
+        for line in section.splitlines()
+        if line.startswith("| `")
     ]
     return [
         Room(
