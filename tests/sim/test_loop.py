@@ -207,7 +207,7 @@ def test_an_old_answer_tells_no_latency() -> None:
     ("options", "words"),
     [
         ({"pace": "fast"}, "realtime or lockstep"),
-        ({"on_timeout": "stop"}, "zero or pause"),
+        ({"on_timeout": "stop"}, "zero, steer_into_lean or pause"),
         ({"watchdog_timeout": -1.0}, "zero or more"),
         ({"watchdog_timeout": 0.05}, "0 for never, or 0.1 s or more"),
         ({"watchdog_timeout": math.nan}, "zero or more"),

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bicycle_common import steer_into_lean
 from bicycle_common.nodes.realtime import priority_parameter
 from bicycle_common.parameters import parameter
 from bicycle_common.validation import require
@@ -14,6 +15,7 @@ from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.exploration_noise import Noise, NoiseConfig
 from bicycle_controller.control.followers import FOLLOWERS
 from bicycle_controller.control.guidance import AFTER, GuidanceConfig
+from bicycle_controller.control.lean_steering import SteerIntoLean
 from bicycle_controller.control.safety import Safety, SafetyConfig
 from bicycle_controller.control.twist_ride import TwistLimits
 from bicycle_controller.policy.policy import DEFAULT_POLICY, LQR
@@ -34,9 +36,15 @@ class ControllerSettings:
     )
     fallback: str = parameter(
         "lqr",
-        "what rides where the policy may not: the LQR that uses what the simulator allows, or "
-        "zero input",
-        choices=("lqr", "zero"),
+        "what rides where the policy may not: the LQR that uses what the simulator allows, "
+        "steering into the lean without a goal, or zero input",
+        choices=("lqr", "steer_into_lean", "zero"),
+    )
+    steer_into_lean_gain: float = parameter(
+        steer_into_lean.GAIN,
+        "N m per rad/s of lean rate and m/s below 6 m/s, of fallback steer_into_lean",
+        0.01,
+        1000.0,
     )
     safety: str = parameter(
         "ride",
@@ -145,6 +153,8 @@ class ControllerSettings:
     @np.errstate(all="ignore")  # a bicycle that cannot be are told by what comes out
     def make_fallback(self, limits: np.ndarray, plant: Plant[Any]) -> Controller | None:
         """Return the controller to use instead of the policy, limited to (3,) |T|, |d| and |F|."""
+        if self.fallback == "steer_into_lean":
+            return SteerIntoLean(float(limits[0]), self.steer_into_lean_gain)
         if self.fallback != "lqr":
             return None
         # Imported here: it needs scipy, which a policy does not.

@@ -7,7 +7,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from bicycle_common.nodes.diagnostics import ERROR, OK, WARN, percentiles, status
-from bicycle_sim.runtime.loop import Loop, StepResult
+from bicycle_sim.runtime.loop import WITHOUT_COMMANDS, Loop, StepResult
 
 _MODES = {
     "riding": "riding",
@@ -63,8 +63,7 @@ class SimReport:
         held = loop.waiting or loop.paused or loop.snapshot.fallen
         level, text = OK, "waiting" if held else f"from {gate.owner!r}"
         if loop.timed_out:
-            held_now = loop.options.on_timeout == "pause"
-            what = "the bicycle is held" if held_now else "zero input is applied"
+            what = WITHOUT_COMMANDS[loop.options.on_timeout]
             level, text = ERROR, f"no valid command for {gate.silence():.2f} s: {what}"
         values: dict[str, object] = {
             "accepted": gate.accepted,

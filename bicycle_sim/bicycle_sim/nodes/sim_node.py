@@ -35,7 +35,7 @@ from bicycle_sim.nodes import visualization
 from bicycle_sim.nodes.exclusive import refuse_second_simulator
 from bicycle_sim.nodes.sim_diagnostics import SimReport
 from bicycle_sim.nodes.sim_settings import SimSettings
-from bicycle_sim.runtime.loop import Loop, StepResult
+from bicycle_sim.runtime.loop import WITHOUT_COMMANDS, Loop, StepResult
 from bicycle_sim.runtime.simulator import Simulator
 
 NAME = "bicycle_sim"
@@ -207,7 +207,7 @@ class SimNode(Node):
     def _on_due(self) -> None:
         self._on_made(self._loop.tick())
         if self._loop.timed_out and not self._was_timed_out:
-            what = "zero input" if self._settings.on_timeout == "zero" else "held"
+            what = WITHOUT_COMMANDS[self._settings.on_timeout]
             self.get_logger().warning(
                 f"no valid command for {self._settings.watchdog_timeout:g} s at step "
                 f"{self._loop.snapshot.step}: {what} until the next one; is the controller "

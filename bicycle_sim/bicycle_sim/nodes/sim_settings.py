@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+from bicycle_common import steer_into_lean
 from bicycle_common.geometry import yaw_to_heading
 from bicycle_common.nodes.realtime import priority_parameter
 from bicycle_common.parameters import parameter
 from bicycle_common.types import FARTHEST_START, FASTEST_START, InitialPose
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
-from bicycle_sim.runtime.loop import LoopOptions
+from bicycle_sim.runtime.loop import ON_TIMEOUT, LoopOptions
 from bicycle_sim.task.scenario import SCENARIOS, Scenario, named
 
 
@@ -75,8 +76,15 @@ class SimSettings:
     )
     on_timeout: str = parameter(
         "zero",
-        "ride on with zero input, or hold the bicycle until the next command",
-        choices=("zero", "pause"),
+        "ride on with zero input or steering into the lean, or hold the bicycle until the next "
+        "command",
+        choices=ON_TIMEOUT,
+    )
+    steer_into_lean_gain: float = parameter(
+        steer_into_lean.GAIN,
+        "N m per rad/s of lean rate and m/s below 6 m/s, of on_timeout steer_into_lean",
+        0.01,
+        1000.0,
     )
     marker_rate: float = parameter(
         20.0, "Hz, markers for RViz and Foxglove; 0 is none", 0.0, 100.0
@@ -107,7 +115,11 @@ class SimSettings:
         Raises:
             ValueError: as `make_plant`.
         """
-        return named(self.scenario).with_motor(self.make_plant().torque_limit)
+        steers = self.on_timeout == "steer_into_lean"
+        return replace(
+            named(self.scenario).with_motor(self.make_plant().torque_limit),
+            silence_gain=self.steer_into_lean_gain if steers else 0.0,
+        )
 
     def make_options(self) -> LoopOptions:
         """Return pace and watchdog."""

@@ -26,6 +26,14 @@ RELEASE = 0.25
 SHORTEST_WATCHDOG = 4
 """Fewest steps of the watchdog: fewer, and the normal delay of an answer would trigger it."""
 
+WITHOUT_COMMANDS = {
+    "zero": "zero input",
+    "steer_into_lean": "torque into its lean",
+    "pause": "held",
+}
+"""What a bicycle without commands gets, in words for the log."""
+ON_TIMEOUT = tuple(WITHOUT_COMMANDS)
+
 ROUNDING = 1e-6
 """Tolerance of rounding in time comparisons (s)."""
 
@@ -46,7 +54,8 @@ class LoopOptions:
     """Simulated time that a command may be held before `on_timeout`, s; zero disables the
     watchdog. Real time only."""
     on_timeout: str = "zero"
-    """`zero` continues without input, `pause` stops the bicycle until the next command."""
+    """`zero` continues without input and `steer_into_lean` by that law, whose gain is the
+    scenario's; `pause` stops the bicycle until the next command."""
 
     def __post_init__(self) -> None:
         require(
@@ -54,8 +63,8 @@ class LoopOptions:
             f"pace must be realtime or lockstep, not {self.pace!r}",
         )
         require(
-            self.on_timeout in ("zero", "pause"),
-            f"on_timeout must be zero or pause, not {self.on_timeout!r}",
+            self.on_timeout in ON_TIMEOUT,
+            f"on_timeout must be zero, steer_into_lean or pause, not {self.on_timeout!r}",
         )
         require(
             math.isfinite(self.watchdog_timeout) and self.watchdog_timeout >= 0,

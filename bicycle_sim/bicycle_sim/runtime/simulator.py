@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from bicycle_common import steer_into_lean
 from bicycle_common.types import (
     AppliedCommand,
     BicycleState,
@@ -113,7 +114,7 @@ class Simulator:
         return made
 
     def step(self, command: Command | None, push: float = 0.0) -> BicycleState:
-        """One time step under a command, or under zero input.
+        """One time step under a command, or without: see `Scenario.silence_gain`.
 
         Args:
             command: newest valid one; applied as it is, so check it with `CommandValidator` first.
@@ -124,7 +125,7 @@ class Simulator:
         """
         before = self.snapshot
         if not before.fallen:
-            torque, displacement, pedal = command.action if command else (0.0, 0.0, 0.0)
+            torque, displacement, pedal = command.action if command else self._unbidden()
             spread = self.plant.displacement_noise
             if spread > 0:
                 displacement += spread * (2.0 * float(self._noise.random()) - 1.0)
@@ -141,6 +142,15 @@ class Simulator:
         self.applied = AppliedCommand(_source(command, before.step), command)
         self.snapshot = self._observe(before.episode, before.step + 1)
         return self.snapshot
+
+    def _unbidden(self) -> tuple[float, float, float]:
+        """Torque, displacement and pedal force of a step without a command."""
+        gain, before = self.scenario.silence_gain, self.snapshot
+        if gain == 0.0:
+            return 0.0, 0.0, 0.0
+        limit = self.scenario.torque_limit
+        torque = steer_into_lean.torque(before.lean_rate, before.speed, limit, gain)
+        return float(torque), 0.0, 0.0
 
     def _observe(self, episode: int, step: int) -> BicycleState:
         """Return the present state as plain numbers."""

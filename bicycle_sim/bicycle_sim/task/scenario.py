@@ -78,6 +78,9 @@ class Scenario:
     """Steps after which an episode is truncated, never terminated."""
     goal_radius: float = 1.0
     """Radius around the goal within which the rear contact has reached it, m (row 26)."""
+    silence_gain: float = 0.0
+    """N m per rad/s and m/s: without a command the handlebar steers into the lean, see
+    `bicycle_common.steer_into_lean`; zero leaves it without torque."""
     fall_angle: float = math.pi / 6
     """Lean beyond which a bicycle has fallen, rad (eq. 20)."""
     reward: RewardWeights = field(default_factory=RewardWeights)
@@ -85,7 +88,13 @@ class Scenario:
     def __post_init__(self) -> None:
         if self.speed_limits is not None:
             object.__setattr__(self, "speed_limits", as_pair(self.speed_limits))
-        for name in ("torque_limit", "displacement_limit", "pedal_limit", "heading_spread"):
+        for name in (
+            "torque_limit",
+            "displacement_limit",
+            "pedal_limit",
+            "heading_spread",
+            "silence_gain",
+        ):
             value = getattr(self, name)
             require(
                 math.isfinite(value) and value >= 0,
