@@ -45,7 +45,7 @@ def test_a_simulator_without_commands_steers_into_the_lean(bicycle: str) -> None
         for step in range(400):
             state = simulator.step(None, 0.09 * (step == 0))
         assert state.fallen != stays
-        assert state.command_source == CommandSource.ZERO
+        assert simulator.applied.source == CommandSource.ZERO
 
 
 def test_such_a_ride_goes_on_from_its_message_to_the_bit() -> None:
