@@ -178,6 +178,19 @@ def test_table_1_is_known_to_the_papers_plant_alone() -> None:
     assert found == ["bicycle_controller.training.tensor_dynamics"]
 
 
+def test_the_simulator_knows_neither_goals_nor_rewards() -> None:
+    """It only echoes commands, so that a real bicycle can stand in its place."""
+    words = re.compile(r"task\.reward|heading_error|goal_(distance|radius|status)|[Tt]ransition")
+    rooms = ("bicycle_sim.runtime", "bicycle_sim.nodes")
+    found = {
+        module: words.findall(path.read_text())
+        for module, path in MODULES.items()
+        if room_of(module) in rooms
+    }
+    assert len(found) > 10
+    assert [module for module, known in found.items() if known] == []
+
+
 def test_no_module_is_in_a_circle_of_imports() -> None:
     arrows = {
         module: {name for name in imported(path) if name in MODULES and name != module}

@@ -44,7 +44,7 @@ class Simulator:
         """Make a simulator whose first episode is still to be started by `reset`.
 
         Args:
-            scenario: limits, start speed, goal radius and fall angle.
+            scenario: limits, start speed and fall angle.
             plant: the bicycle; the paper's by default. Actions that it has no use for get a
                 limit of zero.
             seed: of the first episode, unless `reset` names another; not negative.
