@@ -103,7 +103,9 @@ def _tree(config: Config) -> Tree:
     """Return the configuration as plain data."""
     tree = dataclasses.asdict(config)
     if isinstance(config, RunConfig):
-        tree["physics"] = json.loads(config.physics.to_json())
+        for name in ("physics", "physics_too"):
+            plant = getattr(config, name)
+            tree[name] = None if plant is None else json.loads(plant.to_json())
     return tree
 
 
@@ -216,7 +218,7 @@ def _coerce(hint: Any, value: Any, name: str) -> Any:
         return _bicycle(value, f"{name}.")
     if dataclasses.is_dataclass(hint):
         return _make(hint, value, f"{name}.")
-    if typing.get_origin(hint) is types.UnionType:
+    if typing.get_origin(hint) in (types.UnionType, typing.Union):
         kinds = [kind for kind in typing.get_args(hint) if kind is not types.NoneType]
         return None if value is None else _coerce(kinds[0], value, name)
     if typing.get_origin(hint) is tuple:

@@ -11,7 +11,13 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from bicycle_common.validation import require, require_between, require_choice, require_positive
+from bicycle_common.validation import (
+    as_pair,
+    require,
+    require_between,
+    require_choice,
+    require_positive,
+)
 from bicycle_controller.config.algorithms import DdpgConfig, LearnerConfig, NafConfig, PpoConfig
 from bicycle_controller.config.imitation import ImitationConfig
 from bicycle_controller.control.exploration_noise import NoiseConfig
@@ -66,8 +72,27 @@ class StartsConfig:
     a new goal, instead of starting again."""
     max_steps: int = 0
     """Step limit of a training episode; 0 keeps the scenario's."""
+    speeds: tuple[float, float] | None = None
+    """Least and largest start speed, m/s; the scenario's if None. A bicycle without a pedal keeps
+    it."""
+    delay: int = 0
+    """Largest number of steps by which actions arrive late; each episode has its own."""
+    kick: float = 0.0
+    """Half width of the jumps of the lean rate during a ride, rad/s."""
+    kick_every: float = 4.0
+    """Mean time between two such jumps, s."""
 
     def __post_init__(self) -> None:
+        if self.speeds is not None:
+            slowest, fastest = as_pair(self.speeds)
+            object.__setattr__(self, "speeds", (slowest, fastest))
+            require(
+                0 < slowest <= fastest < math.inf,
+                f"starts.speeds must grow from above zero, not {slowest, fastest}",
+            )
+        require_between("starts.delay", self.delay, 0, 40)
+        require_between("starts.kick", self.kick, 0.0, math.inf)
+        require_positive("starts.kick_every", self.kick_every)
         for name in ("near_share", "ride_on"):
             require_between(f"starts.{name}", getattr(self, name), 0.0, 1.0)
         for name in ("tilt", "tilt_rate", "steer", "steer_rate", "max_steps"):
@@ -210,6 +235,9 @@ class RunConfig:
     scenario: Scenario = SCENARIOS["random-start-random-goal"]
     physics: Plant[Any] = field(default_factory=registry.default)
     """The bicycle: a mode of the paper's, or a mapping that may name plant and bicycle."""
+    physics_too: Plant[Any] | None = None
+    """Another bicycle of the same kind, which every second one is in training; rides are scored on
+    `physics` alone."""
     starts: StartsConfig = field(default_factory=StartsConfig)
     shaping: ShapingConfig = field(default_factory=ShapingConfig)
     teacher: TeacherConfig = field(default_factory=TeacherConfig)

@@ -15,6 +15,8 @@ from bicycle_controller.control.exploration_noise import Noise
 from bicycle_controller.data.replay_buffer import OBSERVATIONS, NStepAccumulator, RewardShaping
 from bicycle_controller.policy.policy import load_controller
 from bicycle_controller.training.episode_log import EpisodeLog
+from bicycle_controller.training.late_actions import LateActions
+from bicycle_controller.training.mixed_plant import MixedPlant
 from bicycle_controller.training.starts import restart, ride_on, training_scenario
 from bicycle_controller.training.tensor_dynamics import TensorDynamics
 from bicycle_sim.task.task import BicycleTask, Step
@@ -63,7 +65,11 @@ class Collector:
         task_rng, noise_rng, self.warm_rng = map(np.random.default_rng, seeds)
         scenario = training_scenario(config.scenario, config.starts)
         plant = config.physics if device == "cpu" else TensorDynamics.of(config.physics, device)
+        if config.physics_too is not None:
+            every_second = np.arange(config.bicycles) % 2 == 1
+            plant = MixedPlant(config.physics, config.physics_too, every_second)
         self.task = BicycleTask(scenario, plant, config.bicycles, task_rng)
+        self._late = LateActions(config.bicycles, config.starts.delay, task_rng)
         self.limits = self.task.scenario.action_limits
         self.driven = driven(self.limits)
         self._spread = self.limits[self.driven]
@@ -103,7 +109,8 @@ class Collector:
         physical = np.zeros((self.config.bicycles, 3))
         physical[:, self.driven] = action * self._spread
         before = self._seen(self.observation)
-        step = self.task.step(physical)
+        self._kick()
+        step = self.task.step(self._late.arriving(physical))
         self.replay.add(
             self.returns.push(
                 before,
@@ -143,6 +150,17 @@ class Collector:
             return 0.0
         nearer = self.task.state.speed * np.cos(step.observation[:, 5])
         return self.config.shaping.progress * (nearer / self.top_speed - 1.0)
+
+    def _kick(self) -> None:
+        """Kick some of the bicycles, see `StartsConfig.kick`."""
+        starts, rng = self.config.starts, self.task.rng
+        if starts.kick == 0.0:
+            return
+        chance = self.task.plant.time_step / starts.kick_every
+        kicked = rng.random(self.config.bicycles) < chance
+        if kicked.any():
+            sizes = rng.uniform(-starts.kick, starts.kick, self.config.bicycles)
+            self.task.state = self.task.plant.pushed(self.task.state, np.where(kicked, sizes, 0.0))
 
     def _expert_action(self) -> np.ndarray | None:
         """Return the teacher's actions for all bicycles, normalised, (N, actions)."""
@@ -199,6 +217,7 @@ class Collector:
         restart(self.task, ended & ~goes_on, self.config.starts)
         ride_on(self.task, goes_on, self.config.starts)
         self.noise.reset(ended)
+        self._late.reset(ended & ~goes_on)
         if self.log is not None:
             self.log.begin(self.task, ended)
         return self.task.observation()
@@ -229,6 +248,7 @@ class Collector:
             "task_rng": task.rng.bit_generator.state,
             "warm_rng": self.warm_rng.bit_generator.state,
             "noise": self.noise.state_dict(),
+            "late": self._late.state_dict(),
             "returns": self.returns.state_dict(),
             "observation": self.observation.copy(),
             "episode_return": self.episode_return.copy(),
@@ -245,6 +265,7 @@ class Collector:
         self.task.rng.bit_generator.state = state["task_rng"]
         self.warm_rng.bit_generator.state = state["warm_rng"]
         self.noise.load_state_dict(state["noise"])
+        self._late.load_state_dict(state["late"])
         self.returns.load_state_dict(state["returns"])
         self.observation = state["observation"]
         self.episode_return = state["episode_return"]

@@ -48,6 +48,10 @@ def _disturb(task: BicycleTask, mask: np.ndarray, starts: StartsConfig) -> None:
         speed = task.state.speed.copy()
         speed[mask] = task.rng.uniform(*task.scenario.speed_limits, int(mask.sum()))
         task.state.speed = speed
+    if starts.speeds is not None:
+        speed = task.state.speed.copy()
+        speed[mask] = task.rng.uniform(*starts.speeds, int(mask.sum()))
+        task.state.speed = speed
     for name, spread in spreads.items():
         if spread > 0:
             values = getattr(task.state, name).copy()
