@@ -1,11 +1,15 @@
 #!/usr/bin/env bash
 # Rides the bicycle to random goals and records it: set-up, simulator, controller, recorder, summary.
 #
-# Usage: ride.sh [--goals N | --minutes M] [--seed S] [--field METRES] [--output FOLDER]
+# Usage: ride.sh [--goals N | --minutes M | --course NAME|FILE [--laps N] [--speed M_S]] [--seed S] [--field METRES] [--output FOLDER]
 #                [--no-respawn] [NODE.name:=value]... [parameters.yaml]...
 #
 #   --goals N         goals to ride to, 10 unless named
 #   --minutes M       ride for M minutes of simulated time instead
+#   --course NAME     follow a course instead of riding to goals, such as slalom, figure-eight, road, or a
+#                     YAML, CSV or GPX file; docs/paths.md lists them. The scenario is then learned-speed
+#                     and the policy lqr-pedal, unless named
+#   --laps N, --speed M_S   of the course, its own unless named
 #   --seed S          of goals and start, 0 unless named: the same seed gives the same goals
 #   --field METRES    side of the square around the start that goals lie in, 60 unless named
 #   --output FOLDER   where the run goes; runs/<date>-<n> of the workspace unless named

@@ -103,7 +103,8 @@ class PathRide:
         self._cross, self._error = cross, error
         along = float(self._along[0])
         # What is far from the path at first is joining it, which is not its error.
-        if math.isinf(self._entered) and (abs(cross) < 0.5 or along - self._from > 30.0):
+        on_path = abs(cross) < 0.5 and abs(error) < 0.2
+        if math.isinf(self._entered) and (on_path or along - self._from > 30.0):
             self._entered = abs(cross)
         if math.isinf(self._entered):
             self._farthest = max(self._farthest, abs(cross))

@@ -20,6 +20,7 @@ from bicycle_common.node_commands import (
     program,
 )
 from bicycle_common.types import Point2D
+from bicycle_controller.control import courses
 from bicycle_tools.course import random_goals
 
 MOST_GOALS = 10_000
@@ -45,9 +46,17 @@ class RideOptions:
     parameters: tuple[str, ...]
     """``NODE.name:=value``."""
     parameter_files: tuple[Path, ...]
+    course: str = ""
+    """Course to follow instead of goals: a name or a file."""
+    laps: int = 0
+    """Laps of a loop; zero takes the course's."""
+    speed: float = 0.0
+    """m/s on the course; zero takes the course's."""
 
     def draw_goals(self) -> list[Point2D]:
         """Return as many goals as requested, or more than the duration allows."""
+        if self.course:
+            return []
         count = 10 + round(60.0 * self.minutes) if self.minutes else self.goals
         rng = np.random.default_rng(self.seed)
         return random_goals(count, self.field, (0.0, 0.0), rng)
@@ -71,6 +80,9 @@ def parse(arguments: Sequence[str], workspace: Path) -> RideOptions:
     add("--minutes", type=float, default=0.0)
     add("--seed", type=int, default=0)
     add("--field", type=float, default=60.0)
+    add("--course", default="")
+    add("--laps", type=int, default=0)
+    add("--speed", type=float, default=0.0)
     add("--output", type=Path)
     add("--no-respawn", action="store_true")
     add("rest", nargs="*")
@@ -96,6 +108,9 @@ def _checked(given: argparse.Namespace, workspace: Path) -> RideOptions:
     if not (math.isfinite(given.field) and 20.0 <= given.field <= 2000.0):
         raise ValueError(f"--field is {given.field}: choose 20 to 2000 m")
     parameters = [checked_parameter(word) for word in given.rest if ":=" in word]
+    course = _course(given)
+    if course:
+        parameters = _suited(parameters)
     files = [_file(word) for word in given.rest if ":=" not in word]
     return RideOptions(
         goals=given.goals,
@@ -107,7 +122,46 @@ def _checked(given: argparse.Namespace, workspace: Path) -> RideOptions:
         config=config_folder(),
         parameters=tuple(parameters),
         parameter_files=tuple(files),
+        course=course,
+        laps=given.laps,
+        speed=given.speed,
     )
+
+
+def _course(given: argparse.Namespace) -> str:
+    """Return the course to follow; a file by its full path, for the controller.
+
+    Raises:
+        ValueError: on a course that cannot be read, or options that do not go with one.
+    """
+    if not given.course:
+        if given.laps or given.speed:
+            raise ValueError("--laps and --speed belong to --course")
+        return ""
+    if given.minutes:
+        raise ValueError("--minutes does not go with --course: a course has an end")
+    if not 0 <= given.laps <= 10_000:
+        raise ValueError(f"--laps is {given.laps}: choose 1 to 10000")
+    if given.speed and not 1.0 <= given.speed <= 8.0:
+        raise ValueError(f"--speed is {given.speed}: choose 1 to 8 m/s")
+    courses.load(given.course)
+    if Path(given.course).suffix in courses.SUFFIXES:
+        return str(Path(given.course).resolve())
+    return str(given.course)
+
+
+def _suited(parameters: list[str]) -> list[str]:
+    """Return parameters with a scenario that has a pedal, unless they name another."""
+    wanted = {
+        "simulator.scenario": "learned-speed",
+        "simulator.start_speed": "3.0",
+        "controller.policy": "lqr-pedal",
+    }
+    given = {word.partition(":=")[0] for word in parameters}
+    return [
+        *(f"{name}:={value}" for name, value in wanted.items() if name not in given),
+        *parameters,
+    ]
 
 
 def _file(word: str) -> Path:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from bicycle_bag import messages
 from bicycle_bag.columns import load_topics
 from bicycle_bag.errors import BagError
 from bicycle_bag.reader import BagReader
@@ -27,8 +28,10 @@ ECHO = topic_names.in_bag(topic_names.COMMAND_ECHO)
 TIMING = topic_names.in_bag(topic_names.TIMING)
 GOAL_STATUS = topic_names.in_bag(topic_names.GOAL_STATUS)
 EPISODE = topic_names.in_bag(topic_names.EPISODE)
+PATH_STATUS = topic_names.in_bag(topic_names.PATH_STATUS)
+PATH = topic_names.in_bag(topic_names.FOLLOWED_PATH)
 PUSHED = topic_names.in_bag(topic_names.PUSHED)
-READ = (STATE, COMMAND, ECHO, TIMING, GOAL_STATUS, EPISODE)
+READ = (STATE, COMMAND, ECHO, TIMING, GOAL_STATUS, EPISODE, PATH_STATUS)
 """Topics of a ride, in the bicycle's namespace."""
 RIDDEN = (STATE, COMMAND, TIMING)
 """Topics that are not latched: a bag without any of them contains no ride."""
@@ -54,6 +57,10 @@ class RideLog:
     """Number of messages of all topics of the bag."""
     idle_commands: int = 0
     """Number of commands of controllers that ran beside the driving one."""
+    path_statuses: Columns = field(default_factory=dict)
+    """PathStatus."""
+    paths: tuple[NDArray[np.float64], ...] = ()
+    """Followed paths, (n, 2) m each."""
     old_statuses: int = 0
     """Number of goal statuses from before the recording, about goals that were over by then."""
 
@@ -100,8 +107,21 @@ def load_ride(reader: BagReader, prefix: str) -> RideLog:
         segment=segment,
         message_count=reader.message_count,
         idle_commands=int((~drove).sum()),
+        path_statuses=columns[PATH_STATUS],
+        paths=_paths(reader, prefix + PATH),
         old_statuses=len(told.get("status", ())) - len(statuses.get("status", ())),
     )
+
+
+def _paths(reader: BagReader, topic: str) -> tuple[NDArray[np.float64], ...]:
+    """Return the paths of a topic, where the bag has it."""
+    if topic not in reader.topics:
+        return ()
+    found = []
+    for one in messages.read(reader, [topic]):
+        places = [pose.pose.position for pose in one.message.poses]
+        found.append(np.array([(place.x, place.y) for place in places]).reshape(-1, 2))
+    return tuple(found)
 
 
 def begun(reader: BagReader) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_controller.control.goals import Status
+from bicycle_controller.control.guide import PathEnd as Followed
 from bicycle_tools.outcomes import DECIDED, Outcome, outcomes
 from bicycle_tools.recorded_here import OPEN
 from bicycle_tools.ride_log import Columns, RideLog
@@ -64,6 +65,24 @@ class Loop:
 
 
 @dataclass(frozen=True)
+class PathEnd:
+    """End of one path that was followed."""
+
+    name: str
+    status: str
+    """`finished`, `lost`, ..., or `active` if the recording ended before."""
+    length: float
+    """m of all laps."""
+    rms: float
+    """m, root of the mean squared cross-track error."""
+    largest: float
+    """m."""
+    elapsed: float
+    """s of simulated time."""
+    message: str
+
+
+@dataclass(frozen=True)
 class RideSummary:
     """One ride in numbers."""
 
@@ -95,6 +114,8 @@ class RideSummary:
     """Number of goals that were waiting or active when the recording ended."""
     begun_before: int = 0
     """Number of goals that were active when the recording began."""
+    paths: tuple[PathEnd, ...] = ()
+    """Ends of the paths that were followed."""
 
     @property
     def perfect(self) -> bool:
@@ -133,6 +154,24 @@ def summarise(log: RideLog) -> RideSummary:
         decided=sum(counts[status] for status in DECIDED),
         open=sum(counts[status] for status in OPEN),
         begun_before=sum(goal.begun_before for goal in goals),
+        paths=path_ends(log.path_statuses),
+    )
+
+
+def path_ends(statuses: Columns) -> tuple[PathEnd, ...]:
+    """Return the last status of every path, in order."""
+    last = {int(number): row for row, number in enumerate(statuses.get("path_id", ())) if number}
+    return tuple(
+        PathEnd(
+            name=str(statuses["name"][row]),
+            status=Followed(int(statuses["status"][row])).name.lower(),
+            length=float(statuses["length"][row]),
+            rms=float(statuses["rms"][row]),
+            largest=float(statuses["largest"][row]),
+            elapsed=float(statuses["elapsed"][row]),
+            message=str(statuses["message"][row]),
+        )
+        for row in last.values()
     )
 
 

@@ -33,6 +33,8 @@ def draw_track(figure: Figure | SubFigure, axes: Axes, log: RideLog) -> None:
         axes: empty ones.
         log: the ride; without states only its goals are drawn.
     """
+    for points in log.paths:
+        axes.plot(points[:, 0], points[:, 1], color=FAINT, linewidth=5.0, alpha=0.35, zorder=1)
     for number, goal in enumerate(outcomes(log.statuses), 1):
         _goal(axes, number, goal)
     if len(log.segment):

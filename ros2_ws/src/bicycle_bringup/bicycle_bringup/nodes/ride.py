@@ -18,6 +18,7 @@ import time
 from collections.abc import Callable
 
 import rclpy
+from bicycle_msgs.msg import PathStatus
 
 from bicycle_bag.errors import BagError
 from bicycle_bringup.display import Display
@@ -82,7 +83,7 @@ class Ride:
         self._fell: float | None = None
         # Draw one at a time if their number is unknown.
         self._batch = 1 if options.minutes else options.goals
-        goals = 0 if options.minutes else options.goals
+        goals = 0 if options.minutes else 1 if options.course else options.goals
         self._display = Display(goals, 60.0 * options.minutes)
 
     def run(self) -> None:
@@ -96,7 +97,7 @@ class Ride:
         self._wait("simulator", lambda: self._rider.state is not None)
         self._wait("controller", self._rider.controller_listens)
         self._wait("recorder", lambda: self._rider.recorder_listens(self._recorder))
-        self._send()
+        self._order()
         self.begun = True
         self._stepped = time.monotonic()
         while not (self.stop.requested or self._over()):
@@ -105,6 +106,7 @@ class Ride:
             self._take_changes()
             self._take_warnings()
             self._check_bicycle()
+            self._take_path()
             self._show()
         self._hear_out()
 
@@ -125,14 +127,37 @@ class Ride:
 
     def all_reached(self, summary: RideSummary) -> bool:
         """Return True if the bag shows that all requested goals were reached."""
+        if self._options.course:
+            path = self._rider.path
+            return path is not None and path.status == PathStatus.FINISHED
         if self._options.minutes:
             return self._over() and summary.missed == summary.given_up == 0 < summary.reached
         return summary.reached == self._options.goals
 
     def _over(self) -> bool:
+        if self._options.course:
+            path = self._rider.path
+            return path is not None and path.status != PathStatus.ACTIVE
         if self._options.minutes:
             return self._rider.time >= 60.0 * self._options.minutes
         return self._plan.finished
+
+    def _order(self) -> None:
+        """Send the goals, or the course."""
+        if not self._options.course:
+            self._send()
+            return
+        options = self._options
+        self._wait(
+            "controller's action",
+            lambda: self._rider.follow(options.course, options.laps, options.speed),
+        )
+
+    def _take_path(self) -> None:
+        """Say how the course ended."""
+        path = self._rider.path
+        if self._options.course and path is not None and path.status != PathStatus.ACTIVE:
+            self._display.say(f"course {self._options.course}: {path.message}")
 
     def _look_around(self) -> None:
         """Refuse to start if somebody else rides.
@@ -266,6 +291,12 @@ class Ride:
     def _show(self) -> None:
         """Update the progress bar."""
         done = self._rider.time if self._options.minutes else len(self._plan.results)
+        if self._options.course:
+            path = self._rider.path
+            if path is not None and path.length:
+                text = f"{path.along:.0f} of {path.length:.0f} m, {path.cross_track:+.2f} m beside"
+                self._display.show(1, path.along / path.length, text)
+            return
         self._display.show(self._plan.number, done, self._rider.progress_text())
 
     def _note(self, line: str) -> None:

@@ -8,11 +8,13 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Any
 
-from bicycle_msgs.msg import BicycleState, GoalStatus
+from bicycle_msgs.action import FollowPath
+from bicycle_msgs.msg import BicycleState, GoalStatus, PathStatus
 from bicycle_msgs.srv import Reset
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
+from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
@@ -48,6 +50,7 @@ class RideClient(Node):
         state: newest state; None before the first.
         changes: changes of goals not yet taken by the caller, oldest first.
         warnings: the controller's warnings, each line once, oldest first.
+        path: newest status of a path that was followed; None before the first.
         policy_judged: True if the controller has reported, since the bicycle rides, if its policy
             was made for it.
     """
@@ -59,12 +62,16 @@ class RideClient(Node):
         self._goal: Point2D | None = None
         self.warnings: list[str] = []
         self.policy_judged = False
+        self.path: PathStatus | None = None
         self._dead: set[bytes] = set()
         self._heard = self._moved = time.monotonic()
         self._goal_publishers = advertise(self, topics.GOAL_POSE, topics.GOAL_PATH)
         listen(self, topics.STATE, self._on_state, depth=1)
         listen(self, topics.GOAL_STATUS, self._on_goal_status)
+        listen(self, topics.PATH_STATUS, self._on_path)
         listen(self, topics.DIAGNOSTICS, self._on_diagnostics)
+        follow = topics.FOLLOW_PATH_ACTION
+        self._follow = ActionClient(self, follow.type, follow.name)
         self._reset = self.create_client(topics.RESET.type, topics.RESET.name)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self)
@@ -81,6 +88,24 @@ class RideClient(Node):
             self._goal = change.position.x, change.position.y
         elif change.status != GoalStatus.QUEUED:
             self._goal = None
+
+    def _on_path(self, status: PathStatus) -> None:
+        self.path = status
+
+    def follow(self, course: str, laps: int, speed: float) -> bool:
+        """Order a course, by name or file; return True if the controller took the order.
+
+        Args:
+            course: a name, or a file that the controller can read.
+            laps: of a loop; zero takes the course's.
+            speed: m/s; zero takes the course's.
+        """
+        if not self._follow.server_is_ready():
+            return False
+        self.path = None
+        goal = FollowPath.Goal(course=course, laps=int(laps), speed=float(speed))
+        self._follow.send_goal_async(goal)
+        return True
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in array.status:
@@ -111,6 +136,7 @@ class RideClient(Node):
 
     def close(self) -> None:
         """Leave the graph."""
+        self._follow.destroy()
         self._executor.shutdown()
         self.destroy_node()
 
