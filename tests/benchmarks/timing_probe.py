@@ -90,7 +90,7 @@ def ride(*controller: str, priority: int | None = None, timing: bool = True) -> 
     Args:
         controller: its parameters, such as `policy:=lqr`.
         priority: real-time priority of both; their own default for None.
-        timing: whether the ear hears each step.
+        timing: True if the ear hears each step.
     """
     shared = () if priority is None else (f"realtime_priority:={priority}",)
     ear = Ear(timing)

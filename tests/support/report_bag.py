@@ -129,7 +129,7 @@ def write(
         namespaces: of the bicycles.
         told: goal statuses in place of the ride's own.
         late_from: steps that were late before the recording.
-        second_controller: whether another one answers each state, too.
+        second_controller: True if another one answers each state, too.
         options: of the writer.
     """
     with BagWriter(path, **options) as writer:

@@ -15,7 +15,7 @@ class Desk:
     """A server that runs.
 
     Attributes:
-        greets: whether a page is greeted at once.
+        greets: True if a page is greeted at once.
     """
 
     def __init__(self, door: AccessPolicy, folder: Path) -> None:

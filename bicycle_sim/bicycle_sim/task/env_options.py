@@ -42,7 +42,7 @@ def read(
             with one row for each; with `many` also `reset_mask`, (N,) bool.
         count: N.
         scenario: its speed limits bound the speed.
-        many: whether this is a vector environment.
+        many: True if this is a vector environment.
 
     Raises:
         ValueError: on an unknown option, or a value of a wrong shape or out of range.

@@ -82,7 +82,7 @@ class BicycleTask:
                 limit of zero.
             count: N.
             rng: source of starts, goals and displacement noise; unseeded by default.
-            native: whether the whole step may be made by `native_task`, with the same bits,
+            native: True if the whole step may be made by `native_task`, with the same bits,
                 where it was built and knows the plant.
 
         Raises:

@@ -183,8 +183,8 @@ def motion(
         pose: where they are.
         forces: what acts on them besides weight.
         r: the `rolling` of that pose.
-        extras: whether all of `forces` counts, not only steer torque, rim force and rider torque.
-        leaning_rider: whether there is a rider who leans.
+        extras: True if all of `forces` counts, not only steer torque, rim force and rider torque.
+        leaning_rider: True if there is a rider who leans.
     """
     s1, s2, _ = r.sine
     c1, c2, _ = r.cosine

@@ -99,8 +99,8 @@ def advance(
         time_step: s of a whole control period.
         first: of the substeps to make.
         last: the one that is not made.
-        extras: whether there are air, road, rolling resistance or loads.
-        leaning_rider: whether there is a rider who leans.
+        extras: True if there are air, road, rolling resistance or loads.
+        leaning_rider: True if there is a rider who leans.
         xp: numpy, torch or FLOATS.
 
     Returns:

@@ -67,7 +67,7 @@ class WhipplePlant(Plant[WhippleState]):
 
         Args:
             p: the parameters.
-            compiled: whether `whipple.cpp` steps it, where it was built; numpy gives the same.
+            compiled: True if `whipple.cpp` steps it, where it was built; numpy gives the same.
         """
         self.parameters = p
         self._count = p.count

@@ -91,7 +91,7 @@ class Playback:
         topics: Names of what is played.
         rate: Bag seconds per second.
         duration: Bag seconds to play, without the silences that are not waited for.
-        clock_jumps: Whether the recording's clock was set or stood still: they are a guess then.
+        clock_jumps: True if the recording's clock was set or stood still: they are a guess then.
 
     Raises:
         BagError: The bag lacks a topic or has no message to play.

@@ -25,7 +25,7 @@ class Salvage:
         custom_data: From the metadata in it.
         damages: What it holds besides.
         unproved: Messages that have no checksum of their own.
-        is_rosbag2: Whether it has rosbag2's metadata in it.
+        is_rosbag2: True if it has rosbag2's metadata in it.
 
     Raises:
         BagError: The file cannot be read, or is of another kind.

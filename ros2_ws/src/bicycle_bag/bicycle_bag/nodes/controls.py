@@ -26,7 +26,7 @@ class Controls:
     Args:
         node: of the replay.
         tempo: the clock that it goes by.
-        keyboard: whether to read keys.
+        keyboard: True to read keys.
         tell: takes one line for a person.
     """
 

@@ -50,7 +50,7 @@ class Player:
         reader: the bag.
         playback: what is played, and when.
         tempo: the clock that the replay goes by.
-        clock: whether to publish `/clock`.
+        clock: True to publish `/clock`.
         overrides: profiles to publish with, by the topics' names in the bag.
         names: names to publish topics under, by their names in the bag.
     """

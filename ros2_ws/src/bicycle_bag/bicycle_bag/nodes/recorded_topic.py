@@ -95,8 +95,8 @@ class RecordedTopic:
     Attributes:
         lost: messages that a publisher sent and that never arrived.
         missed: messages that the first publisher had sent before it was heard.
-        passed: whether a message has come that was sent after `cut`.
-        flowed: whether one was to be expected, when that was called.
+        passed: True if a message has come that was sent after `cut`.
+        flowed: True if one was to be expected, when that was called.
         heard: s on the steady clock, when a message was taken last.
 
     Raises:
