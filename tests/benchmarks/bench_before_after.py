@@ -1,18 +1,21 @@
 """Loop, steps and updates of two checkouts of this repository, in turns in one run.
 
-Each turn runs in a process of its own with the checkout's environment and measures processor
-time, which other programs disturb less than wall time: us per step of simulator and controller in
-lock-step, us per bicycle step of the task with 1 and 128 bicycles in numpy, and us per DDPG update
-at the paper's sizes with batch 64. Told are the medians over the turns, and after / before.
+Each turn runs in a process of its own and measures processor time, which other programs disturb
+less than wall time: us per answer of the control loop (the actor `fixed-speed` under the safety
+layer) and per step of the simulator, us per bicycle step of the task with 1 and 128 bicycles, and
+us per DDPG update at the paper's sizes with batch 64. ROS is not needed, and BEFORE needs no
+set-up: actor and task run in numpy on both sides. Told are the medians over the turns, and
+after / before.
 
     python tests/benchmarks/bench_before_after.py BEFORE [AFTER] [--turns 3] [--out FILE]
 
-BEFORE and AFTER are folders of checkouts after their `ros2_ws/setup.sh --with dev`.
+BEFORE and AFTER are folders of checkouts, of commit cb61c19 or later.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import os
 import statistics
@@ -21,6 +24,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import ModuleType
 
 from machine import machine
 
@@ -28,8 +32,29 @@ HERE = Path(__file__).resolve()
 RESULTS = HERE.parent / "results" / "before_after.json"
 TURN = 1.0
 """Processor time of one measurement (s)."""
-RIDE = 6.0
-"""Length of a ride in lock-step (s)."""
+STEPS = 5000
+"""Measured steps of the loop; 200 more come first."""
+MOVED = {
+    "control_loop": ("bicycle_controller.control.control_loop", "bicycle_controller.driver"),
+    "goals": ("bicycle_controller.control.goals", "bicycle_controller.goals"),
+    "inference": ("bicycle_controller.policy.inference", "bicycle_controller.one_bicycle"),
+    "lqr": ("bicycle_controller.control.lqr", "bicycle_controller.lqr"),
+    "policy": ("bicycle_controller.policy.policy", "bicycle_controller.policy"),
+    "safety": ("bicycle_controller.control.safety", "bicycle_controller.safety"),
+    "scenario": ("bicycle_sim.task.scenario", "bicycle_sim.scenario"),
+    "simulator": ("bicycle_sim.runtime.simulator", "bicycle_sim.simulator"),
+}
+"""Modules by their present and their former name."""
+
+
+def module(name: str) -> ModuleType:
+    """Import a module of MOVED under either name."""
+    for place in MOVED[name]:
+        try:
+            return importlib.import_module(place)
+        except ModuleNotFoundError:
+            continue
+    raise SystemExit(f"no {name} here")
 
 
 def cost(work: Callable[[], int]) -> float:
@@ -41,19 +66,48 @@ def cost(work: Callable[[], int]) -> float:
     return 1e6 * spent / units
 
 
+def loop() -> dict[str, float]:
+    """Ride towards a far goal; return us per answer and per step."""
+    control_loop, simulator = module("control_loop"), module("simulator")
+    module("inference").load = lambda: None  # type: ignore[attr-defined]
+    scenario = module("scenario").named("random-start-random-goal")
+    ridden = simulator.Simulator(scenario)
+    start = getattr(simulator, "Start", None) or simulator.InitialPose
+    ridden.reset(start(0.0, 0.0, 0.4, 2.5))
+    tracker = module("goals").GoalTracker()
+    tracker.replace([(0.0, 4000.0)])
+    kind = getattr(control_loop, "Driver", None) or control_loop.ControlLoop
+    rider = kind(
+        "bench",
+        module("policy").load_policy("fixed-speed"),
+        tracker,
+        scenario.action_limits,
+        fallback=module("lqr").LqrController(),
+        safety=module("safety").Safety(),
+    )
+    spent = {"answer": 0.0, "step": 0.0}
+    for number in range(STEPS + 200):
+        if number == 200:
+            spent = dict.fromkeys(spent, 0.0)
+        state = ridden.snapshot
+        echo = (ridden.applied,) if hasattr(ridden, "applied") else ()
+        begun = time.process_time()
+        answer = rider.answer(state, 0.025 * state.step, *echo)
+        answered = time.process_time()
+        ridden.step(answer.command)
+        spent["answer"] += answered - begun
+        spent["step"] += time.process_time() - answered
+    return {name: 1e6 * seconds / STEPS for name, seconds in spent.items()}
+
+
 def measure() -> dict[str, float]:
-    """Measure the checkout whose environment this process has."""
+    """Measure the checkout in the working directory."""
     import torch
-    from bench_executor import KINDS, turn
     from bench_updates import ours, transitions
     from bicycles import batched
 
     torch.set_num_threads(1)
-    found = {
-        name.removesuffix("_us_per_step"): value
-        for name, value in turn(KINDS[0], RIDE).items()
-        if name.endswith("_us_per_step")
-    }
+    found = loop()
     for count in (1, 128):
         step = batched(count)
 
@@ -76,15 +130,17 @@ def measure() -> dict[str, float]:
 def turn_of(checkout: Path) -> dict[str, float]:
     """Run `measure` in a checkout."""
     code = (
-        "import importlib.util, json, sys; sys.path[:0] = ['tests/benchmarks', 'tests/support']; "
+        "import importlib.util, json, sys; sys.path.insert(0, 'tests/benchmarks'); "
         f"spec = importlib.util.spec_from_file_location('before_after', {str(HERE)!r}); "
         "module = importlib.util.module_from_spec(spec); spec.loader.exec_module(module); "
         "print('RESULT', json.dumps(module.measure()))"
     )
-    words = ["bash", "-c", 'set -e; . ros2_ws/env.sh; exec python -c "$0"', code]
-    keep = ("HOME", "PATH", "LANG", "ROS_DOMAIN_ID")
-    clean = {name: os.environ[name] for name in keep if name in os.environ}
-    done = subprocess.run(words, cwd=checkout, env=clean, capture_output=True, text=True)
+    places = [checkout, checkout / "ros2_ws" / "src"]
+    packages = [folder for place in places for folder in sorted(place.glob("bicycle_*"))]
+    env = {name: os.environ[name] for name in ("HOME", "PATH") if name in os.environ}
+    env |= {"PYTHONPATH": ":".join(map(str, packages)), "OMP_NUM_THREADS": "1"}
+    words = [sys.executable, "-c", code]
+    done = subprocess.run(words, cwd=checkout, env=env, capture_output=True, text=True)
     for line in done.stdout.splitlines():
         if line.startswith("RESULT "):
             found: dict[str, float] = json.loads(line.partition(" ")[2])
@@ -106,7 +162,7 @@ def main() -> None:
     parser.add_argument("--turns", type=int, default=3)
     parser.add_argument("--out", type=Path, default=RESULTS)
     args = parser.parse_args()
-    sides = {"before": args.before, "after": args.after}
+    sides = {"before": args.before.resolve(), "after": args.after.resolve()}
     turns: dict[str, list[dict[str, float]]] = {side: [] for side in sides}
     for number in range(args.turns):
         for side in list(sides)[:: -1 if number % 2 else 1]:
@@ -115,22 +171,25 @@ def main() -> None:
         side: {name: statistics.median(one[name] for one in rows) for name in rows[0]}
         for side, rows in turns.items()
     }
+    ratios = {
+        name: round(medians["after"][name] / value, 3) for name, value in medians["before"].items()
+    }
     result = {
         **machine("numpy", "torch"),
         "commits": {side: commit(folder) for side, folder in sides.items()},
-        "unit": "us of processor time",
-        "turns": turns,
+        "unit": "us of processor time, medians",
         **{
             side: {name: round(value, 2) for name, value in medians[side].items()}
             for side in sides
         },
-        "after / before": {
-            name: round(medians["after"][name] / value, 3)
-            for name, value in medians["before"].items()
+        "after / before": ratios,
+        "turns": {
+            side: [{name: round(value, 2) for name, value in one.items()} for one in rows]
+            for side, rows in turns.items()
         },
     }
     args.out.write_text(json.dumps(result, indent=1) + "\n")
-    print(json.dumps(result["after / before"], indent=1))
+    print(json.dumps(ratios, indent=1))
 
 
 if __name__ == "__main__":
