@@ -1,16 +1,26 @@
-"""Time until a learner rides to 99 % of 1,000 random goals: ours and stable-baselines3's.
+"""CPU time until a learner rides to 99 % of 1,000 random goals: ours and competent peers.
 
-One task for all: 10 km/h, displacement up to 20 cm, any start, goal and heading, faithful
-physics. Ours learns by the preset `fast`, from nothing: no teacher. stable-baselines3's DDPG, TD3
-and SAC learn on BicycleGoal-v0 with their own defaults and what is known to help them here:
-observations in their natural ranges, rewards of a hundredth, the paper's 400 steps an episode and
-its frozen falls, Ornstein-Uhlenbeck noise for DDPG and TD3.
+One task for all: 10 km/h, displacement up to 20 cm, any start, goal and heading, faithful physics.
+Every peer runs on the project's vector environment (`bicycle_sim.task.sb3.BicycleVecEnv`) with
+natural observations, falls that end with their value and a capped cost per step. `registered`
+starts are the scenario's own, `fast` starts those of the preset (near goals, tilted bicycles).
 
-Time is that of the processor, learning and collecting together; scoring is left out for all. Each
-of stable-baselines3's is stopped at `--limit` times the time that ours took, the median of seeds.
-After a learner has reached 99 % it is stopped. One thread each, one after the other.
+    fast          the preset `fast`, from nothing, no teacher
+    ppo           stable-baselines3 PPO, stock networks, 64 bicycles, registered starts
+    ppo-fast      the same on fast's starts
+    td3           stable-baselines3 TD3, stock networks, 64 bicycles, registered starts
+    td3-recipe    stable-baselines3 TD3 with what fast's recipe is: networks, 128 bicycles, 5-step
+                  returns, tau, batch, noise, fast's starts
+    sac, tqc      stable-baselines3 SAC and sb3-contrib TQC, stock networks, registered starts
+    sac-recipe    stable-baselines3 SAC with the recipe
+    sbx-td3       SBX TD3 with the recipe and layer norm, compiling included
+    untuned-td3   one bicycle, frozen falls, one-step returns, no cap: what not to do
 
-    python tests/benchmarks/bench_goals.py [--seeds 1 2 3] [--limit 10] [--only ours ddpg td3 sac]
+Time is that of the processor, for learning and collecting; scoring is left out for all. All are
+scored at the same points: after each second, by 100 goals, and by the 1,000 from 97 % on. A run is
+added to the file as soon as it ends; runs that are there already are not repeated.
+
+    python tests/benchmarks/bench_goals.py [--only fast ppo ...] [--seeds 1 2 3] [--limit 120]
 """
 
 from __future__ import annotations
@@ -22,14 +32,13 @@ import statistics
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import torch
 from machine import machine
-from tqdm import tqdm
 
 from bicycle_controller.config import loading
 from bicycle_controller.config.algorithms import NATURAL_SCALE
@@ -37,169 +46,237 @@ from bicycle_controller.evaluation.evaluate import evaluate
 from bicycle_controller.training import online
 from bicycle_controller.training.run_folder import RunFolder, origin
 from bicycle_sim.task.scenario import named
+from bicycle_sim.task.training_variant import TrainingVariant
 
 RESULTS = Path(__file__).parent / "results" / "goals.json"
 SCENARIO = "random-start-random-goal"
-GOALS = 1_000
 WANTED = 0.99
+PROMISING = 0.97
+"""Share of 100 goals from which the 1,000 are ridden."""
 SEED = 77
 """Of the goals that are scored, the same for all."""
-EVERY = 500
-"""Updates between two scores of ours."""
-PEER_EVERY = 30.0
-"""s of processor time between two scores of a peer."""
-PEERS = ("ddpg", "td3", "sac")
+BETWEEN = 1.0
+"""s of processor time between two scores."""
+REGISTERED = TrainingVariant(
+    near_share=0.0,
+    tilt=0.0,
+    tilt_rate=0.0,
+    steer=0.0,
+    steer_rate=0.0,
+    any_speed=False,
+    max_steps=400,
+)
+"""The scenario's own starts, with falls that end with their value and a capped cost."""
 
-Curve = list[dict[str, float]]
+Row = dict[str, Any]
 
 
-def reach_rate(controller: Any) -> float:
-    """Share of the scored goals that it rides to."""
-    found = evaluate(controller, named(SCENARIO), episodes=GOALS, seed=SEED).summary()
-    return float(found["reach_rate"])
+def reach_rate(controller: Any) -> tuple[float, int]:
+    """Share of the scored goals that it rides to, and their number."""
+    for goals in (100, 1000):
+        found = evaluate(controller, named(SCENARIO), episodes=goals, seed=SEED).summary()
+        rate = float(found["reach_rate"])
+        if rate < PROMISING:
+            break
+    return rate, goals
 
 
-def ours(seed: int, limit: float) -> Curve:
-    """Make one run of the preset `fast`, stopped at 99 % or after `limit` s."""
-    changes = (f"seed={seed}", f"scenario={SCENARIO}", f"evaluation.every={EVERY}")
+class Clock:
+    """Processor time of learning, and a score after each second of it."""
+
+    def __init__(self, controller: Callable[[], Any], limit: float) -> None:
+        """Start; stop after `limit` s."""
+        self.controller, self.limit = controller, limit
+        self.spent, self.next, self.begun = 0.0, BETWEEN, time.process_time()
+        self.curve: list[Row] = []
+
+    def goes_on(self, steps: int, updates: int) -> bool:
+        """Score if it is time; return False at 99 % or at the limit."""
+        spent = self.spent + time.process_time() - self.begun
+        if spent < self.next:
+            return True
+        rate, goals = reach_rate(self.controller())
+        self.curve.append(
+            {"cpu_s": spent, "steps": steps, "updates": updates, "rate": rate, "goals": goals}
+        )
+        self.spent, self.next = spent, spent + BETWEEN
+        self.begun = time.process_time()
+        return not (goals == 1000 and rate >= WANTED) and spent < self.limit
+
+
+def ours(seed: int, limit: float) -> list[Row]:
+    """One run of the preset `fast`."""
+    changes = (f"seed={seed}", f"scenario={SCENARIO}", "evaluation.every=1000000")
     small = ("evaluation.episodes=1", "evaluation.near_episodes=0", "tensorboard=false")
     config = loading.preset("fast", [*changes, *small])
-    curve: Curve = []
     with tempfile.TemporaryDirectory() as folder:
         files = RunFolder(Path(folder) / "run")
         files.create(config)
         learner = online.Trainer(config, files)
-        spent, begun, seen = 0.0, time.process_time(), 0
+        clock = Clock(learner.policy, limit)
 
         def stop() -> bool:
-            nonlocal spent, begun, seen
-            if learner.updates < seen + EVERY:
-                return False
-            spent, seen = spent + time.process_time() - begun, learner.updates
-            rate = reach_rate(learner.policy())
-            steps = float(learner.collector.steps)
-            curve.append({"cpu_s": spent, "steps": steps, "reach_rate": rate})
-            begun = time.process_time()
-            return rate >= WANTED or spent >= limit
+            return not clock.goes_on(learner.collector.steps, learner.updates)
 
         learner.train(progress=False, stop=stop)
-    return curve
-
-
-class SmallRewards(gymnasium.RewardWrapper[Any, Any]):
-    """Rewards of a hundredth, which keep Q within about -20 and 0."""
-
-    def reward(self, reward: Any) -> float:
-        """Return a hundredth."""
-        return 0.01 * float(reward)
+    return clock.curve
 
 
 class Peer:
-    """A stable-baselines3 actor as a controller."""
+    """An actor of stable-baselines3 or SBX as a controller."""
 
-    policy_id = "stable-baselines3"
+    policy_id = "peer"
 
     def __init__(self, model: Any) -> None:
-        """Wrap a model that sees scaled observations and gives normalised actions."""
+        """Wrap a model that sees natural observations and gives shares of the limits."""
         self.model, self.limits = model, named(SCENARIO).action_limits
 
     def act(self, observation: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Physical actions (N, 3), without exploration."""
         scaled = (observation / np.array(NATURAL_SCALE)).astype(np.float32)
         action = np.zeros((len(scaled), 3))
-        action[:, :2] = self.model.predict(scaled, deterministic=True)[0]
+        action[:, :2] = np.clip(self.model.predict(scaled, deterministic=True)[0], -1.0, 1.0)
         return action * self.limits
 
 
-def peer(name: str, seed: int, limit: float) -> Curve:
-    """Make one run of stable-baselines3's, stopped at 99 % or after `limit` s."""
-    from dataclasses import replace
+def bicycles(count: int, variant: TrainingVariant) -> Any:
+    """The project's vector environment for stable-baselines3."""
+    from bicycle_sim.task.sb3 import BicycleVecEnv
 
-    from stable_baselines3 import DDPG, SAC, TD3
-    from stable_baselines3.common.callbacks import BaseCallback
-    from stable_baselines3.common.noise import OrnsteinUhlenbeckActionNoise
-
-    scenario = replace(named(SCENARIO), max_steps=400)
-    env = gymnasium.make(
-        "bicycle_sim:BicycleGoal-v0",
-        scenario=scenario,
-        observation_scale=NATURAL_SCALE,
+    return BicycleVecEnv(
+        f"bicycle/{SCENARIO}-v0", count, variant=variant, observation_scale="natural"
     )
-    options: dict[str, Any] = {"learning_starts": 1000, "seed": seed, "device": "cpu"}
-    if name != "sac":
-        noise = OrnsteinUhlenbeckActionNoise(np.zeros(2), np.full(2, 0.2), theta=0.15, dt=1.0)
-        options["action_noise"] = noise
-    kinds: dict[str, Any] = {"ddpg": DDPG, "td3": TD3, "sac": SAC}
-    model = kinds[name]("MlpPolicy", SmallRewards(env), **options)
-    curve: Curve = []
+
+
+def recipe(count: int) -> dict[str, Any]:
+    """What of fast's recipe an off-policy learner of stable-baselines3 takes by its options."""
+    from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNoise
+
+    noise = NormalActionNoise(np.zeros(2), np.full(2, 0.15))
+    return {
+        "learning_rate": 1e-3,
+        "learning_starts": 6400,
+        "batch_size": 256,
+        "tau": 0.02,
+        "n_steps": 5,
+        "train_freq": 1,
+        "gradient_steps": 1,
+        "action_noise": VectorizedActionNoise(noise, count),
+    }
+
+
+def model_of(name: str, seed: int) -> Any:
+    """A peer before its first step."""
+    options: dict[str, Any] = {"seed": seed, "device": "cpu", "verbose": 0}
+    sizes = {"pi": [128, 128], "qf": [256, 256]}
+    quick = {"train_freq": 1, "gradient_steps": 1, "learning_starts": 6400}
+    import stable_baselines3 as sb3
+
+    if name in ("ppo", "ppo-fast"):
+        starts = REGISTERED if name == "ppo" else TrainingVariant()
+        short = {"n_steps": 128, "batch_size": 1024}
+        return sb3.PPO("MlpPolicy", bicycles(64, starts), **short, **options)
+    if name in ("td3", "sac"):
+        kind = getattr(sb3, name.upper())
+        return kind("MlpPolicy", bicycles(64, REGISTERED), **quick, **options)
+    if name == "tqc":
+        from sb3_contrib import TQC
+
+        return TQC("MlpPolicy", bicycles(64, REGISTERED), **quick, **options)
+    if name == "untuned-td3":
+        from stable_baselines3.common.env_util import make_vec_env
+
+        keywords = {"observation_scale": "natural", "max_episode_steps": 400}
+        env = make_vec_env(f"bicycle/{SCENARIO}-v0", env_kwargs=keywords)
+        return sb3.TD3("MlpPolicy", env, **options)
+    env, taken = bicycles(128, TrainingVariant()), recipe(128)
+    if name == "td3-recipe":
+        td3 = {"policy_delay": 1, "target_policy_noise": 0.05, "target_noise_clip": 0.1}
+        return sb3.TD3(
+            "MlpPolicy", env, policy_kwargs={"net_arch": sizes}, **td3, **taken, **options
+        )
+    if name == "sac-recipe":
+        taken.pop("action_noise")
+        return sb3.SAC("MlpPolicy", env, policy_kwargs={"net_arch": sizes}, **taken, **options)
+    from sbx import TD3
+
+    networks = {"net_arch": sizes, "layer_norm": True}
+    return TD3("MlpPolicy", env, policy_kwargs=networks, policy_delay=1, **taken, **options)
+
+
+PEERS = (
+    *("ppo", "ppo-fast", "td3", "td3-recipe", "sac", "sac-recipe", "tqc", "sbx-td3"),
+    "untuned-td3",
+)
+
+
+def peer(name: str, seed: int, limit: float) -> list[Row]:
+    """One run of a peer."""
+    import gymnasium  # noqa: F401  # before the environments, which it names
+    from stable_baselines3.common.callbacks import BaseCallback
+
+    begun = time.process_time()
+    model = model_of(name, seed)
+    clock = Clock(lambda: Peer(model), limit)
+    clock.begun = begun
 
     class Score(BaseCallback):
-        spent, begun = 0.0, time.process_time()
-
         def _on_step(self) -> bool:
-            now = time.process_time()
-            if now - self.begun < PEER_EVERY:
-                return True
-            self.spent += now - self.begun
-            rate = reach_rate(Peer(self.model))
-            row = {"cpu_s": self.spent, "steps": float(self.num_timesteps), "reach_rate": rate}
-            curve.append(row)
-            self.begun = time.process_time()
-            return rate < WANTED and self.spent < limit
+            return clock.goes_on(self.num_timesteps, self.model._n_updates)
 
     model.learn(10**9, callback=Score())
-    return curve
+    return clock.curve
 
 
-def summary(rows: dict[str, list[Curve]]) -> dict[str, Any]:
-    """Medians over seeds; a learner that was stopped first counts with its limit, as `beyond`."""
+def summary(runs: dict[str, dict[str, list[Row]]]) -> dict[str, Any]:
+    """Medians over seeds, for those that reached 99 % and for all."""
     found: dict[str, Any] = {}
-    for name, curves in rows.items():
-        if curves:
-            found[name] = {
-                "cpu_s": statistics.median(curve[-1]["cpu_s"] for curve in curves),
-                "steps": statistics.median(curve[-1]["steps"] for curve in curves),
-                "reached": [curve[-1]["reach_rate"] >= WANTED for curve in curves],
-                "best_rate": [max(row["reach_rate"] for row in curve) for curve in curves],
-            }
-    for row in found.values():
-        if "ours" in found:
-            row["times ours"] = row["cpu_s"] / found["ours"]["cpu_s"]
-        row["beyond"] = not all(row["reached"])
+    for name, curves in runs.items():
+        ends = [curve[-1] for curve in curves.values()]
+        reached = [row["goals"] == 1000 and row["rate"] >= WANTED for row in ends]
+        found[name] = {
+            "seeds": len(ends),
+            "reached 99 %": sum(reached),
+            "cpu_s": statistics.median(row["cpu_s"] for row in ends),
+            "cpu_s of each": [round(row["cpu_s"], 1) for row in ends],
+            "steps": statistics.median(row["steps"] for row in ends),
+            "updates": statistics.median(row["updates"] for row in ends),
+            "last rate of each": [row["rate"] for row in ends],
+        }
+    if "fast" in found:
+        for row in found.values():
+            row["times fast"] = round(row["cpu_s"] / found["fast"]["cpu_s"], 2)
     return found
 
 
 def main() -> None:
-    """Run, print and write the results."""
+    """Run, and write the results after each run."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3])
-    parser.add_argument("--peer-seeds", type=int, nargs="+", default=[1])
-    parser.add_argument("--limit", type=float, default=10.0, help="times ours, for the others")
-    parser.add_argument("--only", nargs="+", choices=("ours", *PEERS), default=["ours", *PEERS])
+    parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3, 4, 5])
+    parser.add_argument("--peer-seeds", type=int, nargs="+", default=[1, 2, 3])
+    parser.add_argument("--limit", type=float, default=120.0, help="s of processor time of a run")
+    parser.add_argument("--only", nargs="+", choices=("fast", *PEERS), default=["fast", *PEERS])
     parser.add_argument("--out", type=Path, default=RESULTS)
     args = parser.parse_args()
     torch.set_num_threads(1)
     old = json.loads(args.out.read_text()) if args.out.exists() else {}
-    rows: dict[str, list[Curve]] = old.get("curves", {}) | {name: [] for name in args.only}
-    command = shlex.join(["python", *sys.argv])
-    about = {"commands": [*old.get("commands", []), {"command": command, **_where()}]}
-    trials = [("ours", seed) for seed in args.seeds if "ours" in args.only]
-    trials += [(name, seed) for name in PEERS if name in args.only for seed in args.peer_seeds]
-    for name, seed in tqdm(trials, unit="run", disable=None):
-        if name == "ours":
-            rows[name].append(ours(seed, limit=1200.0))
-        else:
-            limit = args.limit * statistics.median(one[-1]["cpu_s"] for one in rows["ours"])
-            rows[name].append(peer(name, seed, limit))
-        tqdm.write(f"{name:5} seed {seed}: {rows[name][-1][-1]}")
-        result = about | {"goals": GOALS, "wanted": WANTED, "summary": summary(rows)}
-        args.out.write_text(json.dumps(result | {"curves": rows}, indent=1) + "\n")
-    print(json.dumps(summary(rows), indent=2))
-
-
-def _where() -> dict[str, Any]:
-    packages = ("numpy", "torch", "gymnasium", "stable-baselines3")
-    return {"commit": origin()["commit"], "machine": machine(*packages)}
+    runs: dict[str, dict[str, list[Row]]] = old.get("runs", {})
+    about = {"command": shlex.join(["python", *sys.argv]), "commit": origin()["commit"]}
+    packages = ("numpy", "torch", "gymnasium", "stable-baselines3", "sb3-contrib", "sbx-rl")
+    about["machine"] = machine(*packages)
+    commands = [*old.get("commands", []), about]
+    for name in args.only:
+        for seed in args.seeds if name == "fast" else args.peer_seeds:
+            done = runs.setdefault(name, {})
+            if str(seed) in done:
+                continue
+            mine = name == "fast"
+            curve = ours(seed, args.limit) if mine else peer(name, seed, args.limit)
+            done[str(seed)] = curve
+            print(f"{name} seed {seed}: {done[str(seed)][-1]}", flush=True)
+            result = {"wanted": WANTED, "summary": summary(runs), "commands": commands}
+            args.out.write_text(json.dumps(result | {"runs": runs}, indent=1) + "\n")
+    print(json.dumps(summary(runs), indent=2))
 
 
 if __name__ == "__main__":
