@@ -157,6 +157,15 @@ def test_a_missing_command_is_not_hidden(
     assert "first step 41 of episode 1" in line
 
 
+def test_a_forged_echo_is_found(ridden: tuple[NodeProcess, Path]) -> None:
+    """The echo must say what was sent."""
+    recording = verify.read(ridden[1] / "bag")
+    ((_, echo),) = recording.echoes[1, 41]
+    echo.command.goal.x += 1.0
+    (*_, verdict) = verify.verify(recording)
+    assert "step 41 of episode 1: echo.command.goal.x was" in verdict.difference
+
+
 def begun_later(bag: Path, target: Path, state: int, command: int) -> None:
     """Copy a bag as a recorder would have made it that heard states and commands from then on."""
     reader = BagReader(bag)

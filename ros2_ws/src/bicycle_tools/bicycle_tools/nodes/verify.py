@@ -268,13 +268,17 @@ def _compute(
 ) -> Simulator:
     """Compute one state; return the simulator to continue with."""
     stamp = state.header.stamp.sec * 10**9 + state.header.stamp.nanosec
-    here, recorded = simulator.snapshot, _numbers(state, recording.missing)
+    here, echo = simulator.snapshot, _echo(recording, state, place)
+    known = echo if echo is not None and math.isfinite(echo.command.torque) else None
+    recorded = _numbers(state, known, recording.missing)
     computed: dict[str, Any] | None = None
     pushes = recording.pushes.get((here.episode, here.step), [0.0])
-    for command, push in product(_candidates(recording, state, place), pushes):
+    for command, push in product(_candidates(recording, echo), pushes):
         trial = Simulator.restore(here, simulator.scenario, simulator.plant, simulator.seed)
-        message = convert.from_snapshot(trial.step(command, push), stamp)
-        computed = _numbers(message, recording.missing)
+        after = trial.step(command, push)
+        told = convert.from_applied(trial.applied, after.episode, after.step, stamp)
+        message = convert.from_snapshot(after, stamp)
+        computed = _numbers(message, told if known is not None else None, recording.missing)
         same = _bits(computed) == _bits(recorded)
         gap = 0.0 if same else _gap(recorded, computed)
         if gap <= ROUNDING:
@@ -292,18 +296,20 @@ def _compute(
     return _restored(recording, state, place)
 
 
-def _candidates(recording: Recording, state: BicycleState, place: int) -> list[Command | None]:
-    """Return the commands that may have led to a state; a state may be answered twice."""
+def _echo(recording: Recording, state: BicycleState, place: int) -> CommandEcho | None:
+    """Return the echo of the command that led to a state; None if it was not recorded."""
     echoes = recording.echoes.get((state.episode, state.step), [])
-    if not echoes:
+    return min(echoes, key=lambda pair: abs(pair[0] - place))[1] if echoes else None
+
+
+def _candidates(recording: Recording, echo: CommandEcho | None) -> list[Command | None]:
+    """Return the sent commands that an echo may mean; a state may be answered twice."""
+    if echo is None:
         return []
-    _, echo = min(echoes, key=lambda pair: abs(pair[0] - place))
     if echo.command_source == CommandSource.ZERO:
         return [None]
-    command = convert.to_command(echo.command)
-    if all(map(math.isfinite, command.action)):
-        return [command]
-    return list(recording.commands.get((command.episode, command.step, command.controller), []))
+    sent = echo.command
+    return list(recording.commands.get((sent.episode, sent.step, sent.controller), []))
 
 
 def _restored(recording: Recording, state: BicycleState, place: int) -> Simulator:
@@ -340,9 +346,14 @@ def _place(state: BicycleState) -> str:
     return f"step {state.step} of episode {state.episode}"
 
 
-def _numbers(message: BicycleState, missing: frozenset[str]) -> dict[str, Any]:
-    """Return the fields of a message that the bag has, by their dotted names."""
-    return {name: value for name, value in flatten(message) if name not in missing}
+def _numbers(
+    state: BicycleState, echo: CommandEcho | None, missing: frozenset[str]
+) -> dict[str, Any]:
+    """Return the fields that the bag has of a state and its echo, by their dotted names."""
+    found = {name: value for name, value in flatten(state) if name not in missing}
+    if echo is not None:
+        found |= {f"echo.{name}": value for name, value in flatten(echo)}
+    return found
 
 
 def _bits(numbers: dict[str, Any]) -> list[Any]:
