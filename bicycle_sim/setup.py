@@ -61,6 +61,7 @@ setup(
     install_requires=[sibling("bicycle_common"), "numpy"],
     extras_require={
         "gym": ["gymnasium", "matplotlib"],
+        "mujoco": ["mujoco>=3.3"],
         "sb3": ["gymnasium", "matplotlib", "stable-baselines3"],
         "test": ["pytest"],
     },

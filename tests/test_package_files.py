@@ -40,6 +40,7 @@ ON_PYPI = {
     "gymnasium": "gymnasium",
     "stable_baselines3": "stable-baselines3",
     "foxglove": "foxglove-sdk",
+    "mujoco": "mujoco",
 }
 """Names on PyPI of what has no key of rosdep."""
 

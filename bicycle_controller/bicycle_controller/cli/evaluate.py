@@ -73,8 +73,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--scenario", metavar="NAME", help="a scenario (default: the one it was trained on)")
     what = "change one field of the scenario, as"
     options.add_overrides(parser, "max_steps=400", what)
-    add("--plant", metavar="NAME", help="choi (the paper's) or whipple (default: as trained on)")
-    add("--bicycle", metavar="NAME|FILE", help="of the plant whipple, see bicycle info")
+    add("--plant", metavar="NAME", help="choi, whipple or mujoco (default: as trained on)")
+    add("--bicycle", metavar="NAME|FILE", help="of whipple or mujoco, see bicycle info")
     add(
         "--physics",
         metavar="MODE",

@@ -36,11 +36,12 @@ class SimSettings:
     )
     plant: str = parameter(
         "choi",
-        "the paper's bicycle, or the Whipple-Carvallo model of a real one",
+        "the paper's bicycle, the Whipple-Carvallo model of a real one, or the latter in MuJoCo",
         choices=tuple(registry.PLANTS),
     )
     bicycle: str = parameter(
-        "", "of plant whipple: a name that bicycle info lists, or a YAML file; empty is benchmark"
+        "",
+        "of whipple or mujoco: a name that bicycle info lists, or a YAML file; empty is benchmark",
     )
     physics: str = parameter(
         "faithful",

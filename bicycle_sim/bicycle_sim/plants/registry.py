@@ -11,10 +11,11 @@ from bicycle_common.validation import nearest, require
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.plants.choi.parameters import Physics
 from bicycle_sim.plants.choi.plant import ChoiPlant
+from bicycle_sim.plants.mujoco.plant import MujocoPlant
 from bicycle_sim.plants.whipple import catalogue
 from bicycle_sim.plants.whipple.plant import WhipplePlant
 
-PLANTS: dict[str, Any] = {ChoiPlant.name: ChoiPlant, WhipplePlant.name: WhipplePlant}
+PLANTS: dict[str, Any] = {kind.name: kind for kind in (ChoiPlant, WhipplePlant, MujocoPlant)}
 """Plants by the key `plant` of their JSON."""
 
 
@@ -48,7 +49,7 @@ def named(
     """Return the plant of a name, with the bicycle of a name or a YAML file.
 
     Args:
-        plant: choi or whipple.
+        plant: choi, whipple, or mujoco, which needs the package of that name.
         bicycle: see `catalogue.load`; the benchmark by default. The paper's plant has its own.
         physics: faithful or corrected, of the paper's plant.
         options: corrections of the paper's plant that are on besides, and its displacement noise.
@@ -57,11 +58,11 @@ def named(
         ValueError: on an unknown name, with the nearest one, or on what this plant has not.
     """
     kind, on = _kind(plant), {n: v for n, v in options.items() if v}
-    if kind is WhipplePlant:
+    if kind in (WhipplePlant, MujocoPlant):
         other = [*on, *(["physics"] if physics != "faithful" else [])]
         require(not other, f"the plant {plant} has no {', '.join(other)}: leave it out")
         found = catalogue.load("benchmark" if bicycle is None else bicycle)
-        return WhipplePlant(found.parameters)
+        return kind(found.parameters)
     if bicycle is not None:
         raise ValueError(f"the plant {plant} has no bicycles to choose from: leave it out")
     return ChoiPlant(replace(Physics.named(physics), **on))
