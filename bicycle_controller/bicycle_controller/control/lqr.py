@@ -53,16 +53,16 @@ TURN_ERRORS = np.radians([0.0, 60.0, 90.0, 120.0, 150.0, 180.0])
 
 @dataclass(frozen=True)
 class LqrConfig:
-    """What the controller is tuned by.
+    """Tuning of the controller.
 
     Raises:
         ValueError: on a weight, limit or table that makes no sense.
     """
 
     use_displacement: bool = False
-    """Whether the centre of mass is moved too; by default only the handlebar is."""
+    """True to move the centre of mass too; by default only the handlebar moves."""
     use_pedal: bool = False
-    """Whether the speed is held by pedalling; by default the pedal is left alone."""
+    """True to hold the speed by pedalling; by default the pedal is not used."""
     torque_limit: float = 2.0
     """N m, largest |T|."""
     displacement_limit: float = 0.02
@@ -82,7 +82,7 @@ class LqrConfig:
     steer_limit: float = 0.7
     """rad, the largest steering wanted in a turn."""
     lean_lead: float = 1.4
-    """How far the wanted lean may run ahead of the present one; 1 is where full torque answers."""
+    """Largest lead of the wanted lean over the present one; 1 is where full torque answers."""
     turn_shape: tuple[float, ...] = (1.0, 1.0, 0.68, 0.34, 0.71, 0.12)
     """Share of the tightest turn that is wanted at the heading errors TURN_ERRORS."""
     straight_speed: float = 5.0
@@ -136,7 +136,7 @@ REAL: dict[str, Any] = {
     "torque_weight": 0.1,
     "lean_lead": 5.0,
 }
-"""What differs on other bicycles than the paper's, which has neither trail nor delay: these
+"""Tuning of other bicycles than the paper's, which has neither trail nor delay: these
 weights catch larger kicks, above all under a long delay."""
 
 

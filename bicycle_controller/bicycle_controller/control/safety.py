@@ -33,7 +33,7 @@ SPEEDS = np.linspace(1.0, 5.0, 81)
 SLOWEST, SPACING = float(SPEEDS[0]), float(SPEEDS[1] - SPEEDS[0])
 MODE_STATES = ("lean_angle", "lean_rate", "steer_angle", "steer_rate")
 MODE_ORDER = np.array([2, 3, 0, 1])
-"""Where lean, lean rate, steering and steering rate stand in an observation."""
+"""Indices of lean, lean rate, steering and steering rate in an observation."""
 
 TRUST = 10.0
 """s of riding after which a hand-over no longer counts against the next one."""
@@ -59,7 +59,7 @@ class Reason(IntEnum):
 
 
 WATCHED = tuple(Reason)[1:7]
-"""What `_measures` gives, in its order."""
+"""Rows of `_measures`, in its order."""
 
 CALM = np.array([0.5, 0.7, 0.5, 0.97, 0.97, 0.5])[:, None]
 """Share of each limit that must not be exceeded before the policy gets the bicycle back."""
@@ -99,7 +99,7 @@ class SafetyConfig:
     rates: tuple[float, float, float] = (200.0, 20.0, 10000.0)
     """N m/s, m/s and N/s, largest changes of T, d and F; by default the full range in one step."""
     stop: bool = False
-    """Whether a hand-over ends the ride to the goal in a commanded stop."""
+    """True if a hand-over ends the ride to the goal in a commanded stop."""
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -245,7 +245,7 @@ class Safety:
 
 
 def unstable_mode(speed: float, plant: Plant[Any]) -> np.ndarray:
-    """What lean, lean rate, steering and steering rate add to the extrapolated lean.
+    """Return the parts of lean, lean rate, steering and steering rate in the extrapolated lean.
 
     Returns:
         (4,) complex: the left eigenvector of the most unstable pole, with 1 for the lean.

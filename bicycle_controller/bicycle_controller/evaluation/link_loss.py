@@ -1,4 +1,4 @@
-"""What becomes of N bicycles when the commands stop at a random moment.
+"""Rides of N bicycles whose commands stop at a random moment.
 
 The law of the microcontroller steers into the lean: kappa (6 - v) times the roll rate, less a
 damping of the steering, from one gyro, the wheel and the steer encoder
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from bicycle_controller.control.controller import Controller
 
 LAWS = ("steer into the lean", "hold 250 ms, then zero", "zero")
-"""What may follow the last command."""
+"""Reactions after the last command."""
 GAIN, STABLE_SPEED = 10.0, 6.0
 """kappa, N m per rad/s and m/s; m/s. The firmware has the same (`CORE_DEFAULTS`)."""
 DAMPING = 1.5
@@ -42,7 +42,7 @@ GYRO_NOISE, GYRO_BIAS = 0.01, 0.002
 
 @dataclass(frozen=True)
 class Lost:
-    """What became of the rides."""
+    """Results of the rides."""
 
     upright: np.ndarray
     """(N,) bool, AFTER s after the loss."""

@@ -31,7 +31,7 @@ WITHOUT_COMMANDS = {
     "steer_into_lean": "torque into its lean",
     "pause": "held",
 }
-"""What a bicycle without commands gets, in words for the log."""
+"""Input of a bicycle without commands, in words for the log."""
 ON_TIMEOUT = tuple(WITHOUT_COMMANDS)
 
 ROUNDING = 1e-6

@@ -26,7 +26,7 @@ from bicycle_sim.task.scenario import Scenario
 from bicycle_sim.task.task import BicycleTask
 
 _BODY = tuple(item.name for item in fields(BodyState))
-"""What a snapshot says of any bicycle."""
+"""Fields of a snapshot of any bicycle."""
 
 
 class Simulator:

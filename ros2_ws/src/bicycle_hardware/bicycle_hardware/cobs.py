@@ -16,7 +16,7 @@ def stuff(plain: bytes) -> bytes:
 
 
 def unstuff(stuffed: bytes) -> bytes:
-    """What `stuff` was given.
+    """Return the argument of `stuff` from its result.
 
     Raises:
         ValueError: on bytes that it did not make.

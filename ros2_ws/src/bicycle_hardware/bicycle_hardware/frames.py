@@ -19,7 +19,7 @@ LONGEST = 96
 
 
 class Mode(IntEnum):
-    """What the microcontroller does."""
+    """Mode of the microcontroller."""
 
     DISARMED = 0
     ARMED = 1

@@ -51,7 +51,7 @@ def build(folder: Path | None = None) -> Path:
 
 @dataclass
 class BoardInputs:
-    """What the board's sensors read; REP-103 signs."""
+    """Readings of the board's sensors; REP-103 signs."""
 
     imu_us: int = 0
     steer_us: int = 0
@@ -66,7 +66,7 @@ class BoardInputs:
 
 @dataclass
 class BoardOutputs:
-    """What the board does with its motors."""
+    """Outputs of the board to its motors."""
 
     torque: float = 0.0
     drive: float = 0.0
