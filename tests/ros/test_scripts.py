@@ -40,6 +40,8 @@ SCRIPTS = (
     "record_and_learn",
     "report",
     "foxglove",
+    "teleop",
+    "path",
 )
 Start = Callable[..., NodeProcess]
 

@@ -20,6 +20,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
+from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
 from bicycle_common.conventions import mirror
@@ -31,7 +32,7 @@ from bicycle_common.nodes.topics import STATE_PERIOD, Topic, advertise, listen, 
 from bicycle_common.parameters import describe
 from bicycle_common.types import InitialPose
 from bicycle_sim import __version__
-from bicycle_sim.nodes import visualization
+from bicycle_sim.nodes import robot_model, visualization
 from bicycle_sim.nodes.exclusive import refuse_second_simulator
 from bicycle_sim.nodes.sim_diagnostics import SimReport
 from bicycle_sim.nodes.sim_settings import SimSettings
@@ -60,7 +61,7 @@ class SimNode(Node):
         self._geometry = plant.geometry
         self._joints = visualization.Joints(self._geometry, plant.time_step)
         self._report = SimReport(self.get_fully_qualified_name().lstrip("/"), self._loop)
-        self._last_state = self._last_markers = self._fallen_at = -math.inf
+        self._last_state = self._last_markers = self._last_tf = self._fallen_at = -math.inf
         self._was_timed_out = self._was_silent = False
         refuse_second_simulator(self)
         self._publishers_by_name = advertise(
@@ -69,6 +70,9 @@ class SimNode(Node):
             topics.ODOMETRY,
             topics.JOINT_STATES,
             topics.CLOCK,
+            topics.TF,
+            topics.TF_STATIC,
+            topics.ROBOT_DESCRIPTION,
             topics.MARKERS,
             topics.DIAGNOSTICS,
             topics.COMMAND_ECHO,
@@ -76,6 +80,8 @@ class SimNode(Node):
             topics.PUSHED,
             topics.EPISODE,
         )
+        self._frames = robot_model.frames_of(self.get_namespace())
+        self._describe()
         self._listen()
         self._start_timers()
         told = Priority().take(self._settings.loop_priority())
@@ -92,6 +98,13 @@ class SimNode(Node):
             return Loop(simulator, settings.make_options())
         except ValueError as error:
             raise UserError(str(error)) from None
+
+    def _describe(self) -> None:
+        """Publish what does not change: the model and the fixed transform."""
+        label = f"bicycle {self._loop.simulator.plant.label}"
+        text = robot_model.urdf(self._geometry, label, self._frames)
+        self._publish(topics.ROBOT_DESCRIPTION, String(data=text))
+        self._publish(topics.TF_STATIC, robot_model.static_transforms(self._frames, 0))
 
     def _listen(self) -> None:
         listen(self, topics.COMMAND, self._on_command)
@@ -305,7 +318,14 @@ class SimNode(Node):
         if self._settings.publish_clock and self._is_heard(topics.CLOCK):
             self._publish(topics.CLOCK, ClockMessage(clock=convert.to_stamp(now)))
         if self._is_heard(topics.ODOMETRY):
-            self._publish(topics.ODOMETRY, visualization.odometry(snapshot, now))
+            self._publish(topics.ODOMETRY, visualization.odometry(snapshot, now, self._frames))
+        rate = self._settings.tf_rate
+        due = rate > 0 and clock - self._last_tf >= 1.0 / rate
+        if due and self._is_heard(topics.TF):
+            self._last_tf = clock
+            travel = self._joints.travel
+            moved = robot_model.transforms(snapshot, now, self._geometry, self._frames, travel)
+            self._publish(topics.TF, moved)
         if self._is_heard(topics.JOINT_STATES):
             self._publish(topics.JOINT_STATES, self._joints.message(snapshot, now))
         rate = self._settings.marker_rate

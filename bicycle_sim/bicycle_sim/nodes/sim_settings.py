@@ -90,6 +90,7 @@ class SimSettings:
     marker_rate: float = parameter(
         20.0, "Hz, markers for RViz and Foxglove; 0 is none", 0.0, 100.0
     )
+    tf_rate: float = parameter(20.0, "Hz, transforms on /tf; 0 is none", 0.0, 100.0)
     publish_clock: bool = parameter(
         True, "publish /clock; false for all but one bicycle of a fleet"
     )

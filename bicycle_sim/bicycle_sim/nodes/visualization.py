@@ -12,7 +12,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from bicycle_common.conventions import mirror
 from bicycle_common.nodes.convert import to_header, to_point, to_quaternion, yaw_of
-from bicycle_common.nodes.topics import BASE_FRAME
+from bicycle_common.nodes.topics import BASE_FRAME, ODOM_FRAME
 from bicycle_common.types import BicycleState
 from bicycle_sim.plants.base import Geometry
 
@@ -24,8 +24,18 @@ _FRAME = ColorRGBA(r=0.8, g=0.1, b=0.1, a=1.0)
 _RIDER = ColorRGBA(r=0.1, g=0.3, b=0.8, a=1.0)
 
 
-def odometry(snapshot: BicycleState, nanoseconds: int) -> Odometry:
-    """Return the rear contact's pose, with the lean as roll, and the twist in its frame."""
+EXACT = 1e-9
+"""Variance of a simulator's truth, in any unit squared: zero would mean unknown to many."""
+
+
+def odometry(snapshot: BicycleState, nanoseconds: int, prefix: str = "") -> Odometry:
+    """Return the rear contact's pose, with the lean as roll, and the twist in the leaning frame.
+
+    Args:
+        snapshot: the state.
+        nanoseconds: its simulated time.
+        prefix: before the frames, see `robot_model.frames_of`.
+    """
     roll = mirror("lean_angle", snapshot.lean_angle)
     pose = Pose(
         position=to_point((snapshot.rear_x, snapshot.rear_y)),
@@ -33,13 +43,18 @@ def odometry(snapshot: BicycleState, nanoseconds: int) -> Odometry:
     )
     twist = Twist(
         linear=Vector3(x=float(snapshot.speed)),
-        angular=Vector3(x=-float(snapshot.lean_rate), z=float(snapshot.yaw_rate)),
+        angular=Vector3(
+            x=-float(snapshot.lean_rate),
+            y=float(snapshot.yaw_rate) * math.sin(roll),
+            z=float(snapshot.yaw_rate) * math.cos(roll),
+        ),
     )
+    exact = [EXACT if row == column else 0.0 for row in range(6) for column in range(6)]
     return Odometry(
-        header=to_header(nanoseconds),
-        child_frame_id=BASE_FRAME,
-        pose=PoseWithCovariance(pose=pose),
-        twist=TwistWithCovariance(twist=twist),
+        header=to_header(nanoseconds, prefix + ODOM_FRAME),
+        child_frame_id=prefix + BASE_FRAME,
+        pose=PoseWithCovariance(pose=pose, covariance=exact),
+        twist=TwistWithCovariance(twist=twist, covariance=exact),
     )
 
 
@@ -50,6 +65,11 @@ class Joints:
         self._geometry = geometry
         self._time_step = time_step
         self._travel = 0.0
+
+    @property
+    def travel(self) -> float:
+        """m that the wheels have rolled."""
+        return self._travel
 
     def advance(self, snapshot: BicycleState) -> None:
         """Turn the wheels by one step."""

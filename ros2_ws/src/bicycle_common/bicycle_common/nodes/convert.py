@@ -244,7 +244,7 @@ def to_goal(frame: str, position: PointMessage, farthest: float = 1e4) -> Point2
         ValueError: on an unknown frame, or if the point is not finite or beyond `farthest` m.
     """
     x, y = float(position.x), float(position.y)
-    if frame not in GOAL_FRAMES:
+    if frame.rpartition("/")[2] not in GOAL_FRAMES:  # a bicycle of a fleet has b1/odom
         raise ValueError(
             f"its frame is {frame!r}: send it in {' or '.join(map(repr, GOAL_FRAMES))}"
         )

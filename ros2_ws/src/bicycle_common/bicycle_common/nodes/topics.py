@@ -35,7 +35,9 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
+from tf2_msgs.msg import TFMessage
 from visualization_msgs.msg import Marker, MarkerArray
 
 from bicycle_common import topic_names
@@ -100,6 +102,9 @@ JOINT_STATES = Topic(
     topic_names.JOINT_STATES, JointState, _offered(RESEND, 2.5 * STATE_PERIOD), _profile(5)
 )
 CLOCK = Topic(topic_names.CLOCK, Clock, _profile(1, reliable=False), _profile(1, reliable=False))
+TF = _topic(topic_names.TF, TFMessage, depth=100)
+TF_STATIC = _topic(topic_names.TF_STATIC, TFMessage, depth=1, latched=True)
+ROBOT_DESCRIPTION = _topic(topic_names.ROBOT_DESCRIPTION, String, depth=1, latched=True)
 MARKERS = _topic(topic_names.MARKERS, MarkerArray, depth=1)
 DIAGNOSTICS = _topic(topic_names.DIAGNOSTICS, DiagnosticArray, depth=10)
 GOAL_MARKER = _topic(topic_names.GOAL_MARKER, Marker, depth=1, latched=True)
@@ -126,6 +131,9 @@ TOPICS: tuple[Topic, ...] = (
     ODOMETRY,
     JOINT_STATES,
     CLOCK,
+    TF,
+    TF_STATIC,
+    ROBOT_DESCRIPTION,
     MARKERS,
     GOAL_MARKER,
     DIAGNOSTICS,

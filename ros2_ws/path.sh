@@ -1,0 +1,21 @@
+#!/usr/bin/env bash
+# Lets the bicycle follow a course, and waits for its end.
+#
+# Usage: path.sh NAME|FILE [--laps N] [--speed M_S] [--namespace /name]
+#
+#   NAME|FILE        a course, such as slalom or road, or a YAML, CSV or GPX file; docs/paths.md lists them
+#   --laps N         of a loop, its own unless named
+#   --speed M_S      where no turn limits it, its own unless named
+#   --namespace      the bicycle's, where it has one
+#
+# Ctrl-C ends the wait; the bicycle rides on.
+# Exit status: 0 ridden to its end, 2 bad input or a path that this bicycle cannot ride, 3 fallen,
+# 4 lost, replaced or no controller, 130 interrupted.
+set -euo pipefail
+ws=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+# shellcheck source-path=SCRIPTDIR source=lib/common.sh
+. "$ws/lib/common.sh"
+
+! help_wanted "$@" || { usage "${BASH_SOURCE[0]}" && exit 0; }
+enter_workspace
+run path bicycle_tools.nodes.path "$@"
