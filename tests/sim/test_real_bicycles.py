@@ -1,0 +1,46 @@
+"""Weave modes of the model beside those that were measured on real, riderless bicycles."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bicycle_sim.plants import registry
+
+DATA = Path(__file__).parents[1] / "data" / "real_bicycles"
+NAMES = ("lean_angle", "lean_rate", "steer_angle", "steer_rate")
+
+
+def weave(bicycle: str, speed: float, gain: float) -> complex:
+    """Fastest oscillating mode under a steer torque of `gain` times the lean rate."""
+    model = registry.named("whipple", bicycle).linearize(speed)
+    rows = [model.states.index(name) for name in NAMES]
+    a = model.a.copy()
+    a[:, rows[1]] += gain * model.b[:, 0]
+    found = np.linalg.eigvals(a[np.ix_(rows, rows)])
+    return complex(found[found.imag.argmax()])
+
+
+@pytest.mark.parametrize(
+    ("speed", "frequency"), [(2.0, 0.16), (3.0, 0.16), (4.0, 0.16), (5.0, 0.20)]
+)
+def test_the_steer_by_wire_bicycle_weaves_as_measured(speed: float, frequency: float) -> None:
+    """With the measured parameters and the law as logged, 2 (6.5 - v) times the lean rate."""
+    rows = json.loads((DATA / "sbw_weave_modes.json").read_text())[f"{speed:.1f}"]
+    real, imaginary = np.array(rows)[:, :2].mean(axis=0)
+    found = weave("steer-by-wire", speed, 2.0 * (6.5 - speed))
+    assert found.real == pytest.approx(real, abs=0.25)
+    assert found.imag == pytest.approx(imaginary, rel=frequency)
+
+
+@pytest.mark.parametrize(("gain", "kappa"), [(8, 3.9), (10, 5.2)])
+def test_the_balance_assist_e_bike_weaves_as_measured(gain: int, kappa: float) -> None:
+    """Up to 3.9 m/s, where the assistance acts; the law is kappa (4.7 - v) times the lean rate."""
+    file = DATA / f"balance_assist_weave_eigenvalues_from_experiment_gain_{gain}.csv"
+    for speed, _, imaginary in np.loadtxt(file, delimiter=",", skiprows=1):
+        if speed < 4.0:
+            found = weave("balance-assist", speed, kappa * (4.7 - speed))
+            assert found.imag == pytest.approx(imaginary, rel=0.11)
