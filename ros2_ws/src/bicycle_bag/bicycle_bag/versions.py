@@ -121,7 +121,7 @@ class TodaysReader(BagReader):
         needed |= {name for name, state in self._commanded.items() if state in needed}
         commands: Commands = {}
         for item in self._read_ahead(super().messages(needed), commands):
-            two_ways = self._encoder(item.topic) if item.encoding == "cdr" else None
+            two_ways = self._encoder(item.topic) if self._is_own(item) else None
             if two_ways is None:
                 if item.topic in wanted:
                     yield item
@@ -136,7 +136,7 @@ class TodaysReader(BagReader):
         """Yield messages; put commands into `commands`, also those recorded soon after a state."""
         ahead: deque[BagMessage] = deque()
         for item in items:
-            if item.topic in self._commanded:
+            if item.topic in self._commanded and self._is_own(item):
                 if item.topic not in self._decoders:
                     self._decoders[item.topic] = self._decode(item.topic)
                 command = self._read(item, self._decoders[item.topic])
@@ -215,8 +215,11 @@ class TodaysReader(BagReader):
         kind = self._topics[topic].type
         return decoder(topic, kind, self._definitions[topic])
 
+    def _is_own(self, item: BagMessage) -> bool:
+        """Return True if a message is of its topic's type, which its definition decodes."""
+        return item.encoding == "cdr" and item.type == self._topics[item.topic].type
+
     def _read(self, item: BagMessage, decode: Callable[[bytes], Any]) -> Any:
-        self.check_kind(item.topic, item.type, item.encoding)
         try:
             found = decode(item.data)
             for name in UNKNOWN.get(item.type, ()):

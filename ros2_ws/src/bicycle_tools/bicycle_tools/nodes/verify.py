@@ -136,6 +136,7 @@ def read(path: Path) -> Recording:
     kinds = {prefix + STATE: BicycleState, prefix + COMMAND: BicycleCommand}
     kinds[prefix + EPISODE] = EpisodeInfo
     reader.require(list(kinds))
+    _check_kinds(reader, kinds)
     kinds[prefix + ECHO] = CommandEcho
     if prefix + ECHO not in reader.topics:
         raise BagError(
@@ -144,9 +145,7 @@ def read(path: Path) -> Recording:
         )
     if prefix + PUSHED in reader.topics:  # older bags lack it
         kinds[prefix + PUSHED] = Push
-    for name, kind in kinds.items():
-        topic = reader.topics[name]
-        _check_kind(path, name, topic.type, topic.serialization_format, kind)
+    _check_kinds(reader, kinds)
     _check_versions(reader, list(kinds))
     recording = Recording(missing=frozenset(reader.missing_fields(prefix + STATE)))
     # The recorded order is reliable; the recording's clock may have been set in the meantime.
@@ -169,6 +168,13 @@ def read(path: Path) -> Recording:
         else:
             recording.episodes.append((place, message))
     return recording
+
+
+def _check_kinds(reader: TodaysReader, kinds: dict[str, type[Any]]) -> None:
+    """Refuse topics of other types or encodings; see `_check_kind`."""
+    for name, kind in kinds.items():
+        topic = reader.topics[name]
+        _check_kind(reader.path, name, topic.type, topic.serialization_format, kind)
 
 
 def _check_kind(path: Path, topic: str, type_name: str, encoding: str, kind: type[Any]) -> None:
