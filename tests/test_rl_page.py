@@ -34,7 +34,7 @@ SHORTER = {
     "episodes=1000)": "episodes=10)",
     "--episodes 1000": "--episodes 10",
 }
-"""What the page says, and what is run in its place."""
+"""Lines of the page, and their replacements in the run."""
 QUICK = "--steps 12800 --set evaluation.every=20 --set evaluation.episodes=8 --quiet"
 NO_ROS = "import sys\nfor name in ('rclpy', 'bicycle_msgs'): sys.modules[name] = None\n"
 

@@ -149,7 +149,7 @@ def bicycles(count: int, variant: TrainingVariant) -> Any:
 
 
 def recipe(count: int) -> dict[str, Any]:
-    """What of fast's recipe an off-policy learner of stable-baselines3 takes by its options."""
+    """Return the part of fast's recipe that an off-policy learner of stable-baselines3 has."""
     from stable_baselines3.common.noise import NormalActionNoise, VectorizedActionNoise
 
     noise = NormalActionNoise(np.zeros(2), np.full(2, 0.15))

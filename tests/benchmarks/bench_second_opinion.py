@@ -28,7 +28,7 @@ from bicycle_sim.task.scenario import Region, named
 
 OUT = Path(__file__).parent / "results" / "second_opinion.json"
 BICYCLE, SPEED, LIMIT = "browser-rider", 10.0 / 3.6, 7.0
-"""What rides, m/s, N m of its motor."""
+"""Riding bicycle, m/s, N m of its motor."""
 FIELD = Region((0.0, 0.0), (60.0, 60.0))
 """m, of starts and goals."""
 TRIAL = Trial(most=200.0, coarse=10.0, fine=2.0, before=4.0, after=4.0)

@@ -163,7 +163,7 @@ def _link_loss(args: argparse.Namespace, names: list[str], conditions: Condition
 
 
 def _cases(all_of_it: Conditions, costs: bool) -> list[tuple[str, Conditions]]:
-    """Names of conditions, and these: everything, and each imperfection alone if asked for."""
+    """Return named conditions: everything, and each imperfection alone if asked for."""
     if not costs:
         return [("everything", all_of_it)]
     none = replace(all_of_it, sensors=None, delay=0.0, motor_lag=0.0, friction=0.0, wind=0.0)
@@ -190,7 +190,7 @@ def _ride(args: argparse.Namespace, bicycle: str, conditions: Conditions) -> Out
 
 
 def _table(rows: list[dict[str, Any]]) -> str:
-    """The rows as text."""
+    """Return the rows as text."""
     head = f"{'bicycle':22} {'with':11} {'falls':>12} {'95 %':>14} {'roll error':>16} "
     lines = [head + f"{'heading':>8} {'torque':>7}"]
     for row in rows:

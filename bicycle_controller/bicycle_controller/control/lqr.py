@@ -156,7 +156,7 @@ def tuned(name: str, plant: Plant[Any], torque_limit: float | None = None) -> Lq
 
 
 def tuning_id(config: LqrConfig, plant: Plant[Any]) -> str:
-    """`lqr-` and a digest of tuning and plant: the controller's `policy_id`."""
+    """Return `lqr-` and a digest of tuning and plant: the controller's `policy_id`."""
     bicycle = json.loads(plant.to_json())
     if bicycle["plant"] == registry.default().name:
         del bicycle["plant"]  # ids from before there were others stay as they were
@@ -169,12 +169,12 @@ def tuning_id(config: LqrConfig, plant: Plant[Any]) -> str:
 
 @cache
 def _tuned(name: str, plant: Plant[Any], torque_limit: float | None) -> LqrController:
-    """The controller of a tuning's name; its gains take a moment, so it is kept."""
+    """Return the controller of a tuning's name; its gains take a moment, so it is kept."""
     return LqrController.named(name, plant, torque_limit)
 
 
 def fitting(limits: Sequence[float] | np.ndarray, plant: Plant[Any]) -> LqrController:
-    """The controller that uses what the limits (3,) on |T|, |d| and |F| allow.
+    """Return the controller that uses what the limits (3,) on |T|, |d| and |F| allow.
 
     What is not known to be allowed, for its limit is infinite, is not used.
     """
@@ -249,7 +249,7 @@ class LqrController:
     def act(
         self, observation: np.ndarray, speed: np.ndarray, past: Past | None = None
     ) -> np.ndarray:
-        """The action for each bicycle.
+        """Return the action for each bicycle.
 
         Args:
             observation: (N, 6), see `bicycle_sim.task.task.OBSERVATION_FIELDS`.
@@ -318,7 +318,7 @@ class LqrController:
         return displacement, tilt - np.arctan(displacement / height)
 
     def _gains(self, speed: np.ndarray) -> np.ndarray:
-        """The numbers of `_design` at each speed, (13 or more, N)."""
+        """Return the numbers of `_design` at each speed, (13 or more, N)."""
         index = np.rint((speed - SPEEDS[0]) / SPEED_STEP).astype(np.intp)
         return self._schedule.take(index, axis=1, mode="clip")
 
@@ -404,5 +404,5 @@ def _dot(gains: np.ndarray, state: tuple[np.ndarray, ...]) -> np.ndarray:
 
 
 def _limited(value: np.ndarray, limit: np.ndarray | float) -> np.ndarray:
-    """`value` between -limit and limit; quicker than numpy.clip for few bicycles."""
+    """Clip `value` to -limit and limit, faster than numpy.clip for few bicycles."""
     return np.minimum(np.maximum(value, -limit), limit)

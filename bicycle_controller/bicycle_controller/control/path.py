@@ -162,13 +162,13 @@ class Paths:
         return np.asarray(table[below] * (1.0 - share) + table[below + 1] * share)
 
     def curvature(self, along: np.ndarray) -> np.ndarray:
-        """1/m at distances (N,) or (N, K); zero beyond the end of an open path."""
+        """Return the curvature, 1/m, at distances (N,) or (N, K); zero beyond an open end."""
         found = self.values(self._curvature, along)
         length, closed = self._of(self.lengths, along), self._of(self.closed, along)
         return np.where(closed | ((along >= 0.0) & (along <= length)), found, 0.0)
 
     def point(self, along: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """m, x and y at distances (N,) or (N, K)."""
+        """Return x and y, m, at distances (N,) or (N, K)."""
         return self.values(self._x, along), self.values(self._y, along)
 
     def join(self, x: np.ndarray, y: np.ndarray, heading: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ class History:
             del self._times[0], self._states[0]
 
     def at(self, time: float) -> np.ndarray:
-        """(N, k) at a time, between its neighbours; the oldest or newest beyond these."""
+        """Interpolate the values (N, k) at a time; the oldest or newest beyond these."""
         index = self._after(time)
         if index == len(self._times):
             return self._states[-1]

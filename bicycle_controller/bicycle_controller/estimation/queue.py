@@ -19,7 +19,7 @@ class Arrivals:
         self._waiting += [(reading, ~reading.lost) for reading in readings]
 
     def due(self, now: float) -> list[tuple[Reading, np.ndarray]]:
-        """Readings and masks (N,) of the bicycles that they have reached by `now`, once each."""
+        """Return readings and masks (N,) of the bicycles that they have reached, once each."""
         found, left = [], []
         for reading, missing in self._waiting:
             arrived = missing & (reading.arrival <= now + 1e-9)

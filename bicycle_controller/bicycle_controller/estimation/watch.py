@@ -108,7 +108,7 @@ class SensorWatch:
         return tuple(found)
 
     def _problem(self, name: str, last: _Last, timing: Sampled, now: float) -> tuple[str, float]:
-        """A word for what is wrong with a sensor, and since when."""
+        """Return a word for a sensor's fault, and its begin."""
         patience = max(GONE_PERIODS / timing.rate, GONE_LEAST) + timing.latency
         if now - max(last.arrival, 0.0) > patience:
             return "gone", max(last.arrival, 0.0)

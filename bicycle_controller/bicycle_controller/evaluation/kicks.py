@@ -197,7 +197,7 @@ class _Ride:
         self._wanted += self._yaw_rate * self._plant.time_step
 
     def _upright(self) -> np.ndarray:
-        """(N,) bool."""
+        """Return True (N,) for each bicycle that is still upright."""
         state = self._state
         steered = np.abs(state.steer_angle) > self._trial.steer
         return ~(self._plant.fallen(state, self._trial.lean) | steered)

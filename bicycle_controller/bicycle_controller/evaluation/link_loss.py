@@ -60,7 +60,7 @@ class Lost:
 def fallback(
     roll_rate: np.ndarray, speed: np.ndarray, limit: float, steer_rate: np.ndarray
 ) -> np.ndarray:
-    """(N,) N m of the firmware's law; rates (N,) rad/s, positive to the left, as the torque."""
+    """Return the firmware's torque (N,), N m; rates (N,), rad/s, are positive to the left, too."""
     missing = np.clip(STABLE_SPEED - speed, 0.0, STABLE_SPEED)
     wanted = GAIN * missing * roll_rate - DAMPING * steer_rate
     return np.where(missing > 0.0, np.clip(wanted, -limit, limit), 0.0)

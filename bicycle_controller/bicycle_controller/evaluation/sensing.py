@@ -81,7 +81,7 @@ class Conditions:
         require(0.5 <= low <= high <= 15.0, "speeds must lie within 0.5 and 15 m/s")
 
     def applied(self, plant: Plant[Any]) -> WhipplePlant:
-        """The bicycle with this delay, motor and friction.
+        """Return the bicycle with this delay, motor and friction.
 
         Raises:
             ValueError: when it is no Whipple bicycle.
@@ -122,7 +122,7 @@ class Outcome:
 
     @classmethod
     def join(cls, parts: list[Outcome]) -> Outcome:
-        """All rides of several parts."""
+        """Return all rides of several parts."""
         names = [item.name for item in fields(cls)]
         return cls(**{n: np.concatenate([getattr(part, n) for part in parts]) for n in names})
 
@@ -241,7 +241,7 @@ class _Rides:
         return np.array(columns).T, body.speed, found
 
     def step(self) -> None:
-        """One control period of all."""
+        """Step all by one control period."""
         c = self.conditions
         if self.steps % round(TURN_PERIOD / self.period) == 0 and self.steps:
             self.wanted = self.wanted + c.turn * self.rng.standard_normal(self.count)
@@ -271,7 +271,7 @@ class _Rides:
             self._take()
 
     def _force(self) -> np.ndarray:
-        """(N,) N of the gusts on 0.5 m^2, with the wind of riding."""
+        """Return the force (N,), N, of the gusts on 0.5 m^2, with the wind of riding."""
         air = np.hypot(self.gust, self.speed)
         return 0.5 * 1.2 * 0.5 * air * self.gust
 

@@ -103,7 +103,7 @@ class OnnxPolicy:
             )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """A session cannot be copied."""
+        """Refuse to be copied: a session cannot be."""
         raise TypeError("an ONNX policy cannot be pickled; give its file to the other process")
 
     @property

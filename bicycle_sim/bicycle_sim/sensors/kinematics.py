@@ -33,7 +33,7 @@ class Motion:
 
 
 def motion(plant: Plant[Any], state: BodyState, torque: np.ndarray) -> Motion:
-    """The motion of N bicycles.
+    """Return the motion of N bicycles.
 
     Args:
         plant: they are of.
@@ -56,7 +56,7 @@ def motion(plant: Plant[Any], state: BodyState, torque: np.ndarray) -> Motion:
 
 
 def blend(first: Motion, second: Motion, share: float) -> Motion:
-    """The motion at `share` of the way from the first to the second."""
+    """Return the motion at `share` of the way from the first to the second."""
     if share >= 1.0:
         return second
     values = {
@@ -69,7 +69,7 @@ def blend(first: Motion, second: Motion, share: float) -> Motion:
 
 
 def standing(m: Motion) -> Motion:
-    """The same bicycle at rest, held upright with straight handlebars."""
+    """Return the same bicycle at rest, held upright with straight handlebars."""
     zero = np.zeros_like(m.lean)
     return Motion(
         lean=zero,
@@ -86,7 +86,7 @@ def standing(m: Motion) -> Motion:
 
 
 def frame_axes(m: Motion) -> np.ndarray:
-    """(N, 3, 3), the rear frame's axes as columns in level axes."""
+    """Return the rear frame's axes (N, 3, 3) as columns in level axes."""
     sine, cosine = np.sin(-m.lean), np.cos(m.lean)
     up, level = np.sin(m.pitch), np.cos(m.pitch)
     zero = np.zeros_like(sine)
@@ -100,7 +100,7 @@ def frame_axes(m: Motion) -> np.ndarray:
 
 
 def turning(m: Motion, pitch_rate: np.ndarray) -> np.ndarray:
-    """(N, 3) rad/s, the rear frame's angular velocity in its own axes."""
+    """Return the rear frame's angular velocity (N, 3), rad/s, in its own axes."""
     zero = np.zeros_like(m.lean)
     level = np.stack([-m.lean_rate, zero, m.yaw_rate], -1)
     found = np.einsum("nji,nj->ni", frame_axes(m), level)
@@ -111,7 +111,7 @@ def turning(m: Motion, pitch_rate: np.ndarray) -> np.ndarray:
 def point_velocity(
     m: Motion, axes: np.ndarray, turn: np.ndarray, point: np.ndarray, radius: float
 ) -> np.ndarray:
-    """(N, 3) m/s of a point, in level axes.
+    """Return the velocity (N, 3), m/s, of a point, in level axes.
 
     Args:
         m: the motion.
@@ -134,7 +134,7 @@ def point_velocity(
 
 
 def point_place(m: Motion, point: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) m each, where a point of the rear frame is on the map, x and y."""
+    """Return x and y (N,), m, of a point of the rear frame on the map."""
     axes = frame_axes(m)
     centre = np.stack([0.0 * m.lean, radius * np.sin(m.lean), radius * np.cos(m.lean)], -1)
     level = centre + axes @ (point - np.array([0.0, 0.0, radius]))

@@ -189,7 +189,7 @@ def _folder() -> Traversable:
 
 
 def names() -> list[str]:
-    """The presets that come with the package."""
+    """Return the presets that come with the package."""
     return sorted(
         entry.name[: -len(".yaml")]
         for entry in _folder().iterdir()
@@ -198,7 +198,7 @@ def names() -> list[str]:
 
 
 def load(name_or_file: str | Path) -> SensorSettings:
-    """The sensors of a preset's name, or of a YAML file.
+    """Return the sensors of a preset's name, or of a YAML file.
 
     Raises:
         ValueError: when there is none, or on an unknown key or a value that makes no sense; one
@@ -234,7 +234,7 @@ def _read(text: str, name: str, place: str) -> SensorSettings:
 
 
 def from_dict(data: Mapping[str, Any]) -> SensorSettings:
-    """Sensors from plain data; what is left out is as the classes above say, but no GNSS.
+    """Return sensors from plain data; what is left out is as the classes above say, but no GNSS.
 
     Raises:
         ValueError: on an unknown key, or on a value that makes no sense.

@@ -150,7 +150,7 @@ class _Sensor:
         """Take what happened since the last motion."""
 
     def read(self, now: Motion, instant: float) -> Reading:
-        """The reading of that motion."""
+        """Return the reading of that motion."""
         timing = self._timing
         stamp = (self._index + 1) / timing.rate
         self._index += 1
@@ -168,7 +168,7 @@ class _Sensor:
 
 
 def _to_step(values: np.ndarray, step: float) -> np.ndarray:
-    """Values in whole steps; as they are where the step is zero."""
+    """Round values to whole steps; a step of zero leaves them."""
     return step * np.rint(values / step) if step > 0.0 else values
 
 
@@ -231,7 +231,7 @@ class _Imu(_Sensor):
 
 
 def turned(angles: np.ndarray) -> np.ndarray:
-    """(..., 3, 3), the axes of a frame with roll, pitch and yaw (..., 3) as columns (REP-103)."""
+    """Return the axes (..., 3, 3) of a frame with roll, pitch and yaw (..., 3) as columns."""
     s, c = np.sin(angles), np.cos(angles)
     (sr, sp, sy), (cr, cp, cy) = np.moveaxis(s, -1, 0), np.moveaxis(c, -1, 0)
     rows = (
@@ -332,7 +332,7 @@ class _Gnss(_Sensor):
 def _made(
     settings: Sampled, count: int, rng: np.random.Generator, radius: float
 ) -> _Sensor | None:
-    """The sensors with these settings on N bicycles; None where there are none."""
+    """Return the sensors with these settings on N bicycles; None where there are none."""
     if settings.rate <= 0.0:
         return None
     match settings:

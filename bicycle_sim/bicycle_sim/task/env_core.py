@@ -265,7 +265,7 @@ class EnvCore:
         return native.observation[0], reward, ended, cut and not ended, info
 
     def _only(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """`step_one` by `step`."""
+        """Make `step_one` by `step`."""
         observation, reward, ended, step = self.step(np.asarray(action)[None])
         truncated = bool(step.truncated[0] and not ended[0])
         return (
@@ -293,7 +293,7 @@ class EnvCore:
         return found
 
     def goals(self) -> np.ndarray:
-        """Goals (N, 2), m."""
+        """Return the goals (N, 2), m."""
         return np.column_stack([self.task.goal_x, self.task.goal_y])
 
     def set_goals(self, goals: np.ndarray) -> None:
@@ -301,7 +301,7 @@ class EnvCore:
         self.task.goal_x, self.task.goal_y = (column.copy() for column in goals.T)
 
     def render(self, renderers: Sequence[Renderer]) -> tuple[np.ndarray, ...]:
-        """Pictures of the first bicycles, one for each renderer, (480, 640, 3) uint8."""
+        """Return pictures of the first bicycles, one for each renderer, (480, 640, 3) uint8."""
         state, task = self.task.state, self.task
         return tuple(
             renderer.draw(

@@ -201,7 +201,7 @@ class NativeStep:
         return _remade, (*self._made_of, face)
 
     def state(self) -> BodyState:
-        """Bicycles after the last step, as views of its result."""
+        """Return the bicycles after the last step, as views of its result."""
         self._views = tuple(self.result[:STATES])
         return BodyState(*self._views)
 
@@ -235,7 +235,7 @@ class NativeStep:
         shares: np.ndarray,
         noise: np.ndarray | None,
     ) -> bool:
-        """The same from an environment's actions (N, k), as its `Face` says."""
+        """Step by an environment's actions (N, k), as its `Face` says."""
         if task.count != self._count:
             self._resize(task.count)
         self._shares[:] = shares

@@ -123,7 +123,7 @@ class Scenario:
         return np.array([self.torque_limit, self.displacement_limit, self.pedal_limit])
 
     def suited(self, input_names: Sequence[str]) -> Scenario:
-        """The scenario without the actions that a plant has no use for.
+        """Return the scenario without the actions that a plant has no use for.
 
         Args:
             input_names: those it has, see `Plant.input_names`.
@@ -134,7 +134,7 @@ class Scenario:
         return replace(self, **zero) if zero else self
 
     def with_motor(self, torque_limit: float | None) -> Scenario:
-        """The scenario with the torque of the bicycle's own motor.
+        """Return the scenario with the torque of the bicycle's own motor.
 
         Args:
             torque_limit: N m, see `Plant.torque_limit`; None leaves the scenario's.

@@ -194,7 +194,7 @@ class BicycleTask:
         return self._native is not None
 
     def advance(self, shares: np.ndarray) -> NativeStep:
-        """`step` from an environment's actions (N, k), after `scale`.
+        """Make a `step` from an environment's actions (N, k), after `scale`.
 
         Returns:
             The stepper, which has the results and the scaled observations.
@@ -236,7 +236,7 @@ class BicycleTask:
         native.follow(self)
 
     def _outcome_of(self, native: NativeStep) -> Step:
-        """The last compiled step."""
+        """Return the last compiled step."""
         result, ends = native.result, native.ends
         return Step(
             result[OBSERVED:REWARD].T,
@@ -249,7 +249,7 @@ class BicycleTask:
         )
 
     def _step(self, action: np.ndarray, noise: np.ndarray | None) -> Step:
-        """One step in numpy, which is what `native_task` is held against."""
+        """Make one step in numpy, the reference of `native_task`."""
         limits = self.scenario.action_limits
         # Column by column, so that the dynamics works on contiguous arrays.
         torque, displacement, pedal = (
@@ -283,7 +283,7 @@ class BicycleTask:
         return Step(observation, reward, terminated, truncated, self.fallen, terms, distance)
 
     def observation(self) -> np.ndarray:
-        """The six states of every bicycle, (N, 6), see OBSERVATION_FIELDS."""
+        """Return the six states of every bicycle, (N, 6), see OBSERVATION_FIELDS."""
         s = self.state
         error = heading_error(s.heading, s.rear_x, s.rear_y, self.goal_x, self.goal_y)
         columns = (
@@ -298,10 +298,10 @@ class BicycleTask:
         return np.array(columns).T
 
     def goal_distance(self) -> np.ndarray:
-        """m from each rear contact to its goal, (N,) (row 26)."""
+        """Return the distance (N,), m, from each rear contact to its goal (row 26)."""
         x, y = self.goal_x - self.state.rear_x, self.goal_y - self.state.rear_y
         return np.sqrt(x * x + y * y)
 
     def snapshot(self) -> Any:
-        """A copy of every bicycle's state."""
+        """Return a copy of every bicycle's state."""
         return base.copy(self.state)

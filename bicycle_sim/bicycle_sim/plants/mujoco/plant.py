@@ -122,7 +122,7 @@ class MujocoPlant(Plant[MujocoState]):
         speed_limits: tuple[Array, Array] | None = None,
         loads: Loads | None = None,
     ) -> MujocoState:
-        """One control period; see `Plant.step`.
+        """Step by one control period; see `Plant.step`.
 
         Raises:
             ValueError: on a displacement or on loads, which this plant does not have.
@@ -153,36 +153,36 @@ class MujocoPlant(Plant[MujocoState]):
         )
 
     def pushed(self, state: MujocoState, lean_rate: Array) -> MujocoState:
-        """The state after a push that adds `lean_rate`, rad/s, float or (N,)."""
+        """Return the state after a push that adds `lean_rate`, rad/s, float or (N,)."""
         up = np.where(state.stopped == 0.0, lean_rate, 0.0)
         return self.settled(replace(state, lean_rate=state.lean_rate + up))
 
     def settled(self, state: MujocoState) -> MujocoState:
-        """The state of a bicycle that rolls with this lean, steering, rates and speed."""
+        """Return the state of a bicycle that rolls with this lean, steering, rates and speed."""
         body = {item.name: getattr(state, item.name) for item in fields(BodyState)}
         moved = poses.to_mujoco(self.parameters.bicycle, self._whipple.constants, body)
         waiting, motor = state.motion[:, MOTION:], state.motor_torque
         return self._state(moved, waiting, motor, state.stopped, state.lean_acceleration)
 
     def yaw_rate(self, state: MujocoState) -> np.ndarray:
-        """(N,) rad/s."""
+        """Return the yaw rate (N,), rad/s."""
         return state.yaw_rate
 
     def pitch(self, state: MujocoState) -> np.ndarray:
-        """(N,) rad, nose up."""
+        """Return the pitch (N,), rad, nose up."""
         return state.pitch
 
     def fallen(self, state: MujocoState, limit: float) -> np.ndarray:
-        """(N,) bool: leans by more than `limit`, rad, or has stopped for good."""
+        """Return True (N,) for a lean of more than `limit`, rad, or a stop for good."""
         leans: np.ndarray = np.abs(state.lean_angle) > limit
         return leans | (state.stopped != 0.0)
 
     def linearize(self, speed: float, discrete: bool = False) -> Linear:
-        """The Whipple bicycle about riding straight at a speed, m/s."""
+        """Return the Whipple bicycle linearised about riding straight at a speed, m/s."""
         return self._whipple.linearize(speed, discrete)
 
     def steady_lean(self, steer_angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """(N,) rad of the Whipple bicycle's steady turns."""
+        """Return the lean (N,), rad, of the Whipple bicycle's steady turns."""
         return self._whipple.steady_lean(steer_angle, speed)
 
     def steady_lean_law(self, steer_limit: float) -> SteadyLean:
@@ -198,12 +198,12 @@ class MujocoPlant(Plant[MujocoState]):
         return self
 
     def to_json(self) -> str:
-        """All parameters to the last bit, with the key `plant`."""
+        """Return all parameters to the last bit, with the key `plant`."""
         return json.dumps({"plant": self.name, **parameters.to_dict(self.parameters)})
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> MujocoPlant:
-        """What `to_json` wrote, as plain data.
+        """Return the content of `to_json` as plain data.
 
         Raises:
             ValueError: on an unknown or missing key, or on a value that makes no sense.

@@ -308,7 +308,7 @@ def end_with_parent(number: signal.Signals = signal.SIGTERM) -> None:
 
 
 def _begin_early() -> None:
-    """As `end_with_parent`, for a program that unblocks signals once it can handle them."""
+    """Do as `end_with_parent`, for a program that unblocks signals once it can handle them."""
     signals.block()
     end_with_parent()
 

@@ -26,7 +26,7 @@ class ClockOffset:
             self._offset = 0.5 * (asked + now) - self.unwrapped(stamp_us)
 
     def unwrapped(self, stamp_us: int) -> float:
-        """s of the microcontroller's clock since its start, for stamps that come in order."""
+        """Return the microcontroller's time since its start, s, for stamps in order."""
         if stamp_us < self._last - WRAP // 2:
             self._turns += 1
             self._last = stamp_us
@@ -42,5 +42,5 @@ class ClockOffset:
         return self._offset is not None
 
     def to_pc(self, stamp_us: int) -> float:
-        """s of the PC's clock; of the microcontroller's own while nothing is known."""
+        """Convert to the PC's clock, s; without an offset, return the microcontroller's time."""
         return self.unwrapped(stamp_us) + (self._offset or 0.0)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 def stuff(plain: bytes) -> bytes:
-    """The bytes without zeros; a zero behind them ends the frame."""
+    """Return the bytes without zeros; a zero behind them ends the frame."""
     found = bytearray()
     for index, block in enumerate(plain.split(b"\0")):
         del index

@@ -54,7 +54,7 @@ WORDS = {
 
 
 def words(reasons: int) -> str:
-    """The reasons in words; empty if there is none."""
+    """Return the reasons in words; empty if there is none."""
     return ", ".join(text for reason, text in WORDS.items() if reasons & reason)
 
 
@@ -153,14 +153,14 @@ KINDS: dict[int, type[Message]] = {
 
 
 def encode(message: Message, sequence: int) -> bytes:
-    """The frame, with the zero that ends it."""
+    """Return the frame, with the zero that ends it."""
     head = struct.pack("<BH", message.kind, sequence & 0xFFFF)
     plain = head + struct.pack(message.layout, *astuple(message))
     return stuff(plain + struct.pack("<H", binascii.crc_hqx(plain, 0xFFFF))) + b"\0"
 
 
 def decode(stuffed: bytes) -> tuple[Message, int]:
-    """The message of a frame without its zero, and its sequence.
+    """Return the message of a frame without its zero, and its sequence.
 
     Raises:
         ValueError: on a frame that was damaged or is not known.
@@ -191,7 +191,7 @@ class Splitter:
         self._next: int | None = None
 
     def feed(self, data: bytes) -> list[Message]:
-        """The messages that have become whole."""
+        """Return the messages that are complete now."""
         *whole, self._rest = (self._rest + data).split(b"\0")
         if len(self._rest) > LONGEST:
             self._rest = self._rest[:LONGEST]

@@ -63,7 +63,7 @@ class SerialLine:
         return self.sequence
 
     def receive(self, timeout: float = 0.0) -> list[Message]:
-        """The messages that have come; waits for bytes for up to `timeout` s.
+        """Return the received messages; wait for bytes for up to `timeout`, s.
 
         Raises:
             OSError: if the line is gone.

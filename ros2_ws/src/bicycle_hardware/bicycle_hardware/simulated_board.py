@@ -98,7 +98,7 @@ class SimulatedBoard:
         return self._process.pid
 
     def tick(self, now_us: int, inputs: BoardInputs) -> BoardOutputs:
-        """One period of the board at a time of its clock.
+        """Run one period of the board at a time of its clock.
 
         Raises:
             OSError: if the process has ended.
