@@ -3,8 +3,10 @@
 Each turn steps N bicycles under random actions, starting again those that ended, as training
 does. Beside it, in turns: the same N as separate Gymnasium environments in one process, as
 stable-baselines3's DummyVecEnv and Gymnasium's SyncVectorEnv step them (up to 256, they are slow),
-and one Pendulum-v1, Gymnasium's own six-line pendulum, beside one bicycle. Rates are per second of
-processor time of one core; `all cores` runs one process a core and is per second of wall time.
+and one Pendulum-v1, Gymnasium's own six-line pendulum, beside one bicycle. Gymnasium's CartPole-v1
+in its numpy vector version is a vectorised environment of like cost; `BicycleVecEnv` is what
+stable-baselines3 sees. Rates are per second of processor time of one core; `all cores` runs one
+process a core and is per second of wall time.
 
     python tests/benchmarks/bench_steps.py [--turns 5] [--out FILE]
 """
@@ -32,6 +34,7 @@ from tqdm import tqdm
 
 from bicycle_controller.training.run_folder import origin
 from bicycle_sim.task.gym_env import BicycleEnv, BicycleVectorEnv
+from bicycle_sim.task.sb3 import BicycleVecEnv
 
 RESULTS = Path(__file__).parent / "results" / "steps.json"
 SIZES = (1, 16, 64, 256, 1024, 4096, 16384)
@@ -48,6 +51,30 @@ def vector_env(count: int) -> Step:
     """Return `BicycleVectorEnv`, which is what `gymnasium.make_vec` gives."""
     env = BicycleVectorEnv(count, fall="terminate")
     return _gym_step(env, count)
+
+
+def vec_env(count: int) -> Step:
+    """`BicycleVecEnv`, which is the same for stable-baselines3."""
+    env = BicycleVecEnv("BicycleGoal-v0", count, fall="terminate")
+    env.reset()
+    action = (np.random.default_rng(0).normal(size=(count, 2)) * 0.05).astype(np.float32)
+
+    def step() -> None:
+        env.step(action)
+
+    return step
+
+
+def cart_poles(count: int) -> Step:
+    """Gymnasium's own vectorised environment, whose four states cost less than the bicycle's."""
+    env = gymnasium.make_vec("CartPole-v1", num_envs=count)
+    env.reset(seed=0)
+    action = np.random.default_rng(0).integers(0, 2, count)
+
+    def step() -> None:
+        env.step(action)
+
+    return step
 
 
 def sync_vector_env(count: int) -> Step:
@@ -137,7 +164,9 @@ def main() -> None:
     for count in SIZES:
         contestants[f"task, {count}"] = batched(count), count
         contestants[f"BicycleVectorEnv, {count}"] = vector_env(count), count
+        contestants[f"CartPole-v1, vectorised, {count}"] = cart_poles(count), count
     for count in SEPARATE:
+        contestants[f"BicycleVecEnv, {count}"] = vec_env(count), count
         contestants[f"SyncVectorEnv, {count}"] = sync_vector_env(count), count
         contestants[f"DummyVecEnv, {count}"] = dummy_vec_env(count), count
     contestants["BicycleEnv"] = single(BicycleEnv(fall="terminate"), 2), 1
@@ -160,10 +189,16 @@ def main() -> None:
             for count, found in together.items()
         },
         "ratios": {
-            f"{count} bicycles, task over DummyVecEnv": medians[f"task, {count}"]
+            f"{count} bicycles, BicycleVecEnv over DummyVecEnv": medians[f"BicycleVecEnv, {count}"]
             / medians[f"DummyVecEnv, {count}"]
             for count in SEPARATE
-        },
+        }
+        | {
+            f"{count}, BicycleVectorEnv over CartPole-v1": medians[f"BicycleVectorEnv, {count}"]
+            / medians[f"CartPole-v1, vectorised, {count}"]
+            for count in SIZES
+        }
+        | {"BicycleEnv over Pendulum-v1": medians["BicycleEnv"] / medians["Pendulum-v1"]},
         "turns": args.turns,
     }
     args.out.write_text(json.dumps(result, indent=2) + "\n")

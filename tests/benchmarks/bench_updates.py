@@ -1,10 +1,11 @@
-"""DDPG updates per second at the paper's sizes: ours, stable-baselines3 and CleanRL's style.
+"""DDPG updates per second at the paper's sizes: ours, stable-baselines3, SBX, CleanRL's style.
 
 Actor 6-400-300-3, critic 200-200, Adam, both targets followed: steps (5) to (7) of the paper's
 section 4.3, from the draw out of the memory on. All contestants take turns in one process with
 one thread; each turn lasts about a tenth of a second, and the medians over all turns are told.
-stable-baselines3 takes the action at the critic's first layer, 1 % less work than the paper's
-second; everything else is the same for all.
+stable-baselines3 and SBX take the action at the critic's first layer, 1 % less work than the
+paper's second; everything else is the same for all. SBX compiles the updates of one call into one
+program, so it is told for 1, 8 and 160 a call; compiling is left out.
 
     python tests/benchmarks/bench_updates.py [--batch 64 1024] [--turns 15] [--out FILE]
 """
@@ -41,6 +42,8 @@ ROWS = 100_000
 """Transitions in every memory."""
 TURN = 0.1
 """s that a turn lasts."""
+SBX_BURSTS = (1, 8, 160)
+"""Updates that SBX makes in one call."""
 RESULTS = Path(__file__).parent / "results" / "updates.json"
 
 Update = Callable[[int], None]
@@ -130,11 +133,23 @@ def _follow(slow: nn.Module, main: nn.Module, tau: float) -> None:
         target.data.copy_(tau * source.data + (1.0 - tau) * target.data)
 
 
-def stable_baselines3(batch: int, data: dict[str, np.ndarray]) -> Update:
-    """stable-baselines3's DDPG, as near to the paper as its options allow."""
+def stable_baselines3(
+    batch: int, data: dict[str, np.ndarray], kind: Any = None, fused: bool = False, burst: int = 0
+) -> Update:
+    """stable-baselines3's DDPG, or SBX's, as near to the paper as its options allow.
+
+    Args:
+        batch: transitions of an update.
+        data: the memory.
+        kind: the class; stable-baselines3's by default.
+        fused: whether Adam is torch's fused one.
+        burst: updates in one call; all at once by default.
+    """
     import gymnasium
     from stable_baselines3 import DDPG
     from stable_baselines3.common.logger import Logger
+
+    learner = DDPG if kind is None else kind
 
     class Empty(gymnasium.Env[np.ndarray, np.ndarray]):
         observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (6,), np.float32)
@@ -142,7 +157,8 @@ def stable_baselines3(batch: int, data: dict[str, np.ndarray]) -> Update:
 
     config = paper()
     sizes = {"pi": list(config.actor_hidden), "qf": list(config.critic_hidden)}
-    model = DDPG(
+    options = {"optimizer_kwargs": {"fused": True}} if fused else {}
+    model = learner(
         "MlpPolicy",
         Empty(),
         learning_rate=config.critic_learning_rate,
@@ -150,7 +166,7 @@ def stable_baselines3(batch: int, data: dict[str, np.ndarray]) -> Update:
         batch_size=batch,
         tau=config.tau,
         gamma=config.gamma,
-        policy_kwargs={"net_arch": sizes},
+        policy_kwargs={"net_arch": sizes, **options},
         device="cpu",
         seed=0,
     )
@@ -162,7 +178,13 @@ def stable_baselines3(batch: int, data: dict[str, np.ndarray]) -> Update:
     )
     memory.actions[:, 0], memory.rewards[:, 0] = data["action"], data["reward"]
     memory.dones[:, 0], memory.full = data["final"], True
-    return lambda count: model.train(gradient_steps=count, batch_size=batch)
+
+    def update(count: int) -> None:
+        size = burst or count
+        for _ in range(max(1, count // size)):
+            model.train(gradient_steps=size, batch_size=batch)
+
+    return update
 
 
 def contestants(batch: int) -> dict[str, Update]:
@@ -177,8 +199,16 @@ def contestants(batch: int) -> dict[str, Update]:
     found["CleanRL's style"] = CleanLoop(batch, data)
     try:
         found["stable-baselines3"] = stable_baselines3(batch, data)
+        found["stable-baselines3, fused Adam"] = stable_baselines3(batch, data, fused=True)
     except ModuleNotFoundError as error:
         print(f"without stable-baselines3 ({error}): install ros2_ws/requirements/bench.lock")
+    try:
+        from sbx import DDPG
+    except ModuleNotFoundError as error:
+        print(f"without SBX ({error}): install ros2_ws/requirements/bench.lock")
+        return found
+    for burst in SBX_BURSTS:
+        found[f"SBX, {burst} a call"] = stable_baselines3(batch, data, DDPG, burst=burst)
     return found
 
 
@@ -194,8 +224,9 @@ def bench(batch: int, turns: int) -> dict[str, Any]:
     players = contestants(batch)
     counts = {}
     for name, update in players.items():
-        update(8)
-        counts[name] = max(8, round(rates(update, 16)[0] * TURN / 8) * 8)
+        whole = 160 if name.endswith("160 a call") else 8
+        update(whole)  # compiles, where something is
+        counts[name] = max(whole, round(rates(update, 2 * whole)[0] * TURN / whole) * whole)
     found: dict[str, list[tuple[float, float]]] = {name: [] for name in players}
     for _ in tqdm(range(turns), desc=f"batch {batch}", unit="turn", disable=None):
         for name, update in players.items():
@@ -206,7 +237,7 @@ def bench(batch: int, turns: int) -> dict[str, Any]:
         row = {"updates_per_cpu_s": statistics.median(cpu), "best": max(cpu)}
         row["updates_per_wall_s"] = statistics.median(wall)
         row["samples_per_cpu_s"] = row["updates_per_cpu_s"] * batch
-        for other in ("stable-baselines3", "CleanRL's style"):
+        for other in ("stable-baselines3", "CleanRL's style", "SBX, 160 a call"):
             if other in found:
                 # Turn by turn, so that what else the machine did meets both.
                 ratio = [
@@ -243,7 +274,7 @@ def main() -> None:
     torch.set_num_threads(1)
     results = {str(batch): bench(batch, args.turns) for batch in args.batch}
     print(table(results))
-    about: dict[str, Any] = {"machine": machine("torch", "stable-baselines3")}
+    about: dict[str, Any] = {"machine": machine("torch", "stable-baselines3", "sbx-rl", "jax")}
     about |= {
         "threads": torch.get_num_threads(),
         "commit": origin()["commit"],
