@@ -75,7 +75,7 @@ class TurnConfig:
 
 @dataclass(frozen=True)
 class RidingConfig:
-    """Disturbances of the training rides.
+    """Settings of the training rides.
 
     Raises:
         ValueError: on a value out of range.
