@@ -22,6 +22,7 @@ from bicycle_controller.control.arrival import arrival_path, circle_path
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.courses import Course
 from bicycle_controller.control.guide import PathEnd, PathReport
+from bicycle_controller.control.keep_clear import Mover
 from bicycle_controller.control.path import Path
 from bicycle_controller.control.path_follower import PathFollower
 from bicycle_controller.control.path_ride import PathRide
@@ -79,6 +80,10 @@ class Guidance:
         self._snapshot: BicycleState | None = None
         self._last_goal: Point2D | None = None
         self._unable = ""
+        self.others: dict[str, Mover] = {}
+        """Other bicycles to keep clear of on paths, by name."""
+        self.name = ""
+        """Own name among them."""
         self.told: list[str] = []
         self.followed: Path | None = None
 
@@ -185,6 +190,7 @@ class Guidance:
     def _steer(self, ride: PathRide) -> None:
         self._finish()
         self._loop.steer_by(ride)
+        ride.others, ride.name = self.others, self.name
         self._ride, self._twist = ride, None
         self.followed = ride.course.path
 

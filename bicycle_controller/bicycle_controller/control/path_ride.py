@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from bicycle_common.observation import observation
 from bicycle_common.types import BicycleState
 from bicycle_controller.control.courses import Course
 from bicycle_controller.control.guide import PathEnd, PathReport
+from bicycle_controller.control.keep_clear import Mover, keep_clear
 from bicycle_controller.control.path import Paths
 from bicycle_controller.control.path_follower import PathFollower
 from bicycle_controller.control.speed_profile import speed_profile
@@ -64,6 +66,12 @@ class PathRide:
         self._farthest = 0.0
         self._wanted = float(self._profile[0])
         self.status, self._why = PathEnd.ACTIVE, ""
+        self.others: dict[str, Mover] = {}
+        """Other bicycles to keep clear of, by name."""
+        self.name = ""
+        """Own name among them."""
+        self.yielding = False
+        self._shift, self._slowest = 0.0, slowest
 
     @property
     def policy_id(self) -> str:
@@ -94,9 +102,29 @@ class PathRide:
         self._now = time
         self._measure(float(place.cross_track[0]), float(place.heading_error[0]))
         wanted = self._paths.values(self._profile, place.along + 0.5 * speed)
+        if self.others:
+            wanted = self._past_others(snapshot, wanted)
+            beside = place.cross_track - self._shift
+            place = replace(place, cross_track=beside)
         self._wanted = float(wanted[0])
         seen = observation(snapshot, 0.0)[None]
         return np.asarray(self._follower.act(seen, speed, place, self._paths, wanted)[0])
+
+    def _past_others(self, snapshot: BicycleState, wanted: np.ndarray) -> np.ndarray:
+        """Return the speed at which the bicycle keeps clear of all others, (1,) m/s."""
+        numbers = snapshot.rear_x, snapshot.rear_y, snapshot.heading, snapshot.speed
+        own = Mover(*(np.array([value]) for value in numbers))
+        speed, shift, self.yielding = wanted, 0.0, False
+        for name, other in self.others.items():
+            later = np.array([self.name > name])
+            slowest = min(self._slowest, float(wanted[0]))
+            way = keep_clear(own, other, later, wanted, slowest)
+            speed = np.minimum(speed, way.speed)
+            if abs(way.shift[0]) > abs(shift):
+                shift = float(way.shift[0])
+            self.yielding |= bool(way.yields[0])
+        self._shift = shift
+        return speed
 
     def _measure(self, cross: float, error: float) -> None:
         assert self._along is not None

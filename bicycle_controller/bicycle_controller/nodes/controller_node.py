@@ -139,10 +139,11 @@ class ControllerNode(Node):
     def _make_guidance(self) -> tuple[Guidance, Guiding]:
         try:
             config = self._settings.make_guidance()
+            others = self._settings.names_to_keep_clear_of()
         except ValueError as error:
             raise UserError(str(error)) from None
         guidance = Guidance(self._driver, config)
-        return guidance, Guiding(self, guidance, config, self._publish)
+        return guidance, Guiding(self, guidance, config, self._publish, others)
 
     def close(self) -> None:
         """Stop serving actions and loading policies."""

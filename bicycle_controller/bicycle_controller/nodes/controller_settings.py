@@ -123,9 +123,27 @@ class ControllerSettings:
     cmd_vel_timeout: float = parameter(
         0.5, "simulated s after which a cmd_vel ends and the bicycle rides straight on", 0.05, 60.0
     )
+    keep_clear: str = parameter(
+        "",
+        "namespaces of other bicycles, as b2,b3, to keep clear of on paths; none by default",
+    )
     take_over: bool = parameter(True, "ride on a bicycle that is found riding, to the goal it had")
     realtime_priority: int = priority_parameter()
     diagnostics_period: float = parameter(1.0, "s", 0.1, 3600.0)
+
+    def names_to_keep_clear_of(self) -> list[str]:
+        """Return the namespaces of `keep_clear`.
+
+        Raises:
+            ValueError: on what is no namespace.
+        """
+        names = [word.strip().strip("/") for word in self.keep_clear.split(",") if word.strip()]
+        for name in names:
+            require(
+                name.replace("_", "a").replace("/", "a").isalnum(),
+                f"parameter keep_clear holds {name!r}: write namespaces with commas, as b2,b3",
+            )
+        return names
 
     def make_guidance(self) -> GuidanceConfig:
         """Return how paths, arrivals and cmd_vel are carried out.
