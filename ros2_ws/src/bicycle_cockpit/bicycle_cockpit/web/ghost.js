@@ -31,6 +31,17 @@ export function progress(series, marks, from = 0) {
   return found;
 }
 
+/** The first row from `low` on that has come so far; the number of rows where none has. */
+function firstAt(done, far, low) {
+  let high = done.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (done[middle] < far) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}
+
 export class Ghost {
   /** @param {Bag} bag the ride that comes along @param {string} colour of its policy @param {number} period s of a step */
   constructor(bag, colour, period = 0.025) {
@@ -65,20 +76,19 @@ export class Ghost {
    */
   gap(series, index, time, marks) {
     const zero = Ghost.zero(series, index, this.period);
-    const own = goalsOf(marks.filter(({ t }) => t >= zero - 0.5))[0];
+    const mine = goalsOf(marks.filter(({ t }) => t >= zero - 0.5))[0];
     const other = goalsOf(this.bag.events)[0];
-    if (!own || !other || Math.hypot(own[0] - other[0], own[1] - other[1]) > SAME) return NaN;
+    if (!mine || !other || Math.hypot(mine[0] - other[0], mine[1] - other[1]) > SAME) return NaN;
     let first = index;
     while (first > 0 && series.episode[first - 1] === series.episode[index]) first--;
-    const here = progress(series, marks.filter(({ t }) => t <= time), first)[index];
+    const done = progress(series, marks.filter(({ t }) => t <= time), first);
+    const here = done[index];
     if (!Number.isFinite(here)) return NaN;
-    let [low, high] = [0, this.done.length];
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      if (this.done[middle] < here) low = middle + 1;
-      else high = middle;
-    }
-    return low < this.done.length ? time - zero - (this.series.t[low] - Ghost.zero(this.series, 0, this.period)) : NaN;
+    // Where it turns and loses ground, what counts is when it had come as far as ever.
+    const own = firstAt(done, here, first);
+    const others = firstAt(this.done, here, 0);
+    if (others >= this.done.length) return NaN;
+    return series.t[own] - zero - (this.series.t[others] - Ghost.zero(this.series, 0, this.period));
   }
 }
 
