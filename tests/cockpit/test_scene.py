@@ -185,6 +185,20 @@ def test_a_moment_of_the_charts_is_the_same_on_map_and_ground(page: BrowserPage)
     until(page, "!views.stage.world.spot.visible")
 
 
+def test_a_path_lies_on_the_ground(page: BrowserPage) -> None:
+    drawn = inside(
+        page,
+        """(() => {
+            const { world } = views.stage;
+            world.follow([[0, 0], [5, 0], [5, 5]]);
+            const faces = world.course.mesh.geometry.drawRange.count;
+            world.follow([]);
+            return [faces, world.course.mesh.geometry.drawRange.count];
+        })()""",
+    )
+    assert drawn == [12, 0], "two pieces of two triangles"
+
+
 def test_a_second_ride_comes_along_translucent(page: BrowserPage) -> None:
     page.locator("#compare").click()
     page.locator("#bag-list button").first.click()

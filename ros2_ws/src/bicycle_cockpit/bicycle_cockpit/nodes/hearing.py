@@ -14,10 +14,12 @@ from bicycle_msgs.msg import (
     EpisodeInfo,
     GoalStatus,
     HandOver,
+    PathStatus,
     Push,
     TrainerStatus,
 )
 from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Path
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
@@ -27,6 +29,7 @@ from bicycle_cockpit.marks import push_text
 from bicycle_cockpit.nodes import conversions
 from bicycle_cockpit.ride_state import RideState
 from bicycle_cockpit.riders import lqr_names, rider, shipped_names
+from bicycle_cockpit.samples import plain
 from bicycle_cockpit.trouble import Trouble
 from bicycle_common.nodes import topics
 from bicycle_common.nodes.topics import listen
@@ -36,6 +39,7 @@ from bicycle_sim.plants import registry
 
 DEEP = 500
 """Queue length while the node is busy: 12 s of states; a path makes many goals."""
+MOST_PATH_POINTS = 1_000
 OLD_NEWS = 3.0
 """Age up to which a new cockpit reports goals' changes from before its start (s)."""
 
@@ -71,6 +75,8 @@ class Hearing:
         self._command: BicycleCommand | None = None
         self._echoes: dict[tuple[int, int], CommandEcho] = {}
         self._fallen = False
+        self._path: list[list[float | None]] = []
+        self._shown_path: list[list[float | None]] = []
         self._told = goal_words.Told()
         self._began = time.monotonic()
         self._began_ns = time.time_ns()
@@ -84,6 +90,8 @@ class Hearing:
         listen(node, topics.PUSHED, self._on_pushed)
         listen(node, topics.HAND_OVER, self._on_hand_over)
         listen(node, topics.TRAINER, self._on_trainer)
+        listen(node, topics.FOLLOWED_PATH, self._on_path)
+        listen(node, topics.PATH_STATUS, self._on_path_status)
         for topic in (topics.GOAL_POSE, topics.GOAL_PATH):
             listen(node, topic, lambda message: live.goals.sent(conversions.points_of(message)))
         topic = topics.GOAL_STATUS
@@ -211,6 +219,28 @@ class Hearing:
         stamp = change.header.stamp
         before = stamp.sec * 10**9 + stamp.nanosec < self._began_ns
         return before and time.monotonic() - self._began < OLD_NEWS
+
+    def _on_path(self, path: Path) -> None:
+        """Keep the path that is followed, thinned, for the pages."""
+        points = conversions.points_of(path)
+        stride = -(-len(points) // MOST_PATH_POINTS) or 1
+        self._path = [[plain(x), plain(y)] for x, y in points[::stride]]
+
+    def _on_path_status(self, status: PathStatus) -> None:
+        """Show the path while it is followed, and report its end."""
+        if status.status == PathStatus.ACTIVE:
+            if self._path != self._shown_path:
+                self._show_path(self._path)
+            return
+        if self._shown_path:
+            self._show_path([])
+            finished = status.status == PathStatus.FINISHED
+            told = f"path {status.name}".rstrip()
+            self._tell("good" if finished else "warn", f"{told}: {status.message}", kind="path")
+
+    def _show_path(self, points: list[list[float | None]]) -> None:
+        self._shown_path = points
+        self._newest({"type": "path", "points": points})
 
     def _on_pushed(self, push: Push) -> None:
         self._tell("info", push_text(push.lean_rate), kind="push")

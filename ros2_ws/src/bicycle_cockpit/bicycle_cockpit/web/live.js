@@ -14,6 +14,7 @@ export class Live {
     this.earlier = null;
     this.riders = [];
     this.marks = [];
+    this.path = [];
     this.events = [];
     this.facts = {};
     this.status = { mode: "silent", paused: false, loop: {}, ahead: [], goal: null, recording: null, trouble: "", misfit: "",

@@ -51,6 +51,7 @@ const takers = {
   facts: (message) => (live.facts = message),
   frame: (message) => live.frame(message),
   riders: (message) => (live.riders = message.riders),
+  path: (message) => (live.path = message.points),
   palette: (message) => (slots = message.slots),
   event(message) {
     live.event(message);
@@ -347,6 +348,7 @@ function told() {
     series, riders, cursor, row, fallAngle, marks: shownNow.marks, paint: (number) => paints[number] ?? colours.soft,
     geometry: bag ? bag.geometry : facts.geometry, goal: bag ? bag.goal : live.status.goal, ahead: bag ? [] : live.status.ahead,
     radius: bag ? bag.radius : facts.goal_radius ?? 1,
+    path: bag ? [] : live.path,
     pointed: hover === null || cursor < 0 ? null : rowAt(series, hover),
   };
 }

@@ -18,6 +18,12 @@ export function drawMap(canvas, view, scene) {
   const row = cursor >= 0 ? series.row(cursor) : null;
   if (row) view.follow(row.x, row.y);
   drawGrid(context, view);
+  if (scene.path?.length > 1) {
+    context.lineWidth = 6;
+    context.globalAlpha = 0.3;
+    stroke(context, colours.good, scene.path.map(([x, y]) => view.toScreen(x, y)));
+    context.globalAlpha = 1;
+  }
   if (cursor < series.length - 1 && scene.whole) drawTrack(context, view, series, 0, series.length - 1, null);
   if (scene.ghost?.cursor >= 0) drawGhost(context, view, scene.ghost, scene.wheelbase);
   drawTrack(context, view, series, 0, cursor, scene.paint);

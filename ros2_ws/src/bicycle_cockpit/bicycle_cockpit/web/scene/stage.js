@@ -105,7 +105,7 @@ export class Stage {
 
   /**
    * @param shown `row` (where the bicycle is), `geometry`, `series`, `cursor`, `paint`, `goal`, `ahead`, `radius`,
-   *   `marks`, `pointed` (row or null), `jersey` (colour), `ghost` (null, or `row`, `series`, `cursor`, `colour`)
+   *   `marks`, `pointed` (row or null), `path` (points that are followed), `jersey` (colour), `ghost` (null, or `row`, `series`, `cursor`, `colour`)
    * @param {number} now ms
    */
   draw(shown, now) {
@@ -123,6 +123,7 @@ export class Stage {
     world.aim(points, shown.radius, shown.row ? [row.x, row.y] : null, Boolean(shown.goal));
     world.mark(shown.marks, shown.radius);
     world.point(shown.pointed);
+    world.follow(shown.path);
     world.track(world.trail, shown.series, shown.row ? shown.cursor : -1, shown.paint, row);
     this.drawGhost(shown.ghost, shown.geometry);
     eye.look(row, bicycle.size.wheelbase, elapsed);

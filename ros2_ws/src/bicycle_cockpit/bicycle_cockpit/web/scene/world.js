@@ -114,6 +114,8 @@ export class World {
     this.ground.receiveShadow = true;
     this.trail = new Band(WIDE);
     this.other = new Band(WIDE);
+    this.course = new Band(0.12);
+    this.shownCourse = null;
     this.goals = new THREE.Group();
     this.marks = new THREE.Group();
     this.shownGoals = this.shownMarks = "";
@@ -122,7 +124,7 @@ export class World {
     this.way.frustumCulled = false;
     this.spot = new THREE.Mesh(new THREE.RingGeometry(0.18, 0.28, 32), new THREE.MeshBasicMaterial({ side: THREE.DoubleSide }));
     this.spot.position.z = 0.03;
-    this.scene.add(this.spot, this.sky, this.sun, this.sun.target, this.ground, this.trail.mesh, this.other.mesh, this.goals, this.marks, this.way);
+    this.scene.add(this.spot, this.course.mesh, this.sky, this.sun, this.sun.target, this.ground, this.trail.mesh, this.other.mesh, this.goals, this.marks, this.way);
     this.themed();
   }
 
@@ -150,6 +152,15 @@ export class World {
   point(row) {
     this.spot.visible = Number.isFinite(row?.x);
     if (this.spot.visible) Object.assign(this.spot.position, { x: row.x, y: row.y });
+  }
+
+  /** The path that is followed, [x, y] of its points. */
+  follow(points) {
+    if (points === this.shownCourse) return;
+    this.shownCourse = points;
+    const colour = new THREE.Color(colours.good);
+    const stride = Math.max(1, Math.ceil(points.length / (MOST - 2)));
+    this.course.draw(points.filter((_, n) => n % stride === 0).map(([x, y]) => ({ x, y, colour, opacity: 0.35 })));
   }
 
   /** @param points of the goals, [x, y], the active one first @param radius m @param from where the bicycle is */
