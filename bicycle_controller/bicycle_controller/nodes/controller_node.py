@@ -42,6 +42,7 @@ from bicycle_controller.control.guide import PathEnd
 from bicycle_controller.control.lqr import LqrController
 from bicycle_controller.nodes.action_desk import ActionDesk, Orders
 from bicycle_controller.nodes.controller_settings import ControllerSettings
+from bicycle_controller.nodes.estimator import Estimator
 from bicycle_controller.nodes.guiding import Guiding, course_named, course_of, to_points
 from bicycle_controller.nodes.messages import from_event, from_hand_over, goal_marker
 from bicycle_controller.nodes.policy_loader import Making, PolicyLoader
@@ -98,9 +99,11 @@ class ControllerNode(Node):
         )
         self._guidance, self._guiding = self._make_guidance()
         # Subscribe to episodes first, so a reset cancels only older goals.
+        self._estimator = self._make_estimator()
         listen(self, topics.EPISODE, self._on_episode)
         listen(self, topics.COMMAND_ECHO, self._on_echo, depth=1)
-        listen(self, topics.STATE, self._on_state, depth=1)
+        if self._estimator is None:
+            listen(self, topics.STATE, self._on_state, depth=1)
         listen(self, topics.GOAL_POSE, self._on_goal_pose)
         listen(self, topics.GOAL_PATH, self._on_goal_path)
         self._newest: tuple[Snapshot | None, float] = None, 0.0
@@ -144,6 +147,20 @@ class ControllerNode(Node):
             raise UserError(str(error)) from None
         guidance = Guidance(self._driver, config)
         return guidance, Guiding(self, guidance, config, self._publish, others)
+
+    def _make_estimator(self) -> Estimator | None:
+        """Return the estimator whose states are answered; None where the truth is.
+
+        Raises:
+            UserError: when there are no such sensors.
+        """
+        try:
+            sensors = self._settings.make_sensors()
+        except ValueError as error:
+            raise UserError(str(error)) from None
+        if sensors is None:
+            return None
+        return Estimator(self, sensors, self._settings.start(), self._on_state)
 
     def close(self) -> None:
         """Stop serving actions and loading policies."""
@@ -233,6 +250,8 @@ class ControllerNode(Node):
         with self._in_use:
             self._simulator_limits = scenario.action_limits
             self._ridden = plant, scenario
+            if self._estimator is not None:
+                self._estimator.ride(plant)
             self._driver.policy = self._designed(self._driver.policy)
             self._driver.plant = plant
             self._limit()

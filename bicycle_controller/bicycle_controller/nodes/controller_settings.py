@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from bicycle_common import steer_into_lean
+from bicycle_common.geometry import yaw_to_heading
 from bicycle_common.nodes.realtime import priority_parameter
 from bicycle_common.parameters import parameter
 from bicycle_common.validation import require
@@ -20,6 +21,8 @@ from bicycle_controller.control.safety import Safety, SafetyConfig
 from bicycle_controller.control.twist_ride import TwistLimits
 from bicycle_controller.policy.policy import DEFAULT_POLICY, LQR
 from bicycle_sim.plants.base import Plant
+from bicycle_sim.sensors import settings as sensors
+from bicycle_sim.sensors.settings import SensorSettings
 
 SAFE = SafetyConfig()
 """Defaults of the safety layer."""
@@ -34,6 +37,17 @@ class ControllerSettings:
         "what rides: a policy file or an ONNX file, a shipped policy's name, a Python class as "
         f"module:Class, the name of an installed one, or one of {', '.join(LQR)}",
     )
+    state: str = parameter(
+        "truth",
+        "the simulator's truth, or what an estimator makes of the sensors",
+        choices=("truth", "estimated"),
+    )
+    sensors: str = parameter(
+        "mpu6050", "of state estimated: the sensors' preset or YAML file, the simulator's own"
+    )
+    start_x: float = parameter(0.0, "m, of state estimated: where the ride begins", -1e4, 1e4)
+    start_y: float = parameter(0.0, "m, the same", -1e4, 1e4)
+    start_yaw: float = parameter(0.0, "rad from +x, the same", -1000.0, 1000.0)
     fallback: str = parameter(
         "lqr",
         "what rides where the policy may not: the LQR that uses what the simulator allows, "
@@ -160,6 +174,18 @@ class ControllerSettings:
             slowest, self.cmd_vel_fastest, self.cmd_vel_yaw_rate, self.cmd_vel_timeout
         )
         return GuidanceConfig(self.follower, self.path_speed, slowest, self.after_goal, twist)
+
+    def make_sensors(self) -> SensorSettings | None:
+        """Return the sensors that the estimator listens to; None where it sees the truth.
+
+        Raises:
+            ValueError: when there are none of that name, or on a bad file.
+        """
+        return sensors.load(self.sensors) if self.state == "estimated" else None
+
+    def start(self) -> tuple[float, float, float]:
+        """Return where an estimated ride begins: m, m and the heading in rad."""
+        return self.start_x, self.start_y, float(yaw_to_heading(self.start_yaw))
 
     def make_noise(self) -> Noise | None:
         """Return the exploration noise of one bicycle."""

@@ -20,6 +20,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
+from sensor_msgs.msg import TimeReference
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 
@@ -32,7 +33,7 @@ from bicycle_common.nodes.topics import STATE_PERIOD, Topic, advertise, listen, 
 from bicycle_common.parameters import describe
 from bicycle_common.types import InitialPose
 from bicycle_sim import __version__
-from bicycle_sim.nodes import robot_model, visualization
+from bicycle_sim.nodes import robot_model, sensor_messages, visualization
 from bicycle_sim.nodes.exclusive import refuse_second_simulator
 from bicycle_sim.nodes.sim_diagnostics import SimReport
 from bicycle_sim.nodes.sim_settings import SimSettings
@@ -40,6 +41,14 @@ from bicycle_sim.runtime.loop import WITHOUT_COMMANDS, Loop, StepResult
 from bicycle_sim.runtime.simulator import Simulator
 
 NAME = "bicycle_sim"
+
+SENSOR_TOPICS = (
+    topics.IMU,
+    topics.ENCODERS,
+    topics.GNSS_FIX,
+    topics.GNSS_VELOCITY,
+    topics.SENSOR_TIME,
+)
 
 LAST_WORD = 0.5
 """Longest wait at the end for subscribers to receive the last state (s)."""
@@ -59,6 +68,8 @@ class SimNode(Node):
         self._loop = self._make_loop()
         plant = self._loop.simulator.plant
         self._geometry = plant.geometry
+        self._gnss = self._settings.make_sensors()
+        self._sensor_base = 0
         self._joints = visualization.Joints(self._geometry, plant.time_step)
         self._report = SimReport(self.get_fully_qualified_name().lstrip("/"), self._loop)
         self._last_state = self._last_markers = self._last_tf = self._fallen_at = -math.inf
@@ -79,6 +90,7 @@ class SimNode(Node):
             topics.TIMING,
             topics.PUSHED,
             topics.EPISODE,
+            *(SENSOR_TOPICS if self._gnss is not None else ()),
         )
         self._frames = robot_model.frames_of(self.get_namespace())
         self._describe()
@@ -93,7 +105,12 @@ class SimNode(Node):
         """Create the bicycle and its schedule from the parameters."""
         settings = self._settings
         try:
-            simulator = Simulator(settings.make_scenario(), settings.make_plant(), settings.seed)
+            simulator = Simulator(
+                settings.make_scenario(),
+                settings.make_plant(),
+                settings.seed,
+                settings.make_sensors(),
+            )
             settings.make_start()
             return Loop(simulator, settings.make_options())
         except ValueError as error:
@@ -262,7 +279,10 @@ class SimNode(Node):
 
     def _begin(self, start: InitialPose | None, seed: int | None) -> None:
         """Start an episode; see `Loop.reset`, which may raise ValueError."""
+        # The sensors' clock begins anew with each episode, a second after the last one's end.
+        ended = self._loop.simulator.sensor_time
         self._loop.reset(start, seed)
+        self._sensor_base += round((ended + 1.0) * 1e9)
         self._was_timed_out = False
         simulator, settings = self._loop.simulator, self._settings
         info = EpisodeInfo(
@@ -306,6 +326,25 @@ class SimNode(Node):
                 f"{math.degrees(-made.snapshot.lean_angle):.0f} degrees"
             )
 
+    def _publish_readings(self) -> None:
+        """Publish what has arrived, and the sensors' time."""
+        if self._gnss is None:
+            return
+        simulator, snapshot = self._loop.simulator, self._loop.snapshot
+        for reading in simulator.readings:
+            for topic, message in sensor_messages.messages(reading, self._sensor_base, self._gnss):
+                self._publish(topic, message)
+        simulator.readings = []
+        time_now = self._sensor_base + round(simulator.sensor_time * 1e9)
+        self._publish(
+            topics.SENSOR_TIME,
+            TimeReference(
+                header=convert.to_header(self._now),
+                time_ref=convert.to_stamp(time_now),
+                source=f"{snapshot.episode} {snapshot.step}",
+            ),
+        )
+
     def _publish_state(self) -> None:
         snapshot, now, clock = self._loop.snapshot, self._now, time.monotonic()
         if self._is_heard(topics.COMMAND_ECHO):  # first, so that whoever gets the state knows it
@@ -313,6 +352,7 @@ class SimNode(Node):
             echo = convert.from_applied(applied, snapshot.episode, snapshot.step, now)
             self._publish(topics.COMMAND_ECHO, echo)
         self._loop.published()
+        self._publish_readings()
         self._publish(topics.STATE, convert.from_snapshot(snapshot, now))
         self._last_state = clock
         if self._settings.publish_clock and self._is_heard(topics.CLOCK):

@@ -13,6 +13,8 @@ from bicycle_common.types import FARTHEST_START, FASTEST_START, InitialPose
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.runtime.loop import ON_TIMEOUT, LoopOptions
+from bicycle_sim.sensors import settings as sensors
+from bicycle_sim.sensors.settings import SensorSettings
 from bicycle_sim.task.scenario import SCENARIOS, Scenario, named
 
 
@@ -42,6 +44,9 @@ class SimSettings:
     bicycle: str = parameter(
         "",
         "of whipple or mujoco: a name that bicycle info lists, or a YAML file; empty is benchmark",
+    )
+    sensors: str = parameter(
+        "", "what measures the bicycle: a preset such as mpu6050, or a YAML file; empty is none"
     )
     physics: str = parameter(
         "faithful",
@@ -110,6 +115,14 @@ class SimSettings:
         )
         options = {name: getattr(self, name) for name in names}
         return registry.named(self.plant, self.bicycle or None, self.physics, **options)
+
+    def make_sensors(self) -> SensorSettings | None:
+        """The sensors; None where there are none.
+
+        Raises:
+            ValueError: when there are none of that name, or on a bad file.
+        """
+        return sensors.load(self.sensors) if self.sensors else None
 
     def make_scenario(self) -> Scenario:
         """Return the paper's experiment of the configured name, with the bicycle's motor.

@@ -22,6 +22,9 @@ from bicycle_common.types import (
 from bicycle_common.validation import require
 from bicycle_sim.plants import base, registry
 from bicycle_sim.plants.base import BodyState, Plant
+from bicycle_sim.sensors.reading import Reading
+from bicycle_sim.sensors.settings import SensorSettings
+from bicycle_sim.sensors.suite import SensorSuite
 from bicycle_sim.task.scenario import Scenario
 from bicycle_sim.task.task import BicycleTask
 
@@ -40,7 +43,13 @@ class Simulator:
         applied: input of the step that led to it.
     """
 
-    def __init__(self, scenario: Scenario, plant: Plant[Any] | None = None, seed: int = 0) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        plant: Plant[Any] | None = None,
+        seed: int = 0,
+        sensors: SensorSettings | None = None,
+    ) -> None:
         """Make a simulator whose first episode is still to be started by `reset`.
 
         Args:
@@ -48,7 +57,14 @@ class Simulator:
             plant: the bicycle; the paper's by default. Actions that it has no use for get a
                 limit of zero.
             seed: of the first episode, unless `reset` names another; not negative.
+            sensors: on the bicycle; none by default.
         """
+        self._sensors = sensors
+        self._suite: SensorSuite | None = None
+        self._under_way: list[Reading] = []
+        self.readings: list[Reading] = []
+        """What has arrived since the last step, in the order of the time stamps; at an episode's
+        first state, what the sensors said while the bicycle stood before it."""
         self.plant = plant if plant is not None else registry.default()
         self.scenario = scenario.suited(self.plant.input_names)
         self.seed = _checked_seed(seed) - 1
@@ -132,13 +148,16 @@ class Simulator:
             begun = self._state
             if push:
                 begun = self.plant.pushed(begun, push)
-            self._state = self.plant.step(
-                begun,
-                np.array([torque]),
-                np.array([displacement]),
-                np.array([pedal]),
-                self.scenario.speed_limits,
-            )
+            inputs = np.array([torque]), np.array([displacement]), np.array([pedal])
+            limits = self.scenario.speed_limits
+            if self._suite is None:
+                self._state = self.plant.step(begun, *inputs, limits)
+            else:
+                trace = self.plant.trace(begun, *inputs, limits)
+                self._state = trace[-1]
+                self._measure(self._suite.advance(trace, self.time_step, inputs[0]))
+        elif self._suite is not None:
+            self._measure(self._suite.advance([self._state], self.time_step))
         self.applied = AppliedCommand(_source(command, before.step), command)
         self.snapshot = self._observe(before.episode, before.step + 1)
         return self.snapshot
@@ -174,7 +193,23 @@ class Simulator:
         self._state = self.plant.initial(*where, np.array([start.speed]))
         self._noise = _noise(self.seed)
         self.applied = AppliedCommand()
+        if self._sensors is not None:
+            self._suite = SensorSuite(self._sensors, self.plant, 1, max(self.seed, 0))
+            self._under_way = []
+            self._measure(self._suite.rest(self._state))
         return self._observe(episode, 0)
+
+    @property
+    def sensor_time(self) -> float:
+        """s of the sensors' clock in this episode; its rest is before the first step."""
+        return 0.0 if self._suite is None else self._suite.time
+
+    def _measure(self, measured: list[Reading]) -> None:
+        """Take readings, and give those that have arrived."""
+        now = self.sensor_time + 1e-9
+        self._under_way += [reading for reading in measured if not reading.lost[0]]
+        self.readings = [one for one in self._under_way if one.arrival[0] <= now]
+        self._under_way = [one for one in self._under_way if one.arrival[0] > now]
 
     def _draw(self, seed: int) -> InitialPose:
         """A start of the scenario's distribution, as the task draws it."""

@@ -39,6 +39,13 @@ TRAINER = "bicycle/trainer"
 
 RIDE_TO_POSE = "bicycle/ride_to_pose"
 FOLLOW_PATH_ACTION = "bicycle/follow_path"
+IMU = "imu/data_raw"
+ENCODERS = "encoders"
+GNSS_FIX = "gnss/fix"
+GNSS_VELOCITY = "gnss/vel"
+SENSOR_TIME = "sensors/time"
+ESTIMATE = "bicycle/estimate"
+ESTIMATED_ODOMETRY = "odom_estimated"
 
 RESET = "bicycle/reset"
 PAUSE = "bicycle/pause"

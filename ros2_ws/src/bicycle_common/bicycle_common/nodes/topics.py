@@ -27,14 +27,20 @@ from bicycle_msgs.msg import (
 from bicycle_msgs.srv import LoadPolicy, Reset
 from bicycle_msgs.srv import Push as PushService
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Twist, TwistStamped
+from geometry_msgs.msg import (
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Twist,
+    TwistStamped,
+    TwistWithCovarianceStamped,
+)
 from nav_msgs.msg import Odometry, Path
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
+from sensor_msgs.msg import Imu, JointState, NavSatFix, TimeReference
 from std_msgs.msg import String
 from std_srvs.srv import SetBool, Trigger
 from tf2_msgs.msg import TFMessage
@@ -123,6 +129,20 @@ ACTIVE_GOAL = _topic(topic_names.ACTIVE_GOAL, PoseStamped, depth=1, latched=True
 GOAL_STATUS = _topic(topic_names.GOAL_STATUS, GoalStatus, depth=10, latched=True)
 HAND_OVER = _topic(topic_names.HAND_OVER, HandOver, depth=10, latched=True)
 TRAINER = _topic(topic_names.TRAINER, TrainerStatus, depth=1, latched=True)
+MEASURED = 4000
+"""Readings that wait for a slow or late reader: a rest of some seconds is published at once, before
+any reader may be there."""
+IMU = _topic(topic_names.IMU, Imu, depth=MEASURED, latched=True)
+ENCODERS = _topic(topic_names.ENCODERS, JointState, depth=MEASURED, latched=True)
+"""Of `steer`: position and effort; of `rear_wheel`: velocity in m/s at the rim."""
+GNSS_FIX = _topic(topic_names.GNSS_FIX, NavSatFix, depth=MEASURED, latched=True)
+GNSS_VELOCITY = _topic(
+    topic_names.GNSS_VELOCITY, TwistWithCovarianceStamped, depth=MEASURED, latched=True
+)
+SENSOR_TIME = _topic(topic_names.SENSOR_TIME, TimeReference, depth=RESEND)
+"""The sensors' clock at a step; `source` is episode and step."""
+ESTIMATE = Topic(topic_names.ESTIMATE, BicycleState, _profile(RESEND), _profile(5))
+ESTIMATED_ODOMETRY = Topic(topic_names.ESTIMATED_ODOMETRY, Odometry, _profile(RESEND), _profile(5))
 
 TOPICS: tuple[Topic, ...] = (
     STATE,
@@ -152,6 +172,13 @@ TOPICS: tuple[Topic, ...] = (
     GOAL_STATUS,
     HAND_OVER,
     TRAINER,
+    IMU,
+    ENCODERS,
+    GNSS_FIX,
+    GNSS_VELOCITY,
+    SENSOR_TIME,
+    ESTIMATE,
+    ESTIMATED_ODOMETRY,
 )
 """All topics."""
 

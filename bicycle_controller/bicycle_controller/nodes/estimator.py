@@ -1,0 +1,189 @@
+"""The estimator within the controller: readings in, `bicycle/estimate` and odometry out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from bicycle_msgs.msg import BicycleState as StateMessage
+from geometry_msgs.msg import TwistWithCovarianceStamped, Vector3
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from sensor_msgs.msg import Imu, JointState, NavSatFix, TimeReference
+
+from bicycle_common.nodes import convert, topics
+from bicycle_common.nodes.topics import BASE_FRAME, advertise, listen
+from bicycle_common.types import BicycleState
+from bicycle_controller.estimation.kalman import Estimate, as_body
+from bicycle_controller.estimation.steps import StepEstimator
+from bicycle_sim.nodes import sensor_messages
+from bicycle_sim.plants.base import Plant
+from bicycle_sim.sensors.reading import Reading
+from bicycle_sim.sensors.settings import SensorSettings
+
+FALLEN = math.pi / 6
+"""rad of estimated lean at which the bicycle is taken for fallen."""
+
+MOST_EARLY = 20_000
+"""Readings that are kept while the bicycle is not known."""
+
+
+class Estimator:
+    """Hears a bicycle's sensors and publishes what it estimates at each step."""
+
+    def __init__(
+        self,
+        node: Node,
+        sensors: SensorSettings,
+        start: tuple[float, float, float],
+        on_estimate: Callable[[StateMessage], None],
+    ) -> None:
+        """Listen.
+
+        Args:
+            node: whose topics.
+            sensors: what the sensors are like.
+            start: m, m and the heading in rad, where a ride begins.
+            on_estimate: called with each estimate, after it was published.
+        """
+        self._node, self._sensors, self._on_estimate = node, sensors, on_estimate
+        self._publishers = advertise(node, topics.ESTIMATE, topics.ESTIMATED_ODOMETRY)
+        self._steps: StepEstimator | None = None
+        self._plant: Plant[Any] | None = None
+        self._early: list[Reading] = []
+        self._episode = -1
+        self._start = start
+        self._fix: NavSatFix | None = None
+        self._told: tuple[str, ...] = ()
+        listen(node, topics.IMU, self._on_imu)
+        listen(node, topics.ENCODERS, self._on_encoders)
+        if sensors.gnss.rate > 0.0:
+            listen(node, topics.GNSS_FIX, self._on_fix)
+            listen(node, topics.GNSS_VELOCITY, self._on_velocity)
+        listen(node, topics.SENSOR_TIME, self._on_time)
+
+    def ride(self, plant: Plant[Any]) -> None:
+        """Take the bicycle whose parameters the model has."""
+        if plant != self._plant:
+            self._plant = plant
+            waiting = self._early if self._steps is None else []
+            self._early = []
+            self._steps = StepEstimator(plant, self._sensors)
+            for reading in waiting:
+                self._steps.add(reading)
+            self._episode = -1
+
+    def _add(self, readings: list[Reading]) -> None:
+        if self._steps is None:  # no bicycle is known yet
+            self._early = [*self._early, *readings][-MOST_EARLY:]
+            return
+        for reading in readings:
+            self._steps.add(reading)
+
+    def _on_imu(self, message: Imu) -> None:
+        self._add([sensor_messages.from_imu(message)])
+
+    def _on_encoders(self, message: JointState) -> None:
+        try:
+            self._add(sensor_messages.from_encoders(message))
+        except ValueError as error:
+            self._node.get_logger().warning(f"encoders ignored: {error}")
+
+    def _on_fix(self, message: NavSatFix) -> None:
+        self._fix = message
+
+    def _on_velocity(self, message: TwistWithCovarianceStamped) -> None:
+        if self._fix is not None and self._fix.header.stamp == message.header.stamp:
+            self._add([sensor_messages.from_gnss(self._fix, message, self._sensors)])
+
+    def _on_time(self, message: TimeReference) -> None:
+        """Estimate the step that this says."""
+        if self._steps is None or self._plant is None:
+            return
+        try:
+            episode, step = (int(word) for word in message.source.split())
+        except ValueError:
+            self._node.get_logger().warning(f"no episode and step: {message.source!r}")
+            return
+        time = sensor_messages.seconds(message.time_ref)
+        if episode != self._episode:
+            self._episode = episode
+            self._steps.begin(time - step * self._plant.time_step, *self._start)
+        found = self._steps.step(time)
+        if self._sensors.rest > 0.0 and not found.calibrated[0]:
+            return
+        problems = self._steps.problems(time)
+        if problems != self._told:
+            for text in problems or ("all sensors are well again",):
+                self._node.get_logger().warning(text)
+            self._told = problems
+        state = as_state(self._plant, found, episode, step, [time, *self._steps.used])
+        stamp = message.header.stamp
+        now = stamp.sec * 10**9 + stamp.nanosec
+        estimate = convert.from_snapshot(state, now)
+        self._publishers[topics.ESTIMATE.name].publish(estimate)
+        self._publishers[topics.ESTIMATED_ODOMETRY.name].publish(odometry(state, found, now))
+        self._on_estimate(estimate)
+
+
+def as_state(
+    plant: Plant[Any], estimate: Estimate, episode: int, step: int, used: list[float]
+) -> BicycleState:
+    """The estimate of one bicycle as a state.
+
+    Args:
+        plant: whose geometry the contacts have.
+        estimate: of one bicycle.
+        episode: of the simulator, or of the ride.
+        step: within it.
+        used: the sensors' time and the stamps of the last readings used, from which the estimate
+            can be made again; in place of a plant's own state.
+    """
+    body: Any = as_body(plant, estimate)
+    names = (
+        "lean_angle",
+        "lean_rate",
+        "lean_acceleration",
+        "steer_angle",
+        "steer_rate",
+        "heading",
+        "front_x",
+        "front_y",
+        "rear_x",
+        "rear_y",
+        "speed",
+    )
+    return BicycleState(
+        episode=episode,
+        step=step,
+        **{name: float(getattr(body, name)[0]) for name in names},
+        yaw_rate=float(estimate.yaw_rate[0]),
+        pitch=float(getattr(body, "pitch", np.zeros(1))[0]),
+        fallen=abs(float(body.lean_angle[0])) > FALLEN,
+        plant_state=tuple(used),
+        estimated=True,
+    )
+
+
+def odometry(state: BicycleState, estimate: Estimate, nanoseconds: int) -> Odometry:
+    """The rear contact's pose and twist with their covariances (REP-103)."""
+    message = Odometry(header=convert.to_header(nanoseconds), child_frame_id=BASE_FRAME)
+    message.pose.pose.position = convert.to_point((state.rear_x, state.rear_y))
+    message.pose.pose.orientation = convert.to_quaternion(
+        convert.yaw_of(state), -float(state.lean_angle)
+    )
+    place, p = estimate.course_covariance[0], estimate.covariance[0]
+    pose = np.zeros((6, 6))
+    pose[:2, :2] = place[1:, 1:]
+    pose[5, 5] = place[0, 0]
+    pose[:2, 5] = pose[5, :2] = place[0, 1:]
+    pose[3, 3] = p[0, 0]
+    twist = np.zeros((6, 6))
+    twist[0, 0], twist[3, 3], twist[5, 5] = p[4, 4], p[1, 1], p[6, 6]
+    message.pose.covariance = [float(value) for value in pose.ravel()]
+    message.twist.covariance = [float(value) for value in twist.ravel()]
+    message.twist.twist.linear = Vector3(x=float(state.speed))
+    message.twist.twist.angular = Vector3(x=-float(state.lean_rate), z=float(state.yaw_rate))
+    return message
