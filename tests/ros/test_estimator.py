@@ -14,6 +14,7 @@ from node_process import NodeProcess
 from rclpy.serialization import deserialize_message
 
 from bicycle_bag.reader import BagReader
+from bicycle_common.geometry import yaw_to_heading
 from bicycle_common.nodes import topics
 from bicycle_controller.estimation.steps import StepEstimator, replayed
 from bicycle_controller.nodes.estimator import as_state
@@ -91,7 +92,7 @@ def test_sensors_are_in_the_bag_and_make_the_same_estimates(
     for message in estimates:
         time, *used = message.plant_state
         if not begun:
-            again.begin(time, 0.0, 0.0, -math.pi / 2.0)
+            again.begin(time, 0.0, 0.0, float(yaw_to_heading(0.0)))
             begun = True
         found = replayed(again, readings, used, time)
         state = as_state(plant, found, message.episode, message.step, [time, *used])

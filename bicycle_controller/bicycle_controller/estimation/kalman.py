@@ -228,7 +228,11 @@ class Filter:
         turn, force = values[:, :3] @ self._mounting.T, values[:, 3:] @ self._mounting.T
         noise = imu.gyro_noise**2 * imu.rate + imu.gyro_step**2 / 12.0 + 1e-8
         then = self._history.at(time)
-        error = turn[:, 0] + then[:, LEAN_RATE] - then[:, ROLL_BIAS]
+        # With its nose down the frame's own axis feels a share of the turning.
+        pitch = self._model.pitch(then[:, LEAN], then[:, STEER]) * ~self.resting
+        k = self._model.at(then[:, SPEED])
+        felt = pitch * self._rates(k, then)[:, 2] * np.cos(then[:, LEAN])
+        error = turn[:, 0] + then[:, LEAN_RATE] - felt - then[:, ROLL_BIAS]
         spread = np.sqrt(self._p[:, ROLL_BIAS, ROLL_BIAS])
         self._leave_rest(mask & (np.abs(error) > s.rest_turn + 4.0 * spread))
         self._correct(time, error, ((LEAN_RATE, -1.0), (ROLL_BIAS, 1.0)), noise, mask)
@@ -265,8 +269,9 @@ class Filter:
         speed, yaw = then[:, SPEED], rates[:, 2]
         steer_turn, rate_turn = k.axes[:, 2, 2], k.axes[:, 2, 3]
         turn_up = (steer_turn * then[:, STEER_RATE] + rate_turn * rates[:, 1]) * moving
+        # A point above the road swings on a smaller circle than the contact.
         expected = (
-            speed * yaw * cosine
+            (speed - height * yaw * sine) * yaw * cosine
             - GRAVITY * sine
             + height * rates[:, 0]
             + ahead * turn_up

@@ -47,6 +47,17 @@ class Model:
             self._powers = self._powers[:, None]
         self.torque = np.atleast_2d(parts[1][1])
 
+        self._pitch = _pitch(plant)
+
+    def pitch(self, lean: np.ndarray, steer: np.ndarray) -> np.ndarray:
+        """(N,) rad that the frame's nose is up, as the steering makes it: a quadratic form."""
+        found: np.ndarray = (
+            self._pitch[0] * steer * steer
+            + self._pitch[1] * steer * lean
+            + self._pitch[2] * lean * lean
+        )
+        return found
+
     def at(self, speed: np.ndarray) -> Coefficients:
         """The coefficients at speeds (N,), m/s."""
         v = speed[:, None, None]
@@ -73,6 +84,17 @@ def bend(state: np.ndarray) -> np.ndarray:
     found = state[:, :4].copy()
     found[:, 0] = np.sin(state[:, 0])
     found[:, 2] = np.tan(steer)
+    return found
+
+
+def _pitch(plant: Plant[Any]) -> np.ndarray:
+    """The coefficients of steer^2, steer lean and lean^2, of the plant or its first bicycle."""
+    leans, steers = np.meshgrid(np.linspace(-0.3, 0.3, 7), np.linspace(-0.5, 0.5, 7))
+    lean, steer = leans.ravel(), steers.ravel()
+    if plant.count is not None:  # one bicycle for each pose, all of them the first
+        plant = plant.take(np.zeros(len(lean), dtype=int))
+    basis = np.stack([steer * steer, steer * lean, lean * lean], 1)
+    found: np.ndarray = np.linalg.lstsq(basis, plant.pitch_on_road(lean, steer), rcond=None)[0]
     return found
 
 

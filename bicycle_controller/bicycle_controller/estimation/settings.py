@@ -9,7 +9,7 @@ from dataclasses import dataclass
 class FilterSettings:
     """Process noise, and what is believed at the start."""
 
-    roll_noise: float = 0.15
+    roll_noise: float = 0.1
     """rad/s^2 per root Hz: wind and what the model does not know."""
     torque_noise: float = 0.15
     """N m per root Hz on the steering: friction, and torque that is not reported."""

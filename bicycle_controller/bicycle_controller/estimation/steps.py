@@ -15,7 +15,7 @@ from bicycle_controller.estimation.kalman import Estimate, Filter
 from bicycle_controller.estimation.watch import SensorWatch
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.sensors.reading import ORDER, Reading
-from bicycle_sim.sensors.settings import SensorSettings
+from bicycle_sim.sensors.settings import Sampled, SensorSettings
 
 
 class StepEstimator:
@@ -45,6 +45,16 @@ class StepEstimator:
         self._watch = SensorWatch(self.sensors, self._watch.wheelbase)
         self.last = dict.fromkeys(ORDER, begun - 1e-6)
         self._waiting = [one for one in self._waiting if one.stamp > begun - 1e-6]
+
+    def lacking(self, time: float) -> tuple[str, ...]:
+        """Return the sensors that have not told all that they had to until `time`, s."""
+        found = []
+        for name in ORDER:
+            timing: Sampled = getattr(self.sensors, name)
+            newest = max((one.stamp for one in self._waiting if one.sensor == name), default=-1e18)
+            if timing.rate > 0.0 and newest < time - timing.latency - 0.05 - 5.0 / timing.rate:
+                found.append(name)
+        return tuple(found)
 
     def add(self, reading: Reading) -> None:
         """Take a reading that has come."""

@@ -56,6 +56,7 @@ class Estimator:
         self._episode = -1
         self._start = start
         self._fix: NavSatFix | None = None
+        self._velocity: TwistWithCovarianceStamped | None = None
         self._told: tuple[str, ...] = ()
         listen(node, topics.IMU, self._on_imu)
         listen(node, topics.ENCODERS, self._on_encoders)
@@ -93,10 +94,17 @@ class Estimator:
 
     def _on_fix(self, message: NavSatFix) -> None:
         self._fix = message
+        self._pair()
 
     def _on_velocity(self, message: TwistWithCovarianceStamped) -> None:
-        if self._fix is not None and self._fix.header.stamp == message.header.stamp:
-            self._add([sensor_messages.from_gnss(self._fix, message, self._sensors)])
+        self._velocity = message
+        self._pair()
+
+    def _pair(self) -> None:
+        """Take a fix and a velocity of the same time, whichever has come first."""
+        fix, velocity = self._fix, self._velocity
+        if fix is not None and velocity is not None and fix.header.stamp == velocity.header.stamp:
+            self._add([sensor_messages.from_gnss(fix, velocity, self._sensors)])
 
     def _on_time(self, message: TimeReference) -> None:
         """Estimate the step that this says."""
@@ -109,6 +117,12 @@ class Estimator:
             return
         time = sensor_messages.seconds(message.time_ref)
         if episode != self._episode:
+            lacking = self._steps.lacking(time)
+            if lacking:  # the rest comes as one burst, topic by topic
+                if lacking != self._told and step > 0:
+                    self._node.get_logger().warning(f"waits for {', '.join(lacking)}")
+                    self._told = lacking
+                return
             self._episode = episode
             self._steps.begin(time - step * self._plant.time_step, *self._start)
         found = self._steps.step(time)

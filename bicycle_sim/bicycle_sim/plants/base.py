@@ -235,6 +235,10 @@ class Plant(ABC, Generic[State]):
         """Return the pitch of the rear frame, (N,) rad, positive with the nose up."""
         return np.zeros(len(state.speed))
 
+    def pitch_on_road(self, lean: np.ndarray, steer: np.ndarray) -> np.ndarray:
+        """Return the pitch that puts both wheels on the road, (N,) rad for (N,) rad each."""
+        return np.zeros(len(lean))
+
     @abstractmethod
     def fallen(self, state: State, limit: float) -> np.ndarray:
         """Return (N,) bool: True if it leans by more than `limit`, rad, or cannot be ridden."""

@@ -1,6 +1,17 @@
+from pathlib import Path
+
 from setuptools import find_packages, setup
 
 package_name = "bicycle_hardware"
+
+
+def sibling(name: str) -> str:
+    """Return the requirement of a package of this repository: its folder, if beside this one."""
+    root = Path(__file__).resolve().parent.parents[2]
+    for folder in (root / name, root / "ros2_ws" / "src" / name):
+        if (folder / "setup.py").is_file():
+            return f"{name} @ {folder.as_uri()}"
+    return name
 
 
 setup(
@@ -13,7 +24,7 @@ setup(
         (f"share/{package_name}", ["package.xml"]),
     ],
     python_requires=">=3.10",
-    install_requires=["setuptools"],
+    install_requires=[sibling("bicycle_common"), "setuptools"],
     extras_require={"test": ["pytest"]},
     zip_safe=True,
     maintainer="Self-driving bicycle maintainers",

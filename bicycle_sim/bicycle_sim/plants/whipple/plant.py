@@ -28,6 +28,7 @@ from bicycle_sim.plants.whipple.constants import (
     table,
 )
 from bicycle_sim.plants.whipple.integrate import Inputs
+from bicycle_sim.plants.whipple.kinematics import front_height, rolling
 from bicycle_sim.plants.whipple.parameters import Parameters
 
 
@@ -198,6 +199,14 @@ class WhipplePlant(Plant[WhippleState]):
     def pitch(self, state: WhippleState) -> np.ndarray:
         """Return the pitch of the rear frame, (N,) rad, positive with the nose up."""
         return state.pitch
+
+    def pitch_on_road(self, lean: np.ndarray, steer: np.ndarray) -> np.ndarray:
+        """Return the pitch that puts both wheels on the road, by Newton's method."""
+        pitch = np.zeros(len(lean))
+        for _ in range(6):
+            r = rolling(self.constants, lean, pitch, steer)
+            pitch = pitch - front_height(self.constants, r) / r.pitch_lever
+        return pitch
 
     def fallen(self, state: WhippleState, limit: float) -> np.ndarray:
         """Return True (N,) for a lean of more than `limit`, rad, or a stop for good."""

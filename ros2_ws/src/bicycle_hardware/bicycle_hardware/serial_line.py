@@ -7,6 +7,7 @@ import select
 import termios
 from pathlib import Path
 
+from bicycle_common.validation import require
 from bicycle_hardware.frames import Message, Splitter, encode
 
 SPEEDS = {
@@ -28,9 +29,8 @@ class SerialLine:
             OSError: if there is no such line, or it may not be opened.
             ValueError: on a speed that is none.
         """
-        if speed not in SPEEDS:
-            known = ", ".join(map(str, SPEEDS))
-            raise ValueError(f"a serial line has no {speed} bits/s: choose one of {known}")
+        known = ", ".join(map(str, SPEEDS))
+        require(speed in SPEEDS, f"a serial line has no {speed} bits/s: choose one of {known}")
         self._file = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         try:
             settings = termios.tcgetattr(self._file)

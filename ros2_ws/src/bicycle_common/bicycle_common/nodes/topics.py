@@ -130,8 +130,8 @@ GOAL_STATUS = _topic(topic_names.GOAL_STATUS, GoalStatus, depth=10, latched=True
 HAND_OVER = _topic(topic_names.HAND_OVER, HandOver, depth=10, latched=True)
 TRAINER = _topic(topic_names.TRAINER, TrainerStatus, depth=1, latched=True)
 MEASURED = 4000
-"""Readings that wait for a slow or late reader: a rest of some seconds is published at once, before
-any reader may be there."""
+"""Readings that wait for a slow or late reader: a rest of some seconds is published at once, when
+nobody may be there yet."""
 IMU = _topic(topic_names.IMU, Imu, depth=MEASURED, latched=True)
 ENCODERS = _topic(topic_names.ENCODERS, JointState, depth=MEASURED, latched=True)
 """Of `steer`: position and effort; of `rear_wheel`: velocity in m/s at the rim."""
