@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
 # Sends the bicycle to a goal, or to each point of a file in order.
 #
-# Usage: goal.sh X Y [--wait] [--timeout S] [__ns:=/name]
+# Usage: goal.sh X Y [--yaw DEG] [--wait] [--timeout S] [__ns:=/name]
 #        goal.sh --file waypoints.yaml|waypoints.csv [--wait] [--timeout S] [__ns:=/name]
 #
 #   X Y           metres in the odom frame; the same as a 2D Goal Pose from RViz or Foxglove
+#   --yaw DEG     direction of arrival, degrees counter-clockwise from +x; any unless named
 #   --file FILE   points to ride to one after the other: YAML (a list of [x, y]) or CSV (x,y a line)
 #   --wait        stay until the last goal is decided, with distance left, speed and lean
 #   --timeout S   seconds to wait for the controller to accept, and with --wait for each goal

@@ -61,10 +61,12 @@ class ErrandError(Exception):
 class GoalClient:
     """Sends goals to the controller, and can wait for their end."""
 
-    def __init__(self, rider: RideClient, goals: list[Point2D], timeout: float) -> None:
+    def __init__(
+        self, rider: RideClient, goals: list[Point2D], timeout: float, yaw: float | None = None
+    ) -> None:
         self.stop = StopRequest().listen()
         self._rider = rider
-        self._plan = Plan(goals)
+        self._plan, self._yaw = Plan(goals), yaw
         self._timeout = timeout
         self._taken_away = (math.inf, "")
         self._missing: dict[str, float] = {}
@@ -82,7 +84,7 @@ class GoalClient:
         self._rider.changes.clear()
         deadline = time.monotonic() + patience
         while not self.stop.requested:
-            self._rider.send(self._plan.goals)
+            self._rider.send(self._plan.goals, self._yaw)
             if self._spin_until(self._heard, min(REPEAT, deadline - time.monotonic())):
                 if self._rider.state is not None and self._rider.state.fallen:
                     raise ErrandError(LYING, f"{LIES}; the goal waits until then")
@@ -228,6 +230,7 @@ def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
     add("x", type=float, nargs="?")
     add("y", type=float, nargs="?")
     add("--file", type=Path)
+    add("--yaw", type=float)
     add("--wait", action="store_true")
     add("--timeout", type=float)
     # A negative coordinate is a number, not an option: argparse knows that by itself.
@@ -239,6 +242,8 @@ def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
     if given.file is not None:
         if given.x is not None:
             parser.error("give X Y or --file, not both")
+        if given.yaw is not None:
+            parser.error("--yaw goes with X Y: a file has no directions of arrival")
         try:
             given.goals = read_waypoints(given.file)
         except ValueError as error:
@@ -246,6 +251,8 @@ def parse(arguments: list[str]) -> tuple[argparse.Namespace, list[str]]:
         return given, ros
     if given.y is None:
         parser.error("give X and Y in metres, or --file")
+    if given.yaw is not None and not math.isfinite(given.yaw):
+        parser.error(f"--yaw is {given.yaw}: give degrees")
     if not (math.isfinite(given.x) and math.isfinite(given.y)):
         parser.error(f"({given.x}, {given.y}) is not finite: give metres")
     given.goals = [(given.x, given.y)]
@@ -257,7 +264,8 @@ def main() -> int:
     given, ros = parse(sys.argv[1:])
     start_tool("goal.sh", ros)
     rider = RideClient("bicycle_goal")
-    errand = GoalClient(rider, given.goals, given.timeout)
+    yaw = None if given.yaw is None else math.radians(given.yaw)
+    errand = GoalClient(rider, given.goals, given.timeout, yaw)
     try:
         errand.send()
         if given.wait:

@@ -18,7 +18,7 @@ from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from bicycle_common.nodes import topics
+from bicycle_common.nodes import convert, topics
 from bicycle_common.nodes.topics import Topic, advertise, listen
 from bicycle_common.types import Point2D
 from bicycle_controller.policy.trained_for import UNLIKE
@@ -183,9 +183,20 @@ class RideClient(Node):
             if self.count_publishers(topic.name)
         )
 
-    def send(self, goals: Sequence[Point2D]) -> None:
-        """Publish one goal, or several in order, in place of all older ones."""
+    def send(self, goals: Sequence[Point2D], yaw: float | None = None) -> None:
+        """Publish one goal, or several in order, in place of all older ones.
+
+        Args:
+            goals: m.
+            yaw: rad, direction of arrival at a single goal; None asks for none.
+        """
         poses = [_pose(goal) for goal in goals]
+        if yaw is not None:
+            # Exactly (0, 0, 0, 1) asks for no direction: a full turn more is east, too.
+            turned = convert.to_quaternion(yaw)
+            if turned.z == 0.0:
+                turned.w = -turned.w
+            poses[0].pose.orientation = turned
         if len(poses) == 1:
             self._goal_publishers[topics.GOAL_POSE.name].publish(poses[0])
             return
