@@ -36,6 +36,7 @@ SHORTER = {
 }
 """Lines of the page, and their replacements in the run."""
 QUICK = "--steps 12800 --set evaluation.every=20 --set evaluation.episodes=8 --quiet"
+QUICK += " --set evaluation.near_episodes=8"
 NO_ROS = "import sys\nfor name in ('rclpy', 'bicycle_msgs'): sys.modules[name] = None\n"
 
 

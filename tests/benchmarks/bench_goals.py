@@ -133,9 +133,13 @@ class Peer:
 
     def act(self, observation: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Physical actions (N, 3), without exploration."""
-        scaled = (observation / np.array(NATURAL_SCALE)).astype(np.float32)
-        action = np.zeros((len(scaled), 3))
-        action[:, :2] = np.clip(self.model.predict(scaled, deterministic=True)[0], -1.0, 1.0)
+        count = len(observation)
+        # SBX compiles anew for each number of rows, which falls as rides end.
+        scaled = np.zeros((100 if count <= 100 else 1000, 6), np.float32)
+        scaled[:count] = observation / np.array(NATURAL_SCALE)
+        action = np.zeros((count, 3))
+        found = self.model.predict(scaled, deterministic=True)[0][:count]
+        action[:, :2] = np.clip(found, -1.0, 1.0)
         return action * self.limits
 
 
