@@ -3,8 +3,10 @@
 What is watched is above all the extrapolated lean: the lean from which a bicycle at rest with a
 straight handlebar would fall alike. It is the state's share in the unstable mode of the
 linearised bicycle, as the extrapolated centre of mass (Hof et al. 2005) is a walker's, and it
-grows from steering too, so it warns before the lean itself does. `ENVELOPE` lies between what
-ordinary rides of the shipped actors come to and what the LQR recovers from, at every speed.
+grows from steering too, so it warns before the lean itself does. How large it may be follows from
+the bicycle: from how far its torque limit and its handlebar can bring the unstable mode back
+(`recoverable`). On the paper's bicycle it was measured: `ENVELOPE` lies between what ordinary
+rides of the shipped actors come to and what the LQR recovers from, at every speed.
 
 Everything is for N bicycles at once, so that one code rides in the node and is measured over
 thousands of rides (`tests/benchmarks/bench_safety.py`).
@@ -20,15 +22,24 @@ from typing import Any
 import numpy as np
 
 from bicycle_common.validation import require
+from bicycle_controller.control import recoverable
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
 
 ENVELOPE_SPEEDS = (1.0, 1.5, 2.0, 2.5, 2.75, 3.5, 5.0)
 """m/s, at which ENVELOPE is given; in between it is interpolated, beyond held."""
 ENVELOPE = (0.12, 0.17, 0.25, 0.38, 0.46, 0.50, 0.50)
-"""rad of extrapolated lean."""
+"""rad of extrapolated lean, on the paper's bicycle."""
+TORQUE_SHARE = 0.7
+"""Share of the extrapolated lean from which the torque limit can still save, elsewhere."""
+STEERING = 0.6
+"""rad, the turn of the handlebar that may be needed, elsewhere."""
+LARGEST = 0.5
+"""rad of extrapolated lean, where the bicycle lies at 0.524 rad."""
+TORQUE_LIMIT = 2.0
+"""N m of a bicycle that names none, as in the scenarios."""
 
-SPEEDS = np.linspace(1.0, 5.0, 81)
+SPEEDS = np.linspace(1.0, 8.0, 141)
 """m/s, for which the unstable mode is computed."""
 SLOWEST, SPACING = float(SPEEDS[0]), float(SPEEDS[1] - SPEEDS[0])
 MODE_STATES = ("lean_angle", "lean_rate", "steer_angle", "steer_rate")
@@ -83,7 +94,7 @@ class SafetyConfig:
     """
 
     envelope: float = 1.0
-    """Share of ENVELOPE."""
+    """Share of the largest extrapolated lean."""
     lean: float = 0.5
     """rad, largest |omega|."""
     lean_rate: float = 0.5
@@ -129,6 +140,7 @@ class Safety:
         self.config = config or SafetyConfig()
         self.plant = plant if plant is not None else registry.default()
         self._mode = np.array([unstable_mode(float(speed), self.plant) for speed in SPEEDS])
+        self._envelope = envelope(self.plant)
         self._time_step = self.plant.time_step
         self._rates = np.array(self.config.rates) * self._time_step
         self.reason = np.zeros(count, dtype=np.int64)
@@ -234,7 +246,7 @@ class Safety:
     def _measure(self, observation: np.ndarray, speed: np.ndarray, age: np.ndarray) -> np.ndarray:
         """Every one of WATCHED as a share of its limit, (6, N)."""
         values, limits = self._values, self._limits
-        limits[0] = self.config.envelope * np.interp(speed, ENVELOPE_SPEEDS, ENVELOPE)
+        limits[0] = self.config.envelope * np.interp(speed, *self._envelope)
         values[0] = self.extrapolated_lean(observation, speed)
         np.abs(observation[:, 2:4].T, out=values[1:3])
         values[3:5] = speed
@@ -242,6 +254,30 @@ class Safety:
         shares = values / limits
         shares[3] = 1.0 / shares[3]
         return np.asarray(shares)
+
+
+def envelope(
+    plant: Plant[Any], torque_limit: float | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return speeds, m/s, and the largest extrapolated lean at each, rad; both (n,).
+
+    Args:
+        plant: with the delay and the motor that it has.
+        torque_limit: N m; the motor's by default, or TORQUE_LIMIT.
+    """
+    if plant.name == registry.default().name:
+        return np.array(ENVELOPE_SPEEDS), np.array(ENVELOPE)
+    limit = torque_limit or plant.torque_limit or TORQUE_LIMIT
+    speeds = SPEEDS[::4]
+    found = [
+        min(
+            LARGEST,
+            TORQUE_SHARE * recoverable.farthest(plant.linearize(speed, discrete=True), limit),
+            STEERING * recoverable.within_steering(plant.linearize(speed)),
+        )
+        for speed in map(float, speeds)
+    ]
+    return speeds, np.array(found)
 
 
 def unstable_mode(speed: float, plant: Plant[Any]) -> np.ndarray:
