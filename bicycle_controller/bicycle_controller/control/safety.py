@@ -23,6 +23,7 @@ import numpy as np
 
 from bicycle_common.validation import require
 from bicycle_controller.control import recoverable
+from bicycle_controller.control.unseen import settled_in, through_commands
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
 
@@ -30,9 +31,9 @@ ENVELOPE_SPEEDS = (1.0, 1.5, 2.0, 2.5, 2.75, 3.5, 5.0)
 """m/s, at which ENVELOPE is given; in between it is interpolated, beyond held."""
 ENVELOPE = (0.12, 0.17, 0.25, 0.38, 0.46, 0.50, 0.50)
 """rad of extrapolated lean, on the paper's bicycle."""
-TORQUE_SHARE = 0.7
+TORQUE_SHARE = 0.35
 """Share of the extrapolated lean from which the torque limit can still save, elsewhere."""
-STEERING = 0.6
+STEERING = 0.5
 """rad, the turn of the handlebar that may be needed, elsewhere."""
 LARGEST = 0.5
 """rad of extrapolated lean, where the bicycle lies at 0.524 rad."""
@@ -139,7 +140,9 @@ class Safety:
         """Begin with the policy in charge of `count` bicycles; the paper's by default."""
         self.config = config or SafetyConfig()
         self.plant = plant if plant is not None else registry.default()
+        self._memory = settled_in(self.plant.linearize(SLOWEST, discrete=True), MODE_STATES)
         self._mode = np.array([unstable_mode(float(speed), self.plant) for speed in SPEEDS])
+        self._sent = np.zeros((count, self._memory))
         self._envelope = envelope(self.plant)
         self._time_step = self.plant.time_step
         self._rates = np.array(self.config.rates) * self._time_step
@@ -160,6 +163,7 @@ class Safety:
         self._left = np.zeros(count, dtype=np.int64)
         self._quiet = np.full(count, self._steps(TRUST))
         self._last: np.ndarray | None = None
+        self._sent = np.zeros((count, self._memory))
 
     def _steps(self, seconds: float) -> int:
         return max(1, round(seconds / self._time_step))
@@ -173,7 +177,11 @@ class Safety:
         """
         nearest = np.rint((speed - SLOWEST) / SPACING).astype(np.intp)
         mode = self._mode.take(nearest, axis=0, mode="clip")
-        return np.asarray(np.abs((mode * observation[:, MODE_ORDER]).sum(axis=1)))
+        if not self._memory:
+            return np.asarray(np.abs((mode * observation[:, MODE_ORDER]).sum(axis=1)))
+        # What is on its way counts as if it had come.
+        known = np.concatenate([observation[:, MODE_ORDER], self._sent], axis=1)
+        return np.asarray(np.abs((mode * known).sum(axis=1)))
 
     def judge(self, observation: np.ndarray, speed: np.ndarray, age: np.ndarray) -> np.ndarray:
         """Look at new states, one step after the last ones.
@@ -217,6 +225,8 @@ class Safety:
             self.limited += (cut != action).any(axis=1)
             action = cut
         self._last = action
+        for _ in range(min(steps, self._memory)):  # the last one was held where a step was missed
+            self._sent = np.concatenate([action[:, :1], self._sent[:, :-1]], axis=1)
         return action
 
     def explain(self, index: int = 0) -> str:
@@ -284,8 +294,19 @@ def unstable_mode(speed: float, plant: Plant[Any]) -> np.ndarray:
     """Return the parts of lean, lean rate, steering and steering rate in the extrapolated lean.
 
     Returns:
-        (4,) complex: the left eigenvector of the most unstable pole, with 1 for the lean.
+        (4,) complex: the left eigenvector of the most unstable pole, with 1 for the lean; of a
+        plant with delay or motor lag (4 + n,), what its last n torques add, the newest first.
     """
+    discrete = plant.linearize(speed, discrete=True)
+    memory = settled_in(discrete, MODE_STATES)
+    if memory:
+        vector = recoverable.unstable_mode(discrete).vector
+        seen = [vector[discrete.states.index(name)] for name in MODE_STATES]
+        sent = [
+            through_commands(discrete, part[None], MODE_STATES, ("torque",), memory)[0, :, 0]
+            for part in (vector.real, vector.imag)
+        ]
+        return np.concatenate([seen, sent[0] + 1j * sent[1]])
     model = plant.linearize(speed)
     rows = [model.states.index(name) for name in MODE_STATES]
     poles, vectors = np.linalg.eig(model.a[np.ix_(rows, rows)].T)
