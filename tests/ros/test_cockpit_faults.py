@@ -34,6 +34,7 @@ from chromium import (
 from cockpit_page import COCKPIT
 
 from bicycle_cockpit.ride_state import HISTORY
+from bicycle_cockpit.riders import label
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -362,9 +363,9 @@ def test_a_policy_has_one_colour_in_every_browser_and_no_other_has_it(
     names += ["learned-speed", "lqr-pedal", "lqr-displacement-pedal", "lqr"]
     for name in names:
         page.locator("#controller").select_option(name)
-        expect(page.locator("#legend li").filter(has_text=re.compile(f"^{name}$"))).to_have_count(
-            1
-        )
+        expect(
+            page.locator("#legend li").filter(has_text=re.compile(f"^{re.escape(label(name))}$"))
+        ).to_have_count(1)
     legend = """() => Object.fromEntries([...document.querySelectorAll("#legend li")].map(
         (item) => [item.textContent, getComputedStyle(item.querySelector("i")).color]))"""
     second = page.context.new_page()
