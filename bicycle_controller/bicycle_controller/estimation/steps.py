@@ -74,7 +74,7 @@ class StepEstimator:
         return self._filter.estimate(time)
 
     def problems(self, time: float) -> tuple[str, ...]:
-        """What is wrong with the sensors."""
+        """Return what is wrong with the sensors, one text each."""
         return self._watch.problems(time)
 
     @property

@@ -63,8 +63,8 @@ class Simulator:
         self._suite: SensorSuite | None = None
         self._under_way: list[Reading] = []
         self.readings: list[Reading] = []
-        """What has arrived since the last step, in the order of the time stamps; at an episode's
-        first state, what the sensors said while the bicycle stood before it."""
+        """Readings that have arrived since the last step, in the order of the time stamps; at the
+        first state of an episode, those of the rest before it."""
         self.plant = plant if plant is not None else registry.default()
         self.scenario = scenario.suited(self.plant.input_names)
         self.seed = _checked_seed(seed) - 1
