@@ -242,6 +242,21 @@ def test_a_real_bicycle_is_ridden_and_proved(start_node: Start, tmp_path: Path) 
     assert verdict.proved, verdict
 
 
+def test_the_actor_for_any_bicycle_rides_a_real_one(start_node: Start, tmp_path: Path) -> None:
+    """It is told nothing of the bicycle, remembers the ride, and no other controller steps in."""
+    words = ["simulator.plant:=whipple", "simulator.bicycle:=browser-rider", LOCKSTEP]
+    words += ["controller.policy:=any-bicycle"]
+    ride = start_node(RIDE, [*NEAR, *words, "--output", tmp_path / "run"])
+    assert ride.wait() in (0, 4), ride.output
+    assert re.search(r"falls +0\b", ride.output), ride.output
+    found = json.loads((tmp_path / "run" / "summary.json").read_text())
+    assert "any-bicycle@" in json.dumps(found)
+    assert not any("another ride" in event for event in found["events"])
+    assert not any("takes over" in event for event in found["events"])
+    (*_, verdict) = verify.verify(verify.read(tmp_path / "run" / "bag"))
+    assert verdict.proved, verdict
+
+
 def test_without_respawn_a_dead_controller_ends_the_ride(
     start_node: Start, ros_domain: int, tmp_path: Path
 ) -> None:
