@@ -256,7 +256,7 @@ def test_a_hand_over_is_told_who_rides_and_why(page: BrowserPage, other: Page) -
     expect(page.locator("#event-list")).to_contain_text("LQR rides again: calm again")
     expect(page.locator("#who-text")).to_have_text(re.compile("^LQR, a linear controller, rides"))
     assert "hand_over" in inside(page, "live.marks.map(({ kind }) => kind)")
-    expect(page.locator("#legend")).to_contain_text("lqr-displacement")
+    expect(page.locator("#legend")).to_contain_text("LQR, body ±2 cm")
     page.locator("#tab-loop").click()
 
 
@@ -516,7 +516,7 @@ def test_a_bicycle_that_waits_is_not_shown_as_riding_or_in_trouble(
         expect(page.locator("#loop [data-level=warn], #loop [data-level=bad]")).to_have_count(0)
         expect(page.locator("#speed-name")).to_have_text("starts at")
         expect(page.locator("#who-text")).to_have_text(
-            "fixed-speed waits for a goal: click on the map."
+            "DDPG actor waits for a goal: click on the map."
         )
 
 
@@ -596,7 +596,7 @@ def test_a_controller_that_does_not_suit_the_ride_is_told(page: BrowserPage) -> 
     why = "it uses 100 N of pedal force and 0 N are allowed"
     said(page, f"^learned-speed is in charge, but it does not suit this ride: {why}")
     expect(page.locator("#who-text")).to_contain_text(
-        f"learned-speed does not suit this ride: {why}"
+        f"DDPG actor with pedals does not suit this ride: {why}"
     )
     page.locator("#controller").select_option("lqr")
     said(page, "^lqr is in charge$")
