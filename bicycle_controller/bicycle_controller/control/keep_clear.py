@@ -39,7 +39,7 @@ class Mover(NamedTuple):
 
 
 class Way(NamedTuple):
-    """How N bicycles are to ride; arrays of (N,)."""
+    """Orders for N riding bicycles; arrays of (N,)."""
 
     speed: np.ndarray
     """m/s."""
