@@ -21,7 +21,7 @@ from waiting import until
 
 from bicycle_bag.reader import BagReader
 from bicycle_bag.writer import BagWriter
-from bicycle_controller.control.lqr import LqrController
+from bicycle_controller.policy.policy import load_controller
 from bicycle_sim.plants import registry
 from bicycle_tools.nodes import verify
 from bicycle_tools.ride_log import COMMAND, STATE, read_ride
@@ -236,7 +236,7 @@ def test_a_real_bicycle_is_ridden_and_proved(start_node: Start, tmp_path: Path) 
     assert re.search(r"falls +0\b", ride.output), ride.output
     found = json.loads((tmp_path / "run" / "summary.json").read_text())
     plant = registry.named("whipple", "browser-rider")
-    assert LqrController(None, plant).policy_id in json.dumps(found)
+    assert load_controller("lqr", plant).policy_id in json.dumps(found)
     assert not any("another ride" in event for event in found["events"])
     (*_, verdict) = verify.verify(verify.read(tmp_path / "run" / "bag"))
     assert verdict.proved, verdict
