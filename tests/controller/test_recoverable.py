@@ -1,4 +1,4 @@
-"""How far a bicycle can be brought back, by its unstable mode and its torque limit."""
+"""Recoverable states of a bicycle, by its unstable mode and its torque limit."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class FullTorque:
 
 @pytest.mark.parametrize("speed", [2.0, 3.0, 5.0])
 def test_it_takes_over_in_time_though_commands_come_late(speed: float) -> None:
-    """What is on its way counts: without that, the LQR gets a bicycle that it cannot save."""
+    """Commands under way count: without them, the LQR gets a bicycle that it cannot save."""
     ridden = plant(0.05, 0.03)
     simulator = Simulator(named("random-start-random-goal").with_motor(7.0), ridden)
     simulator.reset(InitialPose(0.0, 0.0, 0.0, speed))
