@@ -148,3 +148,34 @@ def test_whatever_is_obeyed_is_finite_in_range_and_of_the_present(
     decision = gate.decide(Command(episode, step, *action, controller=controller), 3)
     sound = bool(np.isfinite(action).all() and (np.abs(action) <= LIMITS).all())
     assert decision.accepted == (sound and episode == 1 and step <= 3)
+
+
+def test_a_gate_without_settings_lets_another_in_after_a_quarter_second_and_ten_steps() -> None:
+    clock = Clock()
+    gate = CommandValidator(LIMITS, clock=clock)
+    first = replace(GOOD, episode=0, step=0)
+    assert gate.decide(first, 10).accepted, "episodes are counted from 0"
+    clock.now += 0.25
+    other = replace(first, controller="b", step=1)
+    assert gate.decide(other, 1).reason is Reason.SECOND_CONTROLLER
+    clock.now += 0.125
+    assert gate.decide(other, 12).reason is Reason.STALE
+    assert gate.decide(other, 11).accepted
+
+
+def test_a_repeated_answer_is_known_late_in_a_ride(gate: CommandValidator) -> None:
+    # Python keeps one object of each small number only: from 257 on, equal is not identical.
+    assert gate.decide(replace(GOOD, step=int("100000")), 100_000).accepted
+    decision = gate.decide(replace(GOOD, step=int("100000")), 100_000)
+    assert decision.reason is Reason.DUPLICATE
+
+
+def test_the_same_trouble_is_told_again_after_just_five_seconds(
+    gate: CommandValidator, clock: Clock
+) -> None:
+    bad = replace(GOOD, torque=math.nan)
+    assert gate.decide(bad, 0).warning
+    clock.now += 4.75
+    assert not gate.decide(bad, 0).warning
+    clock.now += 5.0
+    assert gate.decide(bad, 0).warning
