@@ -181,7 +181,7 @@ def test_huge_lengths_anywhere(data: st.DataObject, length: int) -> None:
 @FUZZ
 @given(definition=st.binary(max_size=80) | st.sampled_from([b"float64[99999999] x\n", b"A a\n"]))
 def test_wrong_schemas(definition: bytes) -> None:
-    content, marker = original("none"), b"# The whole state"
+    content, marker = original("none"), b"# The body of one"
     place = content.find(marker)
     assert place > 0
     changed = content[:place] + definition + content[place + len(definition) :]

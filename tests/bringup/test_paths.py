@@ -49,6 +49,7 @@ def clone(folder: Path) -> Path:
     (messages / "msg" / "One.msg").write_text("float64 value\n")
     (messages / "CMakeLists.txt").write_text(CMAKE)
     shutil.copy(ROOT / "bicycle_msgs" / "package.xml", messages)
+    shutil.copytree(WORKSPACE / "src" / "tf2_msgs", workspace / "src" / "tf2_msgs")
     for name in ("bicycle_sim", "resource"):
         (python / name).mkdir(parents=True)
     (python / "resource" / "bicycle_sim").touch()

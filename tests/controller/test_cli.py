@@ -185,13 +185,17 @@ def test_a_mistake_is_one_line_with_the_remedy(
 
 WITHOUT_CHANCE = ("import", "info", "plot")
 """Commands that draw nothing and run no network."""
+WITHOUT_TORCH = ("sensing",)
+"""Commands that ride one step at a time, with the controllers of the node."""
 
 
 def test_every_command_has_help_seed_device_and_json(capsys: pytest.CaptureFixture[str]) -> None:
     for name in main.COMMANDS:
         text = output(capsys, name, "--help")
-        drawn = () if name in WITHOUT_CHANCE else ("--seed", "--device")
-        for option in ("--help", "--json", *drawn):
+        wanted = ["--help", "--json"]
+        wanted += [] if name in WITHOUT_CHANCE else ["--seed"]
+        wanted += [] if name in (*WITHOUT_CHANCE, *WITHOUT_TORCH) else ["--device"]
+        for option in wanted:
             assert option in text, f"{name} lacks {option}"
         assert name in output(capsys)
 

@@ -14,7 +14,7 @@ from programs import PROGRAMS, Accepted, Program, stop_before_work
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("signals_as_they_were")]
 
-MAY_BE_NEGATIVE = {"x", "y", "yaw"}
+MAY_BE_NEGATIVE = {"x", "y", "yaw", "--yaw"}
 HUGE = ("1" + 30 * "0", "1e300")
 ODD = ("/dev/null/none", "/proc/none", "x" * 5000, "\udcff")
 Refused = Callable[[list[str]], str]

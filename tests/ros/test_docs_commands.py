@@ -35,6 +35,7 @@ ELSEWHERE = {
     "./ros2_ws/report.sh my-ride --video": "tests/cockpit/test_maker.py",
     "./tests/run.sh": ".ci/run",
     "bicycle train": "tests/controller/test_train.py",
+    "bicycle evaluate runs/any": "tests/controller/test_kicks.py",
     ". ros2_ws/env.sh": "tests/bringup/test_shell.py",
 }
 """Beginnings of such commands, and the tests that run their like."""

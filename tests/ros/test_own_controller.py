@@ -12,7 +12,7 @@ from bicycle_msgs.msg import GoalStatus
 from node_process import NodeProcess
 from probe import Probe, goal
 
-from bicycle_common.nodes.topics import GOAL_POSE, GOAL_STATUS, STATE
+from bicycle_common.nodes.topics import COMMAND_ECHO, GOAL_POSE, GOAL_STATUS, STATE
 from bicycle_controller.policy.export import save_onnx
 from bicycle_controller.policy.policy import load_policy
 
@@ -27,7 +27,7 @@ StartNode = Callable[..., NodeProcess]
 
 @pytest.fixture
 def probe(ros_domain: int) -> Iterator[Probe]:
-    made = Probe(ros_domain, STATE, GOAL_STATUS)
+    made = Probe(ros_domain, STATE, COMMAND_ECHO, GOAL_STATUS)
     yield made
     made.close()
 
@@ -50,7 +50,7 @@ def test_the_example_of_a_node_rides_to_its_goal(start_node: StartNode, probe: P
 
     probe.spin_until(arrived)
     assert not any(state.fallen for state in probe[STATE])
-    assert probe[STATE][-1].controller == "own_controller"
+    assert probe[COMMAND_ECHO][-1].command.controller == "own_controller"
 
 
 @pytest.mark.parametrize("kind", ["class", "onnx"])

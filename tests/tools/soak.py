@@ -54,7 +54,8 @@ LOOK = 0.05
 START = 60.0
 """s that a process may take to come up on a machine that has much else to do."""
 ADDRESS = r"http://127\.0\.0\.1:\d+"
-RECORDED = [f"/{topic.name}" for topic in (STATE, COMMAND, EPISODE, GOAL_STATUS, TIMING)]
+RIDE = (STATE, COMMAND, COMMAND_ECHO, EPISODE)
+RECORDED = [f"/{topic.name}" for topic in (*RIDE, GOAL_STATUS, TIMING)]
 
 
 class Soak:
