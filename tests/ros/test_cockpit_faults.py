@@ -244,7 +244,6 @@ def test_the_events_move_nothing_else(page: BrowserPage, size: tuple[int, int]) 
     assert page.evaluate("document.documentElement.scrollHeight") <= size[1]
 
 
-@pytest.mark.xfail(strict=False, reason="in some runs the fallback does not give back; open")
 def test_a_hand_over_is_told_who_rides_and_why(page: BrowserPage, other: Page) -> None:
     ride(page)
     saw(page, "^LQR, a linear controller, rides")

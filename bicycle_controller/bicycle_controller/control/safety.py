@@ -202,7 +202,7 @@ class Safety:
         if not (driving.any() or beyond.any()):
             self._quiet += 1
             return self.reason
-        self._left = np.maximum(self._left // 1, 0)
+        self._left = np.maximum(self._left - 1, 0)
         # The policy is not let in before the bicycle is calm, and has been for a moment.
         soon = np.maximum(self._left, self._steps(0.5 * self.config.hold))
         self._left = np.where(driving & ~calm, soon, self._left)
