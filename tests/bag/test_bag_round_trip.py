@@ -25,7 +25,7 @@ from ride_bag import (
 )
 from rosbags.highlevel import AnyReader
 
-from bicycle_bag import columns, messages, metadata
+from bicycle_bag import columns, messages, metadata, repair
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import NO_START, Topic
 from bicycle_bag.qos import INFINITE_NS, QosProfile
@@ -53,6 +53,17 @@ def test_one_file_reads_as_the_directory_does(tmp_path: Path) -> None:
     make_bag(tmp_path / "bag", 10)
     single = BagReader(tmp_path / "bag" / "bag_0.mcap")
     assert list(single.messages()) == list(BagReader(tmp_path / "bag").messages())
+
+
+def test_the_folder_of_a_ride_is_read_and_repaired_as_its_bag(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    make_bag(tmp_path / "ride" / "bag", 10)
+    reader = BagReader(tmp_path / "ride")
+    assert reader.path == tmp_path / "ride" / "bag"
+    assert reader.counts[STATE] == 10
+    assert repair.main([str(tmp_path / "ride")]) == 0
+    assert "ride/bag: " in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("compression", ["zstd", "lz4", "none"])

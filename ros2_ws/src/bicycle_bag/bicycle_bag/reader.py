@@ -39,14 +39,14 @@ class BagReader:
     Opening reads the index only. Nothing stays open between calls.
 
     Args:
-        path: Bag directory or MCAP file.
+        path: Bag directory, MCAP file, or the folder of a run of ride.sh.
 
     Raises:
         BagError: There is no such bag, it is foreign, or it was never finished.
     """
 
     def __init__(self, path: Path | str) -> None:
-        self.path = Path(path)
+        self.path = bag_in(Path(path))
         self.files = find_files(self.path)
         self._topics: dict[str, Topic] = {}
         self._definitions: dict[str, str] = {}
@@ -189,6 +189,16 @@ class BagReader:
 def damaged(file: Path, error: DamageError) -> BagError:
     """Return the error for a file that a reader must not continue with."""
     return BagError(f"{file} is damaged ({error}): recover it with record.sh --repair")
+
+
+def bag_in(path: Path) -> Path:
+    """Return the bag of a path, which may be the folder of a run of ride.sh."""
+    inside = path / "bag"
+    try:
+        is_run = inside.is_dir() and not any(path.glob("*.mcap"))
+    except OSError:
+        return path
+    return inside if is_run else path
 
 
 def find_files(path: Path, listed: bool = True) -> list[Path]:

@@ -21,7 +21,7 @@ from tqdm import tqdm
 from bicycle_bag import container, metadata
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import BagMetadata, FileInformation, Topic
-from bicycle_bag.reader import BagReader, find_files
+from bicycle_bag.reader import BagReader, bag_in, find_files
 from bicycle_bag.rewrite import Rewrite
 from bicycle_bag.salvage import Progress, Salvage
 from bicycle_bag.syncing import sync_folder
@@ -238,7 +238,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command `bicycle_repair`; return its exit status."""
     parser = OneLineParser(prog="bicycle_repair", description=__doc__)
     parser.add_argument("bag", type=Path, help="bag directory or .mcap file, repaired in place")
-    bag = parser.parse_args(arguments).bag
+    bag = bag_in(parser.parse_args(arguments).bag)
     try:
         unpack_files(bag)
         total = sum(container.size_of(file) for file in present_files(bag))

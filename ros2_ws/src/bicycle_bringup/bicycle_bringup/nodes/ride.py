@@ -337,6 +337,9 @@ def _sum_up(options: RideOptions, one: Ride, failed: bool) -> int:
         return 130
     if failed and not one.begun:
         return 1
+    if one.stop.requested and not (options.folder / "bag").exists():
+        _tell("ended before anything was recorded")
+        return 130
     try:
         summary, text = report(options.folder / "bag", options.folder, one.events)
     except BagError as error:

@@ -15,6 +15,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from bicycle_bag.errors import BagError
+from bicycle_bag.reader import bag_in
 from bicycle_cockpit.export_page import export_page
 from bicycle_cockpit.film.browser import BrowserError, find_browser
 from bicycle_cockpit.film.encoder import EncoderError, check_format
@@ -70,11 +71,6 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
     except ValueError as error:
         parser.error(str(error))
     return options
-
-
-def bag_in(path: Path) -> Path:
-    """Return the bag of a path, which may be the folder of a run of ride.sh."""
-    return path / "bag" if (path / "bag").is_dir() else path
 
 
 def video(bag: Path, film: Path, options: FilmOptions) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import BagMetadata
-from bicycle_bag.reader import BagReader
+from bicycle_bag.reader import BagReader, bag_in
 from bicycle_bag.repair import repair
 from bicycle_bag.steps import states_name_commands
 from bicycle_tools.drawing import Floats, ride_time
@@ -126,7 +126,7 @@ def load(path: Path, name: str, namespace: str | None = None) -> RidePage:
     Raises:
         BagError: if there is no bag, it cannot be repaired, or it holds no bicycle or several.
     """
-    bag = _bag_of(path)
+    bag = bag_in(path)
     try:
         return _load(bag, path, name, namespace, ())
     except BagError as error:
@@ -145,13 +145,6 @@ def load(path: Path, name: str, namespace: str | None = None) -> RidePage:
         lost = "" if not found.kept else str(found).split("; damaged")[0]
         note = f"The bag is not whole; shown is what a repair gets back. {lost}".strip()
         return _load(copy, path, name, namespace, (note,))
-
-
-def _bag_of(path: Path) -> Path:
-    """Return the bag itself if the path is a run's folder."""
-    inside = path / "bag"
-    is_run = path.is_dir() and not any(path.glob("*.mcap")) and inside.is_dir()
-    return inside if is_run else path
 
 
 def _copy(bag: Path, copy: Path) -> None:
