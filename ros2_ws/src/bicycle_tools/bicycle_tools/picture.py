@@ -31,7 +31,7 @@ def draw_ride(log: RideLog, path: Path) -> None:
         strips = [figure.add_subplot(grid[0, 1])]
         strips += [figure.add_subplot(grid[row, 1], sharex=strips[0]) for row in (1, 2, 3)]
         _strips(strips, log, time)
-        _title(figure, summarise(log))
+        figure.suptitle(headline(summarise(log)), fontsize=12, fontweight="bold")
         figure.savefig(path, dpi=150)
 
 
@@ -48,14 +48,25 @@ def _strips(strips: list[Axes], log: RideLog, time: Floats) -> None:
             other = command.twinx()
             other.grid(visible=False)
             _line(other, time, 100.0 * shift, SHIFT, "displacement (cm)")
-    _line(distance, time, states["goal_distance"], INK, "distance to\ngoal (m)")
-    distance.set_ylim(bottom=0.0)
+    _progress(distance, log, time)
     distance.set_xlabel("time (s)")
     for axes in strips[:-1]:
         axes.tick_params(labelbottom=False)
     for axes in strips:
         axes.margins(x=0.0)
         _mark_goals(axes, log, time)
+
+
+def _progress(axes: Axes, log: RideLog, time: Floats) -> None:
+    """Draw the distance to the goal, or from the path where only a path was followed."""
+    statuses = log.path_statuses
+    if np.isfinite(log.states["goal_distance"]).any() or not len(statuses.get("path_id", ())):
+        _line(axes, time, log.states["goal_distance"], INK, "distance to\ngoal (m)")
+        axes.set_ylim(bottom=0.0)
+        return
+    # Simulated time begins anew at a reset; the recorder's does not.
+    when = np.interp(statuses["log_time"], log.states["log_time"], time)
+    _line(axes, when, statuses["cross_track"], INK, "off the\npath (m)")
 
 
 def _line(axes: Axes, time: Floats, values: Floats, colour: str, label: str) -> None:
@@ -71,14 +82,15 @@ def _mark_goals(axes: Axes, log: RideLog, time: Floats) -> None:
         axes.axvline(time[row + 1], color=REACHED, linewidth=0.7, alpha=0.5, zorder=0)
 
 
-def _title(figure: Figure, summary: RideSummary) -> None:
-    """Write the main numbers in one line."""
+def headline(summary: RideSummary) -> str:
+    """Return the main numbers in one line."""
     falls = {0: "no fall", 1: "1 fall"}.get(summary.falls, f"{summary.falls} falls")
-    parts = [
-        f"{summary.reached} of {summary.goals} goals",
-        falls,
-        f"{summary.path_length:.0f} m in {summary.ridden_time:.0f} s",
+    parts = [f"{summary.reached} of {summary.goals} goals"] if summary.goals else []
+    parts += [
+        f"{path.name or 'path'} {path.status}, {path.rms:.2f} m off (RMS)"
+        for path in summary.paths
     ]
+    parts += [falls, f"{summary.path_length:.0f} m in {summary.ridden_time:.0f} s"]
     if np.isfinite(summary.path_ratio):
         parts.append(f"path {summary.path_ratio:.2f} × straight line")
-    figure.suptitle("   ·   ".join(parts), fontsize=12, fontweight="bold")
+    return "   ·   ".join(parts)

@@ -33,6 +33,8 @@ PATH = topic_names.in_bag(topic_names.FOLLOWED_PATH)
 PUSHED = topic_names.in_bag(topic_names.PUSHED)
 READ = (STATE, COMMAND, ECHO, TIMING, GOAL_STATUS, EPISODE, PATH_STATUS)
 """Topics of a ride, in the bicycle's namespace."""
+EXPECTED = tuple(topic for topic in READ if topic != PATH_STATUS)
+"""Topics that every whole ride has; a path is followed in some."""
 RIDDEN = (STATE, COMMAND, TIMING)
 """Topics that are not latched: a bag without any of them contains no ride."""
 

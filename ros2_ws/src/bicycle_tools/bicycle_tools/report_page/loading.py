@@ -22,6 +22,7 @@ from bicycle_tools.drawing import Floats, ride_time
 from bicycle_tools.outcomes import Outcome, outcomes
 from bicycle_tools.ride_log import (
     ECHO,
+    EXPECTED,
     READ,
     RIDDEN,
     STATE,
@@ -189,7 +190,7 @@ def _ride(reader: BagReader, prefix: str) -> tuple[RideLog, Sequence[str]]:
             f"{reader.path}: its {prefix}{STATE} or the topics beside it are not of this "
             f"stack's types ({error}): choose another bicycle with --namespace"
         ) from None
-    empty = [prefix + topic for topic in READ if not reader.counts.get(prefix + topic)]
+    empty = [prefix + topic for topic in EXPECTED if not reader.counts.get(prefix + topic)]
     if prefix + ECHO in empty and states_name_commands(reader, prefix + STATE):
         empty.remove(prefix + ECHO)
     if not any(reader.counts.get(prefix + topic) for topic in RIDDEN):
