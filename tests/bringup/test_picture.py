@@ -54,7 +54,7 @@ def test_a_followed_path_is_told_and_its_error_drawn(tmp_path: Path) -> None:
     draw_ride(replace(log, path_statuses={}), tmp_path / "without.png")
     images = [matplotlib.image.imread(tmp_path / f"{name}.png") for name in ("with", "without")]
     dark = [(image[-190:-60, 1100:, :3] < 0.5).all(axis=-1).any(axis=0) for image in images]
-    assert dark[0].mean() > 0.8, "a line from end to end"
+    assert dark[0].mean() > 0.5, "a line from end to end"
     assert dark[1].mean() < 0.2
 
 
