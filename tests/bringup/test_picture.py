@@ -35,7 +35,9 @@ def test_a_fall_before_the_first_goal_can_be_drawn(tmp_path: Path) -> None:
 
 def test_a_followed_path_is_told_and_its_error_drawn(tmp_path: Path) -> None:
     log = ride(joined(states(5), states(200, episode=2)))
-    log = replace(log, states={**log.states, "log_time": 100.0 + ride_time(log)})
+    none = np.full(len(log.segment), np.nan)
+    times = {"log_time": 100.0 + ride_time(log), "goal_distance": none}
+    log = replace(log, states={**log.states, **times})
     moments = log.states["log_time"][::4]
     count = len(moments)
     numbers = ("length", "rms", "largest", "elapsed", "cross_track")
