@@ -70,7 +70,7 @@ def test_under_a_policy_that_is_garbage_the_goal_is_reached_and_each_hand_over_t
     for topic in (STATE, COMMAND):
         recorder.wait_for_line(f"recording /{topic.name}")
     probe.say(GOAL_POSE, goal(25.0, 10.0))
-    probe.spin_until(lambda: probe[GOAL_STATUS] and probe[GOAL_STATUS][-1].status == 2, 60.0)
+    probe.spin_until(lambda: probe[GOAL_STATUS] and probe[GOAL_STATUS][-1].status == 2)
     assert probe[GOAL_STATUS][-1].status == GoalStatus.REACHED
     assert not any(state.fallen for state in probe[STATE])
     told = probe[HAND_OVER]

@@ -54,9 +54,20 @@ class Probe:
         """Serve callbacks until `condition` holds; returns what it gave."""
         deadline = time.monotonic() + patience
         while not (value := condition()):
-            assert time.monotonic() < deadline, f"waited {patience} s in vain"
+            assert time.monotonic() < deadline, (
+                f"waited {patience} s in vain; {self._heard_last()}"
+            )
             self.executor.spin_once(timeout_sec=0.05)
         return value
+
+    def _heard_last(self) -> str:
+        """Return how many messages of each topic were heard, and the last of each."""
+        lines = [
+            f"{len(those)} of {name}, the last: {str(those[-1])[:600]}"
+            for name, those in self.heard.items()
+            if those
+        ]
+        return "\n".join(["heard", *lines]) if lines else "nothing was heard"
 
     def spin_while(self, condition: Callable[[], Any], longest: float) -> None:
         """Serve callbacks while `condition` holds, at most for a while."""
