@@ -42,6 +42,7 @@ from probe import Probe
 
 from bicycle_bag.reader import BagReader
 from bicycle_common.nodes.topics import GOAL_STATUS, STATE
+from bicycle_tools.ride_log import RIDDEN
 
 WORKSPACE = Path(__file__).resolve().parents[2] / "ros2_ws"
 READY = {
@@ -412,7 +413,9 @@ class Person(RuleBasedStateMachine):
         bag = chosen(session.bags, which)
         page = session.folder / f"page-{next(session._numbers)}.html"
         result = session.run("report", bag, "--output", page)
-        if BagReader(bag).counts.get("/bicycle/state", 0):
+        counts = BagReader(bag).counts
+        # A recorder that comes late to a short replay may have heard no state.
+        if any(counts.get(topic, 0) for topic in RIDDEN):
             assert result.wait() == 0, result.output
             if bag.parent.name.startswith("run-"):
                 assert "1 of 1 goals reached" in page.read_text()
