@@ -181,13 +181,17 @@ def test_a_signal_saves_and_leaves(number: signal.Signals, code: int, tmp_path: 
     assert state["updates"] >= rows(tmp_path / "run")[-1]["updates"]
 
 
-def test_the_folder_holds_what_it_promises(tmp_path: Path) -> None:
+def test_the_folder_holds_what_it_promises(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     config = small_run("seed=7")
+    monkeypatch.setattr("sys.argv", ["/somewhere/cli/__main__.py", "train", "--seed", "7"])
     result = online.run(config, tmp_path / "run")
     assert loading.load(tmp_path / "run" / "config.yaml") == config
     about = json.loads((tmp_path / "run" / "run.json").read_text())
     assert about["seed"] == 7
     assert {"command", "commit", "version", "started", "processor"} < about.keys()
+    assert about["command"] == "bicycle train --seed 7"
     assert about["processor"], "seconds of one processor are not those of another"
     assert (result.updates, result.steps) == (176, 1600)
     best = [row for row in rows(tmp_path / "run") if row["kind"] == "evaluation"]

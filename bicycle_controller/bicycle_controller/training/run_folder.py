@@ -148,12 +148,18 @@ def _lock(folder: int, path: Path) -> None:
 def origin() -> dict[str, Any]:
     """Return the origin of a run: command, commit, version, time and processor."""
     return {
-        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "command": shlex.join([_program(), *sys.argv[1:]]),
         "commit": _commit(),
         "version": __version__,
         "started": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "processor": processor(),
     }
+
+
+def _program() -> str:
+    """Return what a person types to run this program; `python -m` names a file instead."""
+    name = Path(sys.argv[0]).name
+    return "bicycle" if name == "__main__.py" else name
 
 
 def processor() -> str:
