@@ -41,6 +41,30 @@ def test_beyond_it_full_torque_is_too_little(speed: float) -> None:
         assert (now > begun) == grows
 
 
+@pytest.mark.parametrize(("delay", "lag", "near"), [(0.05, 0.0, 1e-9), (0.05, 0.03, 0.02)])
+@pytest.mark.parametrize("speed", [1.5, 2.0, 3.0])
+def test_commands_under_way_count_as_if_they_had_come(
+    delay: float, lag: float, near: float, speed: float
+) -> None:
+    """The extrapolated lean grows by the mode's factor in a period in which no new one is sent."""
+    ridden = plant(delay, lag)
+    model, layer = ridden.linearize(speed, discrete=True), Safety(plant=ridden)
+    place = {name: index for index, name in enumerate(model.states)}
+    state = np.zeros(len(model.states))
+    torque = model.b[:, model.inputs.index("torque")]
+    shares = []
+    for sent in (0.0, 0.3, -0.2, 0.25, 0.1, 0.0, 0.0):
+        layer.limit(np.array([[sent, 0.0, 0.0]]))
+        state = model.a @ state + torque * sent
+        seen = [state[place[name]] for name in ("steer_angle", "steer_rate")]
+        seen += [state[place[name]] for name in ("lean_angle", "lean_rate")]
+        share = layer.extrapolated_lean(np.array([[*seen, 0.0, 0.0]]), np.array([speed]))
+        shares.append(float(share[0]))
+    growth = abs(unstable_mode(model).factor)
+    assert shares[5] / shares[4] == pytest.approx(growth, rel=near)
+    assert shares[6] / shares[5] == pytest.approx(growth, rel=near)
+
+
 def test_it_grows_with_the_torque_and_shrinks_with_delay_and_lag() -> None:
     for speed in (1.5, 2.5):
         plain = farthest(plant().linearize(speed, discrete=True), 7.0)

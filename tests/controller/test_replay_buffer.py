@@ -24,6 +24,16 @@ def test_the_ring_overwrites_the_oldest() -> None:
     assert replay.table[:, 0].tolist() == [5, 6, 2, 3, 4]
 
 
+def test_a_memory_on_another_device_holds_the_same() -> None:
+    """There rows cannot be written through numpy; the way that is taken then, on this device."""
+    here, there = ReplayBuffer(5, 2), ReplayBuffer(5, 2)
+    there._rows = None
+    for numbers in ([0, 1], [2], [3, 4, 5, 6]):
+        here.add(rows_of(numbers))
+        there.add(rows_of(numbers))
+        assert torch.equal(here.table, there.table)
+
+
 def test_samples_are_even_over_what_is_stored_and_repeatable() -> None:
     replay = ReplayBuffer(100, 2)
     replay.add(rows_of(range(10)))

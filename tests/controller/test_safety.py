@@ -10,7 +10,7 @@ import pytest
 from faulty_policies import FAULTS, ride
 
 from bicycle_common.types import Command, CommandSource, InitialPose
-from bicycle_controller.control import safety
+from bicycle_controller.control import recoverable, safety
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.control_output import ControllerSwitch
 from bicycle_controller.control.goals import GoalTracker, Status
@@ -26,6 +26,7 @@ from bicycle_controller.control.safety import (
 )
 from bicycle_controller.nodes.controller_settings import ControllerSettings
 from bicycle_controller.policy.policy import load_controller
+from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import BodyState as State
 from bicycle_sim.plants.choi.linear import eigenvalues
 from bicycle_sim.plants.choi.plant import ChoiPlant
@@ -93,6 +94,29 @@ def test_the_extrapolated_lean_grows_as_the_unstable_pole_says(speed: float) -> 
 def test_a_lean_at_rest_is_its_own_extrapolated_lean() -> None:
     assert Safety().extrapolated_lean(state(0.2), SPEED)[0] == pytest.approx(0.2)
     assert unstable_mode(2.0, ChoiPlant.named("corrected")).shape == (4,)
+
+
+def test_below_and_beyond_the_speeds_of_the_mode_its_ends_hold() -> None:
+    layer, leaning = Safety(), state(0.1, 0.2)
+    leaning[0, 0] = 0.05
+    for speed, end in ((0.2, 1.0), (8.4, 8.0), (30.0, 8.0)):
+        assert layer.extrapolated_lean(leaning, np.array([speed])) == layer.extrapolated_lean(
+            leaning, np.array([end])
+        )
+
+
+@pytest.mark.parametrize(
+    ("torque", "steering", "limit"), [(0.4, 9.0, 0.14), (9.0, 0.6, 0.3), (9.0, 9.0, 0.5)]
+)
+def test_elsewhere_the_envelope_is_the_least_of_three(
+    monkeypatch: pytest.MonkeyPatch, torque: float, steering: float, limit: float
+) -> None:
+    """Of what the torque, what the handlebar can bring back, and of a lean short of lying."""
+    monkeypatch.setattr(recoverable, "farthest", lambda model, torque_limit: torque)
+    monkeypatch.setattr(recoverable, "within_steering", lambda model: steering)
+    speeds, found = safety.envelope(registry.named("whipple", "browser-rider"))
+    assert (speeds[0], speeds[-1]) == (1.0, 8.0)
+    np.testing.assert_allclose(found, limit)
 
 
 # Taking over and giving back.
@@ -165,6 +189,44 @@ def test_a_policy_that_fails_again_waits_twice_as_long_each_time(
     assert count == 40, "trusted again after 10 s"
 
 
+def test_the_first_failure_is_held_for_the_shortest_time() -> None:
+    """Also that of a policy that gives no action at all, before any state was judged."""
+    layer = Safety(SafetyConfig(hold=0.1))
+    assert layer.fail(np.array([True])) == Reason.POLICY
+    assert waited(layer) == 4
+
+
+def waited(layer: Safety) -> int:
+    """Return how many calm steps the fallback drives."""
+    for count in range(10_000):
+        if layer.judge(upright(), SPEED, NONE)[0] == Reason.NONE:
+            return count + 1
+    raise AssertionError("it drives on")
+
+
+def test_one_bicycles_trouble_is_not_anothers() -> None:
+    """The second is trusted again after its own quiet time, while the first is never calm."""
+    layer = Safety(SafetyConfig(hold=0.1), count=2)
+    speeds, ages = SPEED.repeat(2), NONE.repeat(2)
+    wild, calm = np.concatenate([state(0.6), state()]), np.concatenate([state(0.6)] * 2)
+
+    def hold() -> int:
+        layer.judge(calm, speeds, ages)
+        assert layer.reason[1] != Reason.NONE
+        for count in range(1000):
+            if layer.judge(wild, speeds, ages)[1] == Reason.NONE:
+                return count + 1
+        raise AssertionError("it drives on")
+
+    first = hold()
+    soon = hold()
+    assert soon > first
+    for _ in range(500):  # s 12.5
+        layer.judge(wild, speeds, ages)
+    assert layer.reason.tolist() == [Reason.EXTRAPOLATED_LEAN, Reason.NONE]
+    assert hold() == first
+
+
 def test_changes_of_the_command_are_limited_by_the_time_that_passed() -> None:
     layer = Safety(SafetyConfig(rates=(20.0, 4.0, 1000.0)))
     first = np.array([[0.1, 0.0, 0.0]])
@@ -221,6 +283,14 @@ def test_the_layer_changes_no_bit_of_an_ordinary_ride(actor: str) -> None:
     assert layer is not None
     assert commands(actor, layer, seed=3) == commands(actor, None, seed=3)
     assert layer.limited[0] == layer.hand_overs[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("speed", "limit"),
+    [(1.0, 0.12), (1.25, 0.145), (2.0, 0.25), (2.5, 0.38), (2.75, 0.46), (3.5, 0.5), (9.0, 0.5)],
+)
+def test_the_envelope_is_the_one_that_was_measured(speed: float, limit: float) -> None:
+    assert np.interp(speed, *safety.envelope(ChoiPlant())) == pytest.approx(limit)
 
 
 def test_the_envelope_is_given_for_rising_speeds_and_widens() -> None:

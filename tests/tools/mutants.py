@@ -22,8 +22,9 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 BAG = "ros2_ws/src/bicycle_bag/bicycle_bag"
 BAG_TESTS = (
-    "tests/bag/test_bag_round_trip.py tests/bag/test_bag_metadata.py tests/bag/test_bag_syncing.py"
-    " tests/bag/test_bag_flips.py tests/bag/test_bag_foreign_repair.py"
+    "tests/bag/test_writer.py tests/bag/test_bag_round_trip.py tests/bag/test_bag_metadata.py"
+    " tests/bag/test_bag_syncing.py tests/bag/test_bag_flips.py"
+    " tests/bag/test_bag_foreign_repair.py"
     " tests/bag --ignore=tests/bag/test_bag_fuzz.py"
 )
 """The quick and the telling ones first, since the first failure ends a run."""
@@ -61,7 +62,8 @@ ROOMS: dict[str, tuple[tuple[str, ...], str]] = {
     ),
     "safety": (
         ("bicycle_controller/bicycle_controller/control/safety.py",),
-        "tests/controller/test_safety.py tests/controller/test_control_loop.py",
+        "tests/controller/test_safety.py tests/controller/test_recoverable.py"
+        " tests/controller/test_control_loop.py",
     ),
     "replay buffer": (
         ("bicycle_controller/bicycle_controller/data/replay_buffer.py",),
