@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from bicycle_controller.config import loading
-from bicycle_controller.training import online
-from bicycle_controller.training.factory import make_collector, make_memory
+from bicycle_controller.evaluation.score import hardships, score
+from bicycle_controller.policy.policy import load_policy
+from bicycle_controller.training import checkpoint, online
+from bicycle_controller.training.factory import make_agent, make_collector, make_memory
+from bicycle_controller.training.run_folder import RunFolder
 from bicycle_sim.plants import registry
 
 SMALL = [
@@ -21,17 +26,30 @@ SMALL = [
 ]
 
 
+class Idle:
+    """An agent that does nothing and keeps what it was shown."""
+
+    shown: np.ndarray
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        self.shown = observation
+        return np.zeros((len(observation), 2))
+
+
 def rates(*changes: str) -> tuple[np.ndarray, np.ndarray]:
     """Lean rates and speeds of 32 bicycles on their first 40 steps, without exploration."""
     config = loading.preset(
-        "sure", [*SMALL, "warm_up=0", "noise.sigma=0", "noise.sigma_max=0", *changes]
+        "sure",
+        [
+            *SMALL,
+            "warm_up=0",
+            "noise.sigma=0",
+            "noise.sigma_max=0",
+            "starts.hard_share=1",
+            *changes,
+        ],
     )
     collector = make_collector(config, make_memory(config, "cpu"), "cpu")
-
-    class Idle:
-        def act(self, observation: np.ndarray) -> np.ndarray:
-            return np.zeros((len(observation), 2))
-
     found = []
     for _ in range(40):
         collector.step(Idle())
@@ -51,6 +69,103 @@ def test_kicks_come_at_their_rate() -> None:
     assert 20 < jumps.sum() < 200
     calm = np.abs(np.diff(rates(*changes, "starts.kick=0.0")[0], axis=0))
     assert calm.max() < 0.15
+
+
+def test_a_share_of_the_episodes_is_hard() -> None:
+    speed = rates("starts.hard_share=0.5", "bicycles=200")[1]
+    ordinary = np.isclose(
+        speed, registry.default().initial(*np.zeros((3, 1)), np.full(1, 2.7778)).speed, atol=1e-3
+    )
+    assert 0.3 < ordinary.mean() < 0.7
+    config = loading.preset("sure", [*SMALL, "bicycles=1000", "starts.hard_share=0.5"])
+    collector = make_collector(config, make_memory(config, "cpu"), "cpu")
+    states = collector.state_dict()
+    kicked, noise = states["hardships"]
+    for some in (kicked, noise > 0, states["late"]["delays"] > 0):
+        assert 0.35 < some.mean() < 0.55
+    assert 0.0 < noise.max() <= config.starts.noise
+
+
+def test_the_actor_sees_its_speed_and_its_last_commands() -> None:
+    changes = ["warm_up=0", "noise.sigma=0", "noise.sigma_max=0", "starts.noise=0"]
+    config = loading.preset("sure", [*SMALL, *changes])
+    collector = make_collector(config, make_memory(config, "cpu"), "cpu")
+    assert config.ddpg is not None
+    names = config.ddpg.inputs
+
+    class Steers(Idle):
+        def act(self, observation: np.ndarray) -> np.ndarray:
+            super().act(observation)
+            return np.full((len(observation), 2), 0.25 * (1 + collector.rounds))
+
+    agent = Steers()
+    begun = collector.task.state.speed.copy()
+    collector.step(agent)
+    assert agent.shown[:, names.index("speed")] == pytest.approx(begun)
+    assert not agent.shown[:, names.index("torque[-1]")].any()
+    collector.step(agent)
+    going = collector.task.steps == 2
+    assert going.any()
+    assert agent.shown[going, names.index("torque[-1]")] == pytest.approx(0.25)
+    collector.step(agent)
+    going = collector.task.steps == 3
+    last = [agent.shown[going, names.index(f"displacement[-{age}]")] for age in (1, 2, 3)]
+    assert [values[0] for values in last] == pytest.approx([0.5, 0.25, 0.0])
+
+
+def test_the_memory_holds_the_state_that_follows_with_the_command_between() -> None:
+    changes = ["starts.noise=0", "ddpg.n_step=1", "warm_up=100000"]
+    config = loading.preset("sure", [*SMALL, *changes])
+    memory = make_memory(config, "cpu")
+    collector = make_collector(config, memory, "cpu")
+    collector.step(Idle())
+    assert config.ddpg is not None
+    names = config.ddpg.inputs
+    batch = memory.sample(64, torch.Generator())
+    for index, name in enumerate(("torque[-1]", "displacement[-1]")):
+        assert torch.equal(batch.next_observation[:, names.index(name)], batch.action[:, index])
+    before = batch.observation[:, names.index("lean_rate")]
+    assert torch.equal(batch.next_observation[:, names.index("lean_rate[-1]")], before)
+    width = len(names) + len(config.ddpg.critic_sees)
+    assert batch.observation.shape[1] == width == len(config.ddpg.critic_scale)
+
+
+def test_the_policy_rides_as_the_agent_answered(tmp_path: Path) -> None:
+    config = loading.preset(
+        "sure",
+        [*SMALL, "warm_up=64", "evaluation.every=1000", "ddpg.actor_average=0", "ddpg.n_step=1"],
+    )
+    online.run(config, tmp_path)
+    policy = load_policy(tmp_path / "last.safetensors")
+    assert policy.memory == 6
+    assert policy.info.speeds == (1.0, 5.0)
+    agent = make_agent(config, "cpu")
+    agent.load_state_dict(checkpoint.load(RunFolder(tmp_path).checkpoint)["agent"])
+    shown = np.random.default_rng(3).normal(size=(20, len(policy.inputs.names)))
+    assert config.ddpg is not None
+    units = np.array(policy.info.observation_scale) / config.ddpg.actor_scale
+    answered = agent.act(shown.astype(np.float32)) * config.scenario.action_limits[:2]
+    assert policy.answer(shown * units)[:, :2] == pytest.approx(answered, abs=1e-4)
+
+
+def test_the_score_counts_every_hardship() -> None:
+    config = loading.preset("sure")
+    hard = hardships(config.physics, config.physics_too, config.starts)
+    assert len(hard) == 6
+    names = ("action_delay", "roll_kick", "observation_noise")
+    assert [getattr(trial, name) for (_, trial), name in zip(hard[1:], names, strict=False)] == [
+        config.starts.delay,
+        config.starts.kick,
+        (config.starts.noise,) * 6,
+    ]
+    assert [trial.speed for _, trial in hard[-2:]] == list(config.starts.speeds or ())
+    fixed = dataclasses.replace(config.evaluation, episodes=4, near_episodes=0, hard_episodes=20)
+    found = score(load_policy("fixed-speed"), config.scenario, config.physics, fixed, hard)
+    assert found.hard_miss_rates is not None
+    *_, slow, _ = found.hard_miss_rates
+    assert slow > 0.5
+    easy = dataclasses.replace(found, hard_miss_rates=None)
+    assert found.rank[0] == pytest.approx(easy.rank[0] - sum(found.hard_miss_rates))
 
 
 def test_the_preset_rides_both_physics() -> None:

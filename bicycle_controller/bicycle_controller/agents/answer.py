@@ -20,7 +20,7 @@ class Answer:
 
         Args:
             actor: on its device.
-            scale: (6,) divisors of the observations, on the same device.
+            scale: (inputs,) divisors of the observations, on the same device.
         """
         self._actor, self._scale = actor, scale
         self._divisor = scale.cpu().numpy()
@@ -30,7 +30,7 @@ class Answer:
         self._plain = scale.device.type == "cpu" and not actor.norms and not actor.symmetric
 
     def __call__(self, observation: np.ndarray) -> np.ndarray:
-        """Return normalised actions (N, actions) for raw observations (N, 6)."""
+        """Return normalised actions (N, actions) for raw observations (N, inputs)."""
         if not self._plain:
             return self._called(observation)
         x = torch.from_numpy(observation.astype(np.float32) / self._divisor)

@@ -13,7 +13,7 @@ class Chooser(Protocol):
     """Chooses actions."""
 
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """Return normalised actions (N, actions) for raw observations (N, 6), without noise."""
+        """Return normalised actions (N, actions) for raw (N, inputs), without noise."""
 
 
 class Memory(Protocol):

@@ -21,7 +21,7 @@ from bicycle_controller.agents.answer import Answer
 from bicycle_controller.agents.networks import Actor, Critic, initialise
 from bicycle_controller.agents.running_means import RunningMeans
 from bicycle_controller.config.run import DdpgConfig
-from bicycle_controller.data.replay_buffer import OBSERVATIONS, Batch, ReplayBuffer
+from bicycle_controller.data.replay_buffer import Batch, ReplayBuffer
 
 LOG_EVERY = 12
 """Updates between two that are logged."""
@@ -37,6 +37,7 @@ class Ddpg:
         actor_average: running average of the actor, maintained if the config's is above 0.
         critic_targets: slow copies of the critics.
         updates: critic updates made.
+        seen: number of the actor's inputs, the first of what the critics see.
     """
 
     backend = "autograd"
@@ -54,12 +55,14 @@ class Ddpg:
         """
         self.config, self.device, self.updates = config, torch.device(device), 0
         start = torch.Generator().manual_seed(seed)
+        self.seen = len(config.inputs)
         self.actor = Actor(
-            OBSERVATIONS,
+            len(config.inputs),
             config.actor_hidden,
             actions,
             config.actor_layer_norm,
             config.symmetric_actor,
+            config.actor_mirror,
         )
         self.critics = nn.ModuleList(
             Critic(
@@ -88,12 +91,12 @@ class Ddpg:
         self.notes = RunningMeans()
 
     def act(self, observation: np.ndarray) -> np.ndarray:
-        """Return normalised actions (N, actions) for raw observations (N, 6), without noise."""
+        """Return normalised actions (N, actions) for raw observations (N, seen), without noise."""
         return self._answer(observation)
 
     @cached_property
     def _answer(self) -> Answer:
-        return Answer(self.actor, self.scale[:OBSERVATIONS])
+        return Answer(self.actor, self.scale[: self.seen])
 
     @property
     def deployed(self) -> Actor:
@@ -140,7 +143,7 @@ class Ddpg:
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """Return the critics' targets y (B,), equation (15), for a scaled batch."""
-        action = self._smoothed(self.actor_target(batch.next_observation[:, :OBSERVATIONS]))
+        action = self._smoothed(self.actor_target(batch.next_observation[:, : self.seen]))
         values = [critic(batch.next_observation, action) for critic in self.critic_targets]
         target = batch.reward + batch.discount * torch.stack(values).amin(dim=0)
         return target.clamp(self.config.value_min, 0.0) if self.config.bound_values else target
@@ -163,8 +166,9 @@ class Ddpg:
             size = (len(action), 1)
             sign = torch.randint(0, 2, size, generator=self.generator, device=self.device)
             sign = (2 * sign - 1).to(action.dtype)
-            observation[:, :OBSERVATIONS] *= sign
-            next_observation[:, :OBSERVATIONS] *= sign
+            sides = torch.where(sign < 0, self.actor.mirror, torch.ones_like(self.actor.mirror))
+            observation[:, : self.seen] *= sides
+            next_observation[:, : self.seen] *= sides
             # Torque and displacement change sign, the pedal force does not.
             action = torch.cat([action[:, :2] * sign, action[:, 2:]], dim=1)
             if expert_action is not None:
@@ -207,7 +211,7 @@ class Ddpg:
         """Equation (17): ascend the first critic's gradient; bc_weight stays near the data."""
         config = self.config
         self.critics.requires_grad_(False)
-        raw = self.actor.raw(batch.observation[:, :OBSERVATIONS])
+        raw = self.actor.raw(batch.observation[:, : self.seen])
         action = torch.tanh(raw)
         value = self.critics[0](batch.observation, action)
         loss = -value.mean()

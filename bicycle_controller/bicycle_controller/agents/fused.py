@@ -18,7 +18,7 @@ from bicycle_controller.agents.fused_net import Flat, FusedNet, flat_views
 from bicycle_controller.agents.native import NativeNet, load
 from bicycle_controller.agents.networks import Critic, folded, unfolded
 from bicycle_controller.config.run import DdpgConfig
-from bicycle_controller.data.replay_buffer import OBSERVATIONS, Batch
+from bicycle_controller.data.replay_buffer import Batch
 
 BETA_1, BETA_2, EPSILON = 0.9, 0.999, 1e-8
 """Adam's defaults."""
@@ -136,7 +136,7 @@ class FusedDdpg(Ddpg):
 
     def targets(self, batch: Batch) -> Tensor:
         """Return the critics' targets y (B,), equation (15), for a scaled batch."""
-        seen = batch.next_observation[:, :OBSERVATIONS]
+        seen = batch.next_observation[:, : self.seen]
         action = self._smoothed(self._raw(self._actor_target, seen).tanh())
         values = [net.forward(batch.next_observation, action) for net in self._critic_targets]
         least = values[0] if len(values) == 1 else torch.minimum(*values)
@@ -144,10 +144,10 @@ class FusedDdpg(Ddpg):
         return target.clamp_(self.config.value_min, 0.0) if self.config.bound_values else target
 
     def _raw(self, actor: FusedNet | NativeNet, seen: Tensor) -> Tensor:
-        """Return the input of the actor's tanh, (B, actions), for scaled observations (B, 6)."""
+        """Return the input of the actor's tanh, (B, actions), for scaled (B, seen)."""
         if not self.config.symmetric_actor:
             return actor.forward(seen)
-        return folded(actor.forward(torch.cat([seen, -seen])))
+        return folded(actor.forward(self.actor.both(seen)))
 
     def _update_critics(self, batch: Batch, target: Tensor) -> None:
         """Equation (14); the loss's gradient in Q is 2 (Q - y) / B, bounded by Huber's."""
@@ -169,7 +169,7 @@ class FusedDdpg(Ddpg):
     def _update_actor(self, batch: Batch) -> None:
         """Equation (17): the critic's gradient in the action, through tanh into the actor."""
         config = self.config
-        raw = self._raw(self._actor, batch.observation[:, :OBSERVATIONS])
+        raw = self._raw(self._actor, batch.observation[:, : self.seen])
         action = torch.tanh(raw)
         value = self._critics[0].forward(batch.observation, action)
         slope = self._critics[0].action_slope(self._minus_mean)

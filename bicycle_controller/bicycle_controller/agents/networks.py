@@ -28,6 +28,7 @@ class Actor(nn.Module):
         actions: int,
         layer_norm: bool = False,
         symmetric: bool = False,
+        mirror: Sequence[float] | None = None,
     ) -> None:
         """Build it with torch's default initialisation; see `initialise`.
 
@@ -38,9 +39,13 @@ class Actor(nn.Module):
             layer_norm: True to follow each hidden product by a layer normalisation.
             symmetric: True to make left and right mirror images: the output is the mean of the
                 network's answer and of the mirror image of its answer to the mirrored observation.
+            mirror: 1 or -1 for each input: how a mirror changes it; it negates all by default.
         """
         super().__init__()
         self.inputs, self.symmetric = inputs, symmetric
+        sides = torch.tensor([-1.0] * inputs if mirror is None else list(mirror))
+        self.mirror: Tensor
+        self.register_buffer("mirror", sides, persistent=False)
         sizes = [inputs, *hidden, actions]
         self.layers = nn.ModuleList(map(nn.Linear, sizes[:-1], sizes[1:]))
         self.norms = nn.ModuleList(nn.LayerNorm(size) for size in hidden if layer_norm)
@@ -57,7 +62,11 @@ class Actor(nn.Module):
         """Return the input of tanh, (..., actions), for scaled observations (..., inputs)."""
         if not self.symmetric:
             return self.layers[-1](self.features(observation))
-        return folded(self.layers[-1](self.features(torch.cat([observation, -observation]))))
+        return folded(self.layers[-1](self.features(self.both(observation))))
+
+    def both(self, observation: Tensor) -> Tensor:
+        """Return observations (B, inputs) and, below, what a mirror shows: (2B, inputs)."""
+        return torch.cat([observation, observation * self.mirror])
 
     def forward(self, observation: Tensor) -> Tensor:
         """Return actions within [-1, 1], (..., actions), for scaled observations (..., inputs)."""
@@ -177,10 +186,14 @@ def policy_tensors(actor: Actor) -> dict[str, np.ndarray]:
         name.replace("layers.", "layer.").replace("norms.", "norm."): value.cpu().numpy().copy()
         for name, value in actor.state_dict().items()
     }
-    return _doubled(plain, len(actor.layers) - 1) if actor.symmetric else plain
+    if not actor.symmetric:
+        return plain
+    return _doubled(plain, len(actor.layers) - 1, actor.mirror.cpu().numpy())
 
 
-def _doubled(tensors: dict[str, np.ndarray], last: int) -> dict[str, np.ndarray]:
+def _doubled(
+    tensors: dict[str, np.ndarray], last: int, mirror: np.ndarray
+) -> dict[str, np.ndarray]:
     """Return the tensors of the plain network that is equivalent to a symmetric one."""
     result = {}
     for index in range(last + 1):
@@ -191,7 +204,9 @@ def _doubled(tensors: dict[str, np.ndarray], last: int) -> dict[str, np.ndarray]
             bias = 0.5 * (1.0 + sides) * bias
         else:
             blank = np.zeros_like(weight)
-            halves = [[weight], [-weight]] if index == 0 else [[weight, blank], [blank, weight]]
+            halves = (
+                [[weight], [weight * mirror]] if index == 0 else [[weight, blank], [blank, weight]]
+            )
             weight, bias = np.block(halves), np.tile(bias, 2)
         result[f"layer.{index}.weight"], result[f"layer.{index}.bias"] = weight, bias
     return result

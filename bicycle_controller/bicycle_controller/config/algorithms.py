@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import ClassVar, TypeAlias
 
+from bicycle_common.observation import OBSERVATION_FIELDS
 from bicycle_common.validation import (
     require,
     require_between,
@@ -19,8 +20,14 @@ from bicycle_common.validation import (
     require_scale,
 )
 
-CRITIC_EXTRAS = {"speed": 3.0, "goal_distance": 10.0}
-"""Extra inputs of a critic beside the six observations, and their divisors: m/s and m."""
+CRITIC_EXTRAS = {"speed": 3.0, "goal_distance": 10.0, "delay": 2.0, "physics_too": 1.0}
+"""Extra inputs of a critic beside the actor's, and their divisors: m/s, m, steps by which actions
+are late, and 1 for a bicycle of `physics_too`."""
+
+SPEED_SCALE = 3.0
+"""m/s, divisor of a speed that the actor sees."""
+
+MOST_PERIODS = 100
 
 NATURAL_SCALE = (0.8, 3.0, 0.3, 1.0, 5.0, 2.0)
 """Natural ranges of the six observations, in the order of `task.OBSERVATION_FIELDS`."""
@@ -95,9 +102,16 @@ class DdpgConfig(AlgorithmConfig):
     """Hidden layer of the critic at which the action enters; 1 is the first."""
     n_step: int = 1
     """Rewards summed before the critic's own estimate is used."""
+    sees: tuple[str, ...] = OBSERVATION_FIELDS
+    """Names of the actor's inputs in every state, see `policy.inputs`; the paper's six."""
+    remembers: tuple[str, ...] = ()
+    """Fields that it sees of each of the last `periods` control periods, too."""
+    periods: int = 0
+    """Control periods that it remembers; its own commands of as many periods as an action is late
+    make a late action's outcome foreseeable."""
     critic_sees: tuple[str, ...] = ()
-    """Subset of `CRITIC_EXTRAS` that the critics see during training; the actor never does, so it
-    rides from the six observations (asymmetric actor-critic, Pinto et al. 2018)."""
+    """Subset of `CRITIC_EXTRAS` that the critics see during training beside the actor's inputs;
+    the actor never does (asymmetric actor-critic, Pinto et al. 2018)."""
     critics: int = 1
     """2: twin critics whose minimum is the target (TD3)."""
     smoothing: float = 0.0
@@ -166,6 +180,11 @@ class DdpgConfig(AlgorithmConfig):
             f"action_layer must lie within 1 and {layers}, the critic's hidden layers,"
             f" not {self.action_layer!r}",
         )
+        require_between("periods", self.periods, 0, MOST_PERIODS)
+        require(
+            bool(self.remembers) == (self.periods > 0),
+            "a memory needs both ddpg.remembers and ddpg.periods, or neither",
+        )
         for name in self.critic_sees:
             require_choice("critic_sees", name, tuple(CRITIC_EXTRAS))
         require_choice("initialisation", self.initialisation, ("literal", "output", "fan_in"))
@@ -173,9 +192,28 @@ class DdpgConfig(AlgorithmConfig):
         require_choice("backend", self.backend, ("auto", "native", "fused", "autograd"))
 
     @property
+    def inputs(self) -> tuple[str, ...]:
+        """Names of the actor's inputs."""
+        past = (f"{n}[-{age}]" for age in range(1, self.periods + 1) for n in self.remembers)
+        return (*self.sees, *past)
+
+    @property
+    def actor_scale(self) -> tuple[float, ...]:
+        """Divisor of each of the actor's inputs; commands count as shares of their limits."""
+        known = dict(zip(OBSERVATION_FIELDS, self.observation_scale, strict=True))
+        known["speed"] = SPEED_SCALE
+        return tuple(known.get(name.partition("[")[0], 1.0) for name in self.inputs)
+
+    @property
+    def actor_mirror(self) -> tuple[float, ...]:
+        """How a mirror changes each input: 1 for speed and pedal force, else -1."""
+        kept = ("speed", "pedal_force")
+        return tuple(1.0 if name.partition("[")[0] in kept else -1.0 for name in self.inputs)
+
+    @property
     def critic_scale(self) -> tuple[float, ...]:
         """Divisor of each number of a state that the critics see."""
-        return (*self.observation_scale, *(CRITIC_EXTRAS[name] for name in self.critic_sees))
+        return (*self.actor_scale, *(CRITIC_EXTRAS[name] for name in self.critic_sees))
 
     @property
     def value_min(self) -> float:

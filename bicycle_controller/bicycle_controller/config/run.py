@@ -73,14 +73,20 @@ class StartsConfig:
     max_steps: int = 0
     """Step limit of a training episode; 0 keeps the scenario's."""
     speeds: tuple[float, float] | None = None
-    """Least and largest start speed, m/s; the scenario's if None. A bicycle without a pedal keeps
-    it."""
+    """Least and largest start speed, m/s, near which more are drawn than between them; the
+    scenario's if None. A bicycle without a pedal keeps it."""
     delay: int = 0
     """Largest number of steps by which actions arrive late; each episode has its own."""
     kick: float = 0.0
     """Half width of the jumps of the lean rate during a ride, rad/s."""
     kick_every: float = 4.0
     """Mean time between two such jumps, s."""
+    noise: float = 0.0
+    """Largest standard deviation of noise on each observation, in its unit; each episode has its
+    own."""
+    hard_share: float = 1.0
+    """Share of the episodes with such kicks; as many have late actions, noise or a start speed of
+    `speeds`, each independently of the others."""
 
     def __post_init__(self) -> None:
         if self.speeds is not None:
@@ -91,9 +97,10 @@ class StartsConfig:
                 f"starts.speeds must grow from above zero, not {slowest, fastest}",
             )
         require_between("starts.delay", self.delay, 0, 40)
-        require_between("starts.kick", self.kick, 0.0, math.inf)
+        for name in ("kick", "noise"):
+            require_between(f"starts.{name}", getattr(self, name), 0.0, math.inf)
         require_positive("starts.kick_every", self.kick_every)
-        for name in ("near_share", "ride_on"):
+        for name in ("near_share", "ride_on", "hard_share"):
             require_between(f"starts.{name}", getattr(self, name), 0.0, 1.0)
         for name in ("tilt", "tilt_rate", "steer", "steer_rate", "max_steps"):
             require_between(f"starts.{name}", getattr(self, name), 0.0, math.inf)
@@ -165,6 +172,10 @@ class EvaluationConfig:
     shake: float = 0.0
     """Sigma of exploration noise under which another 128 bicycles ride for half a minute; the
     share that falls counts against the policy. 0 disables this."""
+    hard_episodes: int = 0
+    """Rides to near goals under each hardship that `starts` names alone: its longest delay, its
+    kick, its noise, its lowest and highest speed, and on `physics_too`; those that do not reach
+    their goal count against the policy. 0 disables this."""
     seed: int = 1_000_003
     """Seed of those starts, the same every time."""
     max_steps: int = 0
@@ -178,7 +189,7 @@ class EvaluationConfig:
         for name in ("every", "episodes"):
             value = getattr(self, name)
             require(value >= 1, f"evaluation.{name} must be at least 1, not {value!r}")
-        for name in ("max_steps", "near_episodes", "shake"):
+        for name in ("max_steps", "near_episodes", "shake", "hard_episodes"):
             require_between(f"evaluation.{name}", getattr(self, name), 0, math.inf)
         require_positive("evaluation.near_distance", self.near_distance)
         for name in ("stop_at", "stop_falls"):

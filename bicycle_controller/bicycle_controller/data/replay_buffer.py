@@ -13,7 +13,7 @@ from torch import Tensor
 from bicycle_controller.config.algorithms import LearnerConfig
 
 OBSERVATIONS = 6
-"""Numbers per observation of the actor."""
+"""Numbers per observation of the paper's actor."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class Batch:
     """B transitions, all float32; observations raw, actions normalised."""
 
     observation: Tensor
-    """(B, 6), followed by the critic's extra inputs."""
+    """(B, inputs of the actor), followed by the critic's extra inputs."""
     action: Tensor
     """(B, actions), within [-1, 1]."""
     next_observation: Tensor

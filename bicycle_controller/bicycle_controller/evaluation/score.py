@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
-from bicycle_controller.config.run import EvaluationConfig
+from bicycle_controller.config.run import EvaluationConfig, StartsConfig
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.exploration_noise import Noise, NoiseConfig
 from bicycle_controller.control.riding import Riding
 from bicycle_controller.evaluation.evaluate import evaluate
+from bicycle_controller.evaluation.rollouts import Disturbance
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Region, Scenario
 from bicycle_sim.task.task import BicycleTask
@@ -23,6 +25,26 @@ SHAKEN = 128
 """Number of bicycles that ride with exploration noise, for as many steps."""
 SHAKE_THETA = 0.15
 """Pull of that noise towards zero per step (Table 3)."""
+
+
+Hardship: TypeAlias = tuple[Plant[Any], Disturbance]
+"""Another bicycle, or something that disturbs it."""
+
+
+def hardships(
+    plant: Plant[Any], plant_too: Plant[Any] | None, starts: StartsConfig
+) -> list[Hardship]:
+    """Return each hardship of the training starts alone, at its largest."""
+    found = [] if plant_too is None else [(plant_too, Disturbance())]
+    trials = []
+    if starts.delay:
+        trials.append(Disturbance(action_delay=starts.delay))
+    if starts.kick > 0:
+        trials.append(Disturbance(roll_kick=starts.kick))
+    if starts.noise > 0:
+        trials.append(Disturbance(observation_noise=(starts.noise,) * 6))
+    trials += [Disturbance(speed=speed) for speed in starts.speeds or ()]
+    return [*found, *((plant, trial) for trial in trials)]
 
 
 @dataclass(frozen=True)
@@ -41,6 +63,8 @@ class Score:
     """Mean sum of rewards of the rides to goals that are not near."""
     shaken_fall_rate: float | None = None
     """Share that falls within half a minute of exploration noise; None if not tested."""
+    hard_miss_rates: tuple[float, ...] | None = None
+    """Share that does not reach a near goal under each hardship; None if not tested."""
 
     @property
     def rank(self) -> tuple[float, float]:
@@ -54,13 +78,26 @@ class Score:
         if self.near_reach_rate is not None and self.near_fall_rate is not None:
             worth = 0.5 * (worth + self.near_reach_rate - self.near_fall_rate)
             time += _or_infinite(self.near_median_time_s)
-        return (worth - (self.shaken_fall_rate or 0.0), -time)
+        missed = sum(self.hard_miss_rates or ())
+        return (worth - (self.shaken_fall_rate or 0.0) - missed, -time)
 
 
 def score(
-    policy: Controller, scenario: Scenario, plant: Plant[Any], fixed: EvaluationConfig
+    policy: Controller,
+    scenario: Scenario,
+    plant: Plant[Any],
+    fixed: EvaluationConfig,
+    hard: Sequence[Hardship] = (),
 ) -> Score:
-    """Ride the fixed starts to their end and return the score."""
+    """Ride the fixed starts to their end and return the score.
+
+    Args:
+        policy: chooses the actions.
+        scenario: where from and where to.
+        plant: which bicycle.
+        fixed: how many starts.
+        hard: hardships for `hard_episodes` rides each.
+    """
     scenario = dataclasses.replace(scenario, max_steps=fixed.max_steps or scenario.max_steps)
     far = evaluate(policy, scenario, plant, fixed.episodes, fixed.seed).summary()
     names = ("reach_rate", "fall_rate", "orbit_rate", "median_time_s")
@@ -69,6 +106,13 @@ def score(
         near_goals = near(scenario, fixed.near_distance)
         found = evaluate(policy, near_goals, plant, fixed.near_episodes, fixed.seed).summary()
         values |= {f"near_{name}": found[name] for name in names if name != "orbit_rate"}
+    if fixed.hard_episodes > 0 and hard:
+        goals = near(scenario, fixed.near_distance)
+        rides = (
+            evaluate(policy, goals, bicycle, fixed.hard_episodes, fixed.seed, trial)
+            for bicycle, trial in hard
+        )
+        values["hard_miss_rates"] = tuple(1.0 - ride.summary()["reach_rate"] for ride in rides)
     if fixed.shake > 0:
         steps = min(NEAR_STEPS, fixed.max_steps or NEAR_STEPS)
         values["shaken_fall_rate"] = shaken(

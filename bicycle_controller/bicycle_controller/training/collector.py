@@ -8,11 +8,14 @@ from typing import Any
 
 import numpy as np
 
+from bicycle_common.observation import OBSERVATION_FIELDS
 from bicycle_controller.agents.base import Chooser, Memory
 from bicycle_controller.config.algorithms import DdpgConfig, LearnerConfig
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.control.exploration_noise import Noise
-from bicycle_controller.data.replay_buffer import OBSERVATIONS, NStepAccumulator, RewardShaping
+from bicycle_controller.control.past import Past
+from bicycle_controller.data.replay_buffer import NStepAccumulator, RewardShaping
+from bicycle_controller.policy.inputs import Inputs
 from bicycle_controller.policy.policy import load_controller
 from bicycle_controller.training.episode_log import EpisodeLog
 from bicycle_controller.training.late_actions import LateActions
@@ -32,7 +35,11 @@ def driven(limits: np.ndarray) -> np.ndarray:
 
 def observations(learner: LearnerConfig) -> int:
     """Return the numbers per observation in the memory: the actor's and the critic's extra."""
-    return OBSERVATIONS + len(_extras(learner))
+    return len(_inputs(learner)) + len(_extras(learner))
+
+
+def _inputs(learner: LearnerConfig) -> tuple[str, ...]:
+    return learner.inputs if isinstance(learner, DdpgConfig) else OBSERVATION_FIELDS
 
 
 def _extras(learner: LearnerConfig) -> tuple[str, ...]:
@@ -69,7 +76,9 @@ class Collector:
             every_second = np.arange(config.bicycles) % 2 == 1
             plant = MixedPlant(config.physics, config.physics_too, every_second)
         self.task = BicycleTask(scenario, plant, config.bicycles, task_rng)
-        self._late = LateActions(config.bicycles, config.starts.delay, task_rng)
+        self._late = LateActions(
+            config.bicycles, config.starts.delay, task_rng, config.starts.hard_share
+        )
         self.limits = self.task.scenario.action_limits
         self.driven = driven(self.limits)
         self._spread = self.limits[self.driven]
@@ -97,8 +106,14 @@ class Collector:
         self.steps = self.rounds = 0
         self.episode_return = np.zeros(config.bicycles)
         self.totals = {"episodes": 0.0, "return": 0.0, "goals": 0.0, "falls": 0.0}
-        restart(self.task, np.ones(config.bicycles, dtype=bool), config.starts)
-        self.observation = self.task.observation()
+        everyone = np.ones(config.bicycles, dtype=bool)
+        restart(self.task, everyone, config.starts)
+        self._inputs = Inputs(_inputs(learner))
+        self._past = Past(config.bicycles, self._inputs.memory)
+        self._kicked, self._noise_of = everyone.copy(), np.zeros(config.bicycles)
+        self._draw_hardships(everyone)
+        self.observation = self._noisy(self.task.observation())
+        self._past.fill(everyone, self.observation, self.task.state.speed)
         record = config.record
         self.log = EpisodeLog(record, self.task) if record.episodes else None
 
@@ -109,14 +124,16 @@ class Collector:
         physical = np.zeros((self.config.bicycles, 3))
         physical[:, self.driven] = action * self._spread
         before = self._seen(self.observation)
+        self._remember(action)
         self._kick()
         step = self.task.step(self._late.arriving(physical))
+        observation = self._noisy(step.observation)
         self.replay.add(
             self.returns.push(
                 before,
                 action,
                 step.reward - self._spared(step),
-                self._seen(step.observation),
+                self._seen(observation),
                 step.terminated,
                 step.truncated,
                 step.fallen,
@@ -126,18 +143,51 @@ class Collector:
         )
         self.steps += self.config.bicycles
         self.rounds += 1
-        self.observation = self._after(step)
+        self.observation = self._after(step, observation)
+
+    def _shown(self) -> np.ndarray:
+        """Return what the actor sees, (N, inputs); commands are shares of their limits."""
+        return self._inputs.gather(self.observation, self.task.state.speed, self._past)
+
+    def _remember(self, action: np.ndarray) -> None:
+        """Add this period, with its normalised actions (N, actions), to the past."""
+        if self._inputs.memory:
+            sent = np.zeros((self.config.bicycles, 3))
+            sent[:, self.driven] = action
+            self._past.push(self.observation, self.task.state.speed, sent)
 
     def _seen(self, observation: np.ndarray) -> np.ndarray:
-        """Return the observation (N, 6) with the critic's extra inputs to its right."""
+        """Return the actor's inputs for (N, 6) with the critic's extra inputs to their right."""
         extras = _extras(self.config.learner)
+        shown = self._inputs.gather(observation, self.task.state.speed, self._past)
         if not extras:
-            return observation
+            return shown
+        plant = self.task.plant
         values = {
             "speed": self.task.state.speed,
             "goal_distance": np.minimum(self.task.goal_distance(), FAR),
+            "delay": self._late.delays,
+            "physics_too": plant.is_second
+            if isinstance(plant, MixedPlant)
+            else self._late.delays * 0,
         }
-        return np.column_stack([observation, *(values[name] for name in extras)])
+        return np.column_stack([shown, *(values[name] for name in extras)])
+
+    def _draw_hardships(self, mask: np.ndarray) -> None:
+        """Draw which of the episodes of `mask` (N,) have kicks, and how much noise each has."""
+        starts, rng, count = self.config.starts, self.task.rng, int(mask.sum())
+        if starts.hard_share < 1.0 and starts.kick > 0:
+            self._kicked[mask] = rng.random(count) < starts.hard_share
+        if starts.noise > 0:
+            some = rng.random(count) < starts.hard_share
+            self._noise_of[mask] = some * rng.uniform(0.0, starts.noise, count)
+
+    def _noisy(self, observation: np.ndarray) -> np.ndarray:
+        """Return the observation (N, 6) with each bicycle's noise."""
+        if self.config.starts.noise == 0.0:
+            return observation
+        noise: np.ndarray = self.task.rng.normal(size=observation.shape)
+        return observation + noise * self._noise_of[:, None]
 
     def _spared(self, step: Step) -> np.ndarray | float:
         """Return the part of equation 20 that training omits, (N,)."""
@@ -157,7 +207,7 @@ class Collector:
         if starts.kick == 0.0:
             return
         chance = self.task.plant.time_step / starts.kick_every
-        kicked = rng.random(self.config.bicycles) < chance
+        kicked = (rng.random(self.config.bicycles) < chance) & self._kicked
         if kicked.any():
             sizes = rng.uniform(-starts.kick, starts.kick, self.config.bicycles)
             self.task.state = self.task.plant.pushed(self.task.state, np.where(kicked, sizes, 0.0))
@@ -179,7 +229,7 @@ class Collector:
             noise, action = np.zeros(size), self.warm_rng.uniform(-1.0, 1.0, size)
         else:
             noise = self.noise.sample()
-            action = agent.act(self.observation) + noise
+            action = agent.act(self._shown()) + noise
         if expert_action is not None:
             action[self.expert_rows] = expert_action[self.expert_rows] + noise[self.expert_rows]
         return self._finite(np.minimum(np.maximum(action, -1.0), 1.0))
@@ -197,14 +247,19 @@ class Collector:
             )
         return action
 
-    def _after(self, step: Step) -> np.ndarray:
-        """Restart ended episodes; return the next observation (N, 6)."""
+    def _after(self, step: Step, observation: np.ndarray) -> np.ndarray:
+        """Restart ended episodes; return the next observation (N, 6).
+
+        Args:
+            step: its result.
+            observation: (N, 6) after it, as it is seen.
+        """
         self.episode_return += step.reward
         ended = step.terminated | step.truncated | (step.fallen & self.absorbing)
         if self.log is not None:
             self.log.add(self.task, step, ended, self.steps)
         if not ended.any():
-            return step.observation
+            return observation
         self.totals["episodes"] += float(ended.sum())
         self.totals["return"] += float(self.episode_return[ended].sum())
         self.totals["goals"] += float((ended & step.terminated).sum())
@@ -217,10 +272,14 @@ class Collector:
         restart(self.task, ended & ~goes_on, self.config.starts)
         ride_on(self.task, goes_on, self.config.starts)
         self.noise.reset(ended)
-        self._late.reset(ended & ~goes_on)
+        anew = ended & ~goes_on
+        self._late.reset(anew)
+        self._draw_hardships(anew)
         if self.log is not None:
             self.log.begin(self.task, ended)
-        return self.task.observation()
+        begun = np.where(ended[:, None], self._noisy(self.task.observation()), observation)
+        self._past.fill(anew, begun, self.task.state.speed)
+        return begun
 
     def metrics(self) -> dict[str, float]:
         """Return episodes, mean return, goal and fall rate since the last call."""
@@ -251,6 +310,8 @@ class Collector:
             "late": self._late.state_dict(),
             "returns": self.returns.state_dict(),
             "observation": self.observation.copy(),
+            "past": self._past.rows.copy(),
+            "hardships": (self._kicked.copy(), self._noise_of.copy()),
             "episode_return": self.episode_return.copy(),
             "counters": {"steps": self.steps, "rounds": self.rounds},
             "totals": dict(self.totals),
@@ -268,6 +329,9 @@ class Collector:
         self._late.load_state_dict(state["late"])
         self.returns.load_state_dict(state["returns"])
         self.observation = state["observation"]
+        if "past" in state:  # not in a checkpoint of before
+            self._past.rows = state["past"]
+            self._kicked, self._noise_of = state["hardships"]
         self.episode_return = state["episode_return"]
         self.steps, self.rounds = state["counters"]["steps"], state["counters"]["rounds"]
         self.totals = dict(state["totals"])

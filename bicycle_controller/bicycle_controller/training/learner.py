@@ -12,6 +12,7 @@ from typing import Any
 
 import torch
 
+from bicycle_common.observation import OBSERVATION_FIELDS
 from bicycle_common.signals import InterruptError, StopRequest
 from bicycle_controller.config.algorithms import DdpgConfig
 from bicycle_controller.config.run import RunConfig, ShapingConfig
@@ -52,6 +53,7 @@ def ddpg_of(config: RunConfig) -> DdpgConfig:
     """
     foreign = {
         "ddpg.critic_sees": config.ddpg is not None and config.ddpg.critic_sees,
+        "ddpg.sees": config.ddpg is not None and config.ddpg.inputs != OBSERVATION_FIELDS,
         "shaping": config.shaping != ShapingConfig(),
         "teacher": config.teacher.share > 0,
     }

@@ -11,7 +11,7 @@ from typing import Any
 from bicycle_common.signals import InterruptError, StopRequest
 from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
-from bicycle_controller.evaluation.score import Score, score
+from bicycle_controller.evaluation.score import Score, hardships, score
 from bicycle_controller.policy.policy import Policy, save_policy
 from bicycle_controller.training import checkpoint
 from bicycle_controller.training.factory import make_collector, make_memory
@@ -138,7 +138,8 @@ class Trainer(TrainingSession):
         config, policy = self.config, self.policy()
         try:
             with interrupt.at_once():
-                found = score(policy, config.scenario, config.physics, config.evaluation)
+                hard = hardships(config.physics, config.physics_too, config.starts)
+                found = score(policy, config.scenario, config.physics, config.evaluation, hard)
         except InterruptError:
             return False
         self.evaluation_due = False

@@ -12,8 +12,10 @@ from typing import Any
 
 import torch
 
+from bicycle_common.observation import ACTION_FIELDS, OBSERVATION_FIELDS
 from bicycle_common.signals import StopRequest
 from bicycle_controller.agents.networks import policy_tensors
+from bicycle_controller.config.algorithms import DdpgConfig
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.evaluation.score import Score
 from bicycle_controller.policy.policy import Policy, PolicyInfo, save_policy
@@ -29,6 +31,17 @@ def usable_device(device: str) -> str:
         print("no CUDA device was found: training on the CPU", file=sys.stderr)
         return "cpu"
     return device
+
+
+def _inputs(config: RunConfig) -> tuple[tuple[str, ...], tuple[float, ...]]:
+    """Return the names of the actor's inputs, and the divisor of each in SI units."""
+    learner = config.learner
+    if not isinstance(learner, DdpgConfig):
+        return OBSERVATION_FIELDS, learner.observation_scale
+    limits = dict(zip(ACTION_FIELDS, config.scenario.action_limits.tolist(), strict=True))
+    fields = (name.partition("[")[0] for name in learner.inputs)
+    pairs = zip(fields, learner.actor_scale, strict=True)
+    return learner.inputs, tuple(limits.get(name) or scale for name, scale in pairs)
 
 
 class TrainingSession(ABC):
@@ -120,11 +133,14 @@ class TrainingSession(ABC):
         config = self.config
         trained = {"algorithm": kind, "preset": config.preset, "seed": config.seed} | about
         name = f"{config.preset or kind}-{config.scenario.name}-{config.seed}"
+        inputs, scale = _inputs(config)
         info = PolicyInfo(
             name=re.sub(r"[^A-Za-z0-9._-]", "-", name)[:64],
             scenario=config.scenario,
             plant=config.physics,
-            observation_scale=config.learner.observation_scale,
+            observation_scale=scale,
+            inputs=inputs,
+            speeds=config.starts.speeds,
             action_limits=tuple(config.scenario.action_limits.tolist()),
             trained=trained | {key: self._origin[key] for key in ("command", "commit", "version")},
         )

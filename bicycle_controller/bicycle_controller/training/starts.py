@@ -49,8 +49,13 @@ def _disturb(task: BicycleTask, mask: np.ndarray, starts: StartsConfig) -> None:
         speed[mask] = task.rng.uniform(*task.scenario.speed_limits, int(mask.sum()))
         task.state.speed = speed
     if starts.speeds is not None:
-        speed = task.state.speed.copy()
-        speed[mask] = task.rng.uniform(*starts.speeds, int(mask.sum()))
+        speed, count = task.state.speed.copy(), int(mask.sum())
+        low, high = starts.speeds
+        share = np.sin(0.5 * np.pi * task.rng.random(count)) ** 2
+        drawn = low + (high - low) * share
+        if starts.hard_share < 1.0:
+            drawn = np.where(task.rng.random(count) < starts.hard_share, drawn, speed[mask])
+        speed[mask] = drawn
         task.state.speed = speed
     for name, spread in spreads.items():
         if spread > 0:
