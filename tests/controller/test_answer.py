@@ -1,5 +1,7 @@
 """The actor taken apart gives the bits of the actor called."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
@@ -7,7 +9,11 @@ import torch
 from bicycle_controller.agents.answer import Answer
 from bicycle_controller.agents.networks import Actor
 
-KINDS = {"plain": {}, "norm": {"layer_norm": True}, "symmetric": {"symmetric": True}}
+KINDS: dict[str, dict[str, Any]] = {
+    "plain": {},
+    "norm": {"layer_norm": True},
+    "symmetric": {"symmetric": True},
+}
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -10,12 +10,14 @@ import pytest
 import torch
 
 from bicycle_controller.config import loading
+from bicycle_controller.data.replay_buffer import ReplayBuffer
 from bicycle_controller.evaluation.score import hardships, score
 from bicycle_controller.policy.policy import load_policy
 from bicycle_controller.training import checkpoint, online
 from bicycle_controller.training.factory import make_agent, make_collector, make_memory
 from bicycle_controller.training.run_folder import RunFolder
 from bicycle_sim.plants import registry
+from bicycle_sim.task.scenario import TEN_KM_H
 
 SMALL = [
     "bicycles=32",
@@ -73,9 +75,7 @@ def test_kicks_come_at_their_rate() -> None:
 
 def test_a_share_of_the_episodes_is_hard() -> None:
     speed = rates("starts.hard_share=0.5", "bicycles=200")[1]
-    ordinary = np.isclose(
-        speed, registry.default().initial(*np.zeros((3, 1)), np.full(1, 2.7778)).speed, atol=1e-3
-    )
+    ordinary = np.isclose(speed, TEN_KM_H)
     assert 0.3 < ordinary.mean() < 0.7
     config = loading.preset("sure", [*SMALL, "bicycles=1000", "starts.hard_share=0.5"])
     collector = make_collector(config, make_memory(config, "cpu"), "cpu")
@@ -117,6 +117,7 @@ def test_the_memory_holds_the_state_that_follows_with_the_command_between() -> N
     changes = ["starts.noise=0", "ddpg.n_step=1", "warm_up=100000"]
     config = loading.preset("sure", [*SMALL, *changes])
     memory = make_memory(config, "cpu")
+    assert isinstance(memory, ReplayBuffer)
     collector = make_collector(config, memory, "cpu")
     collector.step(Idle())
     assert config.ddpg is not None

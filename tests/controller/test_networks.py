@@ -1,4 +1,5 @@
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -96,7 +97,7 @@ def test_the_critic_by_hand() -> None:
 
 
 @pytest.mark.parametrize("switch", [{}, {"layer_norm": True}, {"symmetric": True}])
-def test_the_policy_file_holds_the_same_actor(switch: dict[str, bool]) -> None:
+def test_the_policy_file_holds_the_same_actor(switch: dict[str, Any]) -> None:
     actor = Actor(6, [20, 10], 2, **switch)
     scale = (0.8, 3.0, 0.3, 1.0, 5.0, 2.0)
     limits = (2.0, 0.2, 0.0)
