@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from waiting import PATIENCE
 
 from bicycle_bag import repair
 from bicycle_bag.errors import BagError
@@ -42,12 +43,12 @@ def test_a_slow_disk_keeps_no_message_out_of_the_file(
 
     def stuck(descriptor: int) -> None:
         began.set()
-        assert released.wait(60.0)
+        assert released.wait(PATIENCE)
 
     monkeypatch.setattr(os, "fdatasync", stuck)
     writer = opened(tmp_path / "bag")
     writer.flush()
-    assert began.wait(60.0)
+    assert began.wait(PATIENCE)
     for time in range(50):
         writer.write("/numbers", MESSAGE, time, time)
     writer.flush()
@@ -107,7 +108,7 @@ def test_a_sync_that_fails_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 def fail_on(writer: BagWriter, failed: threading.Event) -> None:
     """Write until the failed sync is told, at the flush where the disk was quick to fail."""
     writer.flush()
-    assert failed.wait(60.0)
+    assert failed.wait(PATIENCE)
     write_on(writer, 10**6)
 
 
@@ -116,7 +117,7 @@ def test_a_new_file_begins_while_the_disk_still_takes_the_old_one(
 ) -> None:
     released = threading.Event()
     for name in ("fsync", "fdatasync"):
-        monkeypatch.setattr(os, name, lambda _: released.wait(60.0))
+        monkeypatch.setattr(os, name, lambda _: released.wait(PATIENCE))
     writer = opened(tmp_path / "bag")
     for number in range(5):
         writer.write("/numbers", MESSAGE, number, number)
@@ -133,7 +134,7 @@ def test_a_disk_that_owes_many_files_is_waited_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     released, split = threading.Event(), threading.Event()
-    monkeypatch.setattr(os, "fsync", lambda _: released.wait(60.0))
+    monkeypatch.setattr(os, "fsync", lambda _: released.wait(PATIENCE))
     writer = opened(tmp_path / "bag")
     for _ in range(MOST_OWED):
         writer.split()
@@ -148,7 +149,7 @@ def test_a_disk_that_owes_many_files_is_waited_for(
     assert not split.wait(0.2)
     assert threading.active_count() <= threads + 1
     released.set()
-    one_more.join(60.0)
+    one_more.join(PATIENCE)
     writer.close()
     assert len(BagReader(tmp_path / "bag").files) == MOST_OWED + 2
 

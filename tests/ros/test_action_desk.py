@@ -9,11 +9,13 @@ from typing import Any
 import pytest
 from node_process import NodeProcess
 from probe import Probe
+from waiting import PATIENCE, until
 
 from bicycle_common.nodes import topics
 from bicycle_common.nodes.topics import STATE
 from bicycle_controller.control.goals import Status
 from bicycle_controller.control.guide import PathEnd
+from bicycle_tools.nodes import commander
 from bicycle_tools.nodes.commander import BicycleCommander, CommanderError
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
@@ -26,7 +28,9 @@ def words(**values: object) -> list[str]:
 
 
 @pytest.fixture
-def bicycle(start_node: StartNode, ros_domain: int) -> Iterator[BicycleCommander]:
+def bicycle(
+    start_node: StartNode, ros_domain: int, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[BicycleCommander]:
     """A Whipple bicycle with rider, ridden in lock-step."""
     sim = words(
         pace="lockstep", plant="whipple", bicycle="browser-rider", scenario="learned-speed"
@@ -35,6 +39,7 @@ def bicycle(start_node: StartNode, ros_domain: int) -> Iterator[BicycleCommander
     start_node(
         "bicycle_controller.nodes.controller_node", words(policy="lqr-pedal")
     ).wait_for_line("waits for a goal")
+    monkeypatch.setattr(commander, "READY", PATIENCE)
     with BicycleCommander() as made:
         yield made
 
@@ -49,7 +54,7 @@ def probe(ros_domain: int) -> Iterator[Probe]:
 def test_goals_courses_and_paths_by_action(bicycle: BicycleCommander, probe: Probe) -> None:
     feedback: list[Any] = []
     bicycle.ride_to(30.0, 5.0)
-    ridden = bicycle.wait(feedback.append, 120.0)
+    ridden = bicycle.wait(feedback.append, PATIENCE)
     assert ridden.reached, ridden.message
     assert ridden.result.status == Status.REACHED
     assert ridden.result.distance <= 1.0
@@ -58,12 +63,12 @@ def test_goals_courses_and_paths_by_action(bicycle: BicycleCommander, probe: Pro
 
     # The direction of arrival is kept, also where it is straight back.
     bicycle.ride_to(30.0, 5.0, yaw=math.pi / 2)
-    arrived = bicycle.wait(timeout=120.0)
+    arrived = bicycle.wait(timeout=PATIENCE)
     assert arrived.reached, arrived.message
     assert abs(arrived.result.heading_error) < math.radians(10.0)
 
     bicycle.follow_course("lane-change", speed=3.0)
-    path = bicycle.wait(timeout=120.0)
+    path = bicycle.wait(timeout=PATIENCE)
     assert path.reached, path.message
     assert path.result.status == PathEnd.FINISHED
     assert path.result.rms < 0.3
@@ -76,13 +81,13 @@ def test_goals_courses_and_paths_by_action(bicycle: BicycleCommander, probe: Pro
     assert "follow" in policies
 
     bicycle.follow_path([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (2.0, 1.0)])
-    refused = bicycle.wait(timeout=60.0)
+    refused = bicycle.wait(timeout=PATIENCE)
     assert not refused.reached
     assert "m at least" in refused.message
     assert refused.result.status == PathEnd.REJECTED
 
     bicycle.follow_course("slalon")
-    assert "did you mean 'slalom'" in bicycle.wait(timeout=60.0).message
+    assert "did you mean 'slalom'" in bicycle.wait(timeout=PATIENCE).message
 
 
 def test_an_order_can_be_cancelled_and_is_replaced_by_a_newer_one(
@@ -90,27 +95,31 @@ def test_an_order_can_be_cancelled_and_is_replaced_by_a_newer_one(
 ) -> None:
     bicycle.follow_course("circle-20", laps=5)
     seen: list[float] = []
-    while len(seen) < 3:
-        bicycle.done  # noqa: B018 # it spins
+
+    def ridden() -> bool:
+        assert not bicycle.done  # which spins
         if bicycle.feedback is not None and bicycle.feedback.along not in seen:
             seen.append(bicycle.feedback.along)
+        return len(seen) == 3
+
+    until(ridden)
     bicycle.cancel()
-    ended = bicycle.wait(timeout=60.0)
+    ended = bicycle.wait(timeout=PATIENCE)
     assert ended.cancelled
     assert ended.result.status == PathEnd.CANCELLED
 
     bicycle.ride_to(500.0, 0.0)
     with BicycleCommander() as other:
         other.ride_to(0.0, 40.0)
-        first = bicycle.wait(timeout=60.0)
+        first = bicycle.wait(timeout=PATIENCE)
         assert not first.reached
         assert first.result.status == Status.REPLACED
-        assert other.wait(timeout=120.0).reached
+        assert other.wait(timeout=PATIENCE).reached
 
 
 def test_without_a_controller_the_remedy_is_told(
     ros_domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bicycle_tools.nodes.commander.READY", 0.3)
+    monkeypatch.setattr(commander, "READY", 0.3)
     with BicycleCommander() as alone, pytest.raises(CommanderError, match=r"controller\.sh"):
         alone.ride_to(1.0, 1.0)

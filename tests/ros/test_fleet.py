@@ -10,8 +10,10 @@ from typing import Any
 import pytest
 from node_process import NodeProcess
 from probe import Probe
+from waiting import PATIENCE
 
 from bicycle_common.nodes import topics
+from bicycle_tools.nodes import commander
 from bicycle_tools.nodes.commander import BicycleCommander
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
@@ -27,8 +29,9 @@ def has_heard(probe: Probe) -> bool:
 
 
 def test_two_bicycles_cross_and_keep_clear(
-    start_node: Callable[..., NodeProcess], ros_domain: int
+    start_node: Callable[..., NodeProcess], ros_domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(commander, "READY", PATIENCE)
     starts = {"b1": (-30.0, 0.0, 0.0), "b2": (0.0, -30.0, math.pi / 2)}
     for name, (x, y, yaw) in starts.items():
         start_node(
@@ -64,7 +67,7 @@ def test_two_bicycles_cross_and_keep_clear(
             one, two = heard["b1"], heard["b2"]
             least = min(least, math.hypot(one.x - two.x, one.y - two.y))
         for order in orders:
-            outcome = order.wait(timeout=60.0)
+            outcome = order.wait(timeout=PATIENCE)
             assert outcome.reached, outcome.message
         assert least > 1.4
         frames = {probe[topics.ODOMETRY][-1].header.frame_id for probe in probes}
