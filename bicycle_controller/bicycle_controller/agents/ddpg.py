@@ -123,7 +123,7 @@ class Ddpg:
         """Make `count` updates from one draw of the memory."""
         size = self.config.batch
         drawn = self._prepared(replay.sample(count * size, self.generator))
-        with _flushed_denormals():
+        with flushed_denormals():
             for batch in drawn.parts(size):
                 self._learn(batch)
 
@@ -150,12 +150,15 @@ class Ddpg:
 
     def _smoothed(self, action: Tensor) -> Tensor:
         """Return the target's action with TD3's clipped noise."""
-        config = self.config
-        if config.smoothing == 0:
+        if self.config.smoothing == 0:
             return action
-        noise = torch.randn(action.shape, generator=self.generator, device=self.device)
-        noise = (noise * config.smoothing).clamp(-config.smoothing_clip, config.smoothing_clip)
-        return (action + noise).clamp(-1.0, 1.0)
+        return (action + self._smoothing(action.shape)).clamp(-1.0, 1.0)
+
+    def _smoothing(self, shape: torch.Size) -> Tensor:
+        """Draw that noise."""
+        config = self.config
+        noise = torch.randn(shape, generator=self.generator, device=self.device)
+        return (noise * config.smoothing).clamp(-config.smoothing_clip, config.smoothing_clip)
 
     def _prepared(self, batch: Batch) -> Batch:
         """Return the batch with scaled observations and rewards, half of it mirrored if asked."""
@@ -163,9 +166,7 @@ class Ddpg:
         next_observation = batch.next_observation / self.scale
         action, expert_action = batch.action, batch.expert_action
         if self.config.mirror:
-            size = (len(action), 1)
-            sign = torch.randint(0, 2, size, generator=self.generator, device=self.device)
-            sign = (2 * sign - 1).to(action.dtype)
+            sign = self._signs(len(action))
             sides = torch.where(sign < 0, self.actor.mirror, torch.ones_like(self.actor.mirror))
             observation[:, : self.seen] *= sides
             next_observation[:, : self.seen] *= sides
@@ -180,6 +181,12 @@ class Ddpg:
         return Batch(
             observation, action, next_observation, reward, batch.discount, *rest, expert_action
         )
+
+    def _signs(self, count: int) -> Tensor:
+        """Draw which transitions to mirror: (count, 1), -1 for those, 1 for the others."""
+        size = (count, 1)
+        sign = torch.randint(0, 2, size, generator=self.generator, device=self.device)
+        return (2 * sign - 1).to(torch.float32)
 
     def _wanted(self, batch: Batch) -> Tensor:
         """Return the actions that imitation aims at, (B, actions)."""
@@ -268,7 +275,7 @@ class Ddpg:
 
 
 @contextmanager
-def _flushed_denormals() -> Iterator[None]:
+def flushed_denormals() -> Iterator[None]:
     """Treat numbers below 1e-38 as zero in this context.
 
     Adam's moments of units without a gradient decay to denormals, which double its time.

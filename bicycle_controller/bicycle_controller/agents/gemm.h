@@ -4,6 +4,7 @@
 #include <cstddef>
 #include <memory>
 #include <new>
+#include <type_traits>
 
 namespace {
 
@@ -20,6 +21,48 @@ inline Vector load(const float* from) { return *reinterpret_cast<const Vector*>(
 inline void store(float* to, Vector value) { *reinterpret_cast<Vector*>(to) = value; }
 inline Vector all(float value) { return value - Vector{}; }
 inline Vector positive(Vector value) { return value > 0.0f ? value : Vector{}; }
+
+typedef int Whole __attribute__((vector_size(LANES * sizeof(int))));
+
+// Numbers of a (index below LANES) and of b (LANES and more).
+inline Vector chosen(Vector a, Vector b, Whole index) {
+#if defined(__clang__)
+  Vector result;
+  for (int i = 0; i < LANES; i++) result[i] = index[i] < LANES ? a[index[i]] : b[index[i] - LANES];
+  return result;
+#else
+  return __builtin_shuffle(a, b, index);
+#endif
+}
+
+template <int STEP>
+inline void exchange(Vector* row) {
+  Whole low, high;
+  for (int j = 0; j < LANES; j++) {
+    low[j] = j & STEP ? LANES + j - STEP : j;
+    high[j] = j & STEP ? LANES + j : j + STEP;
+  }
+#pragma GCC unroll 16
+  for (int i = 0; i < LANES; i++) {
+    if (i & STEP) continue;
+    const Vector a = row[i], b = row[i + STEP];
+    row[i] = chosen(a, b, low);
+    row[i + STEP] = chosen(a, b, high);
+  }
+}
+
+// LANES x LANES numbers, rows `down` and `across` apart: to[j][i] = from[i][j].
+inline void transpose(const float* from, size_t down, float* to, size_t across) {
+  Vector row[LANES];
+#pragma GCC unroll 16
+  for (int i = 0; i < LANES; i++) row[i] = load(from + i * down);
+  exchange<1>(row);
+  exchange<2>(row);
+  exchange<4>(row);
+  if (LANES > 8) exchange<LANES / 2>(row);
+#pragma GCC unroll 16
+  for (int i = 0; i < LANES; i++) store(to + i * across, row[i]);
+}
 
 // A(m, k) = a[m * down + k * deep]; B's row k starts at b + k * width.
 struct Factors {
@@ -64,9 +107,26 @@ void strip(const Factors& f, int rows, int column, First first, Last last) {
 template <class First, class Last>
 void product(const Factors& f, int rows, int columns, First first, Last last) {
   int column = 0;
-  for (; column + ACROSS * LANES <= columns; column += ACROSS * LANES)
-    strip<ACROSS>(f, rows, column, first, last);
-  for (; column < columns; column += LANES) strip<1>(f, rows, column, first, last);
+  auto take = [&](auto width) {
+    strip<width.value>(f, rows, column, first, last);
+    column += width.value * LANES;
+  };
+  using One = std::integral_constant<int, 1>;
+  using Two = std::integral_constant<int, 2>;
+  using Three = std::integral_constant<int, 3>;
+  using Most = std::integral_constant<int, ACROSS>;
+  for (;;) {  // one vector alone is half as quick, so five are three and two
+    const int left = (columns - column + LANES - 1) / LANES;
+    if (left <= 0) return;
+    if (left >= ACROSS && left != ACROSS + 1)
+      take(Most{});
+    else if (ACROSS > 2 && (left == 5 || left == 3))
+      take(Three{});
+    else if (left >= 2)
+      take(Two{});
+    else
+      take(One{});
+  }
 }
 
 struct Memory {  // zeros that start on a cache line

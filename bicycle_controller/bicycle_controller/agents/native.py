@@ -1,4 +1,4 @@
-"""`FusedNet` in C++: twice as fast if a compiler is installed; optional.
+"""`FusedNet` in C++, and the library that it shares with `native_update.py`; optional.
 
 `native.cpp` is compiled once for the processor it runs on, into the user's cache. If that fails,
 training uses torch, and one line says why.
@@ -20,12 +20,12 @@ from bicycle_common.native_library import compiled, one_line
 from bicycle_controller.agents.fused_net import gradient_views
 from bicycle_controller.agents.networks import Actor, Critic, linear_layers
 
-FLAGS = ("-O3", "-march=native", "-std=c++17", "-shared", "-fPIC")
-SOURCES = ("native.cpp", "gemm.h")
+FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-std=c++17", "-shared", "-fPIC")
+SOURCES = ("native.cpp", "ddpg.h", "network.h", "gemm.h")
 
 
 class _Layer(ctypes.Structure):
-    """`Layer` of native.cpp."""
+    """`Layer` of network.h."""
 
     _fields_ = (
         ("inputs", ctypes.c_int),
@@ -35,15 +35,22 @@ class _Layer(ctypes.Structure):
 
 
 class NativeNet:
-    """Forward and backward pass of one network on the CPU, in one thread; see `FusedNet`."""
+    """Forward and backward pass of one network on the CPU, in one thread; see `FusedNet`.
 
-    def __init__(self, network: Actor | Critic, batch: int, gradient: Tensor | None) -> None:
+    Attributes:
+        handle: of the network in the library.
+    """
+
+    def __init__(
+        self, network: Actor | Critic, batch: int, gradient: Tensor | None, sides: int = 1
+    ) -> None:
         """Allocate the memory.
 
         Args:
             network: its parameters are used in place, so they must not be moved.
             batch: B.
             gradient: flat memory for `backward`; None for a network that is never trained.
+            sides: 2 for `NativeUpdate` to have room for every transition's mirror image.
 
         Raises:
             RuntimeError: if the library is not available, or memory is exhausted.
@@ -60,18 +67,18 @@ class NativeNet:
         self._keep = [item.data for item in network.parameters()]
         self.output = torch.empty(batch, layers[-1].outputs)
         self._action_slope = torch.empty(batch, actions)
-        net = library.net_new(layers, len(layers), self.join, network.inputs, batch)
+        net = library.net_new(layers, len(layers), self.join, network.inputs, batch, sides)
         if not net:
             raise RuntimeError(f"no memory for a native network of batch {batch}")
-        self._net, self._library = ctypes.c_void_p(net), library
-        weakref.finalize(self, library.net_free, self._net)
+        self.handle, self._library = ctypes.c_void_p(net), library
+        weakref.finalize(self, library.net_free, self.handle)
 
     def forward(self, observation: Tensor, action: Tensor | None = None) -> Tensor:
         """Return (B, outputs) of scaled observations (B, inputs); a critic has actions (B, A)."""
         seen = observation.contiguous()
         acted = None if action is None else action.contiguous()
         self._library.net_forward(
-            self._net,
+            self.handle,
             seen.data_ptr(),
             None if acted is None else acted.data_ptr(),
             self.output.data_ptr(),
@@ -81,17 +88,19 @@ class NativeNet:
     def backward(self, slope: Tensor) -> None:
         """Fill `gradient` from the loss's gradient in the output, (B, outputs)."""
         slope = slope.contiguous()
-        self._library.net_backward(self._net, slope.data_ptr())
+        self._library.net_backward(self.handle, slope.data_ptr())
 
     def action_slope(self, slope: Tensor) -> Tensor:
         """Return a critic's gradient in the action (B, A), from that in the output."""
         slope = slope.contiguous()
-        self._library.net_action_slope(self._net, slope.data_ptr(), self._action_slope.data_ptr())
+        self._library.net_action_slope(
+            self.handle, slope.data_ptr(), self._action_slope.data_ptr()
+        )
         return self._action_slope
 
 
 def _layers(network: Actor | Critic, gradient: Tensor | None) -> ctypes.Array[_Layer]:
-    """Return the network as an array of native.cpp's layers."""
+    """Return the network as an array of network.h's layers."""
     slopes: dict[str, Tensor] = {}
     if gradient is not None:
         slopes = gradient_views(network, gradient)
@@ -125,9 +134,13 @@ def load() -> ctypes.CDLL | None:
         print(f"the native update step is not used ({reason}): torch does it", file=sys.stderr)
         return None
     pointer, number = ctypes.c_void_p, ctypes.c_int
-    library.net_new.argtypes = [ctypes.POINTER(_Layer), number, number, number, number]
+    library.net_new.argtypes = [ctypes.POINTER(_Layer)] + [number] * 5
     library.net_new.restype = pointer
     for name, count in (("free", 1), ("forward", 4), ("backward", 2), ("action_slope", 3)):
         function = getattr(library, f"net_{name}")
+        function.argtypes, function.restype = [pointer] * count, None
+    library.learner_new.argtypes, library.learner_new.restype = [pointer], pointer
+    for name, count in (("free", 1), ("update", 2)):
+        function = getattr(library, f"learner_{name}")
         function.argtypes, function.restype = [pointer] * count, None
     return library

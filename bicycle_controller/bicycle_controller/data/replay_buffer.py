@@ -116,11 +116,19 @@ class ReplayBuffer:
         Raises:
             ValueError: if the memory is empty.
         """
-        if self.size == 0:
-            raise ValueError("cannot sample from an empty replay memory")
-        index = torch.randint(self.size, (count,), generator=generator, device=self.table.device)
+        index = self.draw(count, generator)
         parts = torch.split_with_sizes(self.table.index_select(0, index), self.columns, 1)
         return Batch(*parts[:3], *(part.squeeze(1) for part in parts[3:8]), *parts[8:])
+
+    def draw(self, count: int, generator: torch.Generator) -> Tensor:
+        """Draw `count` rows of the table uniformly, with repetition, (count,) int64.
+
+        Raises:
+            ValueError: if the memory is empty.
+        """
+        if self.size == 0:
+            raise ValueError("cannot sample from an empty replay memory")
+        return torch.randint(self.size, (count,), generator=generator, device=self.table.device)
 
     def state_dict(self) -> dict[str, Any]:
         """Return the used rows and the position."""
