@@ -2,7 +2,7 @@
 # Rides the bicycle to random goals and records it: set-up, simulator, controller, recorder, summary.
 #
 # Usage: ride.sh [--goals N | --minutes M | --course NAME|FILE [--laps N] [--speed M_S]] [--seed S] [--field METRES] [--output FOLDER]
-#                [--no-respawn] [NODE.name:=value]... [parameters.yaml]...
+#                [--no-respawn] [--hardware-in-the-loop] [NODE.name:=value]... [parameters.yaml]...
 #
 #   --goals N         goals to ride to, 10 unless named
 #   --minutes M       ride for M minutes of simulated time instead
@@ -14,7 +14,12 @@
 #   --field METRES    side of the square around the start that goals lie in, 60 unless named
 #   --output FOLDER   where the run goes; runs/<date>-<n> of the workspace unless named
 #   --no-respawn      end the ride when the controller dies, instead of starting it again
-#   NODE.name:=value  a parameter of simulator or controller, such as controller.policy:=lqr
+#   --hardware-in-the-loop  ride from sensors only, through a simulated microcontroller: the firmware as a
+#                     program of its own, on a pseudo-terminal, with the driver that a real one would have.
+#                     The bicycle is a measured one, browser-rider, and the policy the LQR, unless named;
+#                     docs/real-bicycle.md says more
+#   NODE.name:=value  a parameter of simulator, controller or, with the option above, driver, such as
+#                     controller.policy:=lqr
 #
 # The first call sets everything up, which takes some minutes; later calls ride at once.
 # The run's folder then holds bag/, ride.png, summary.json and the nodes' logs.

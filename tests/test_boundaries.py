@@ -151,6 +151,7 @@ KNOWN_BY_NAME = {
     "bicycle_controller.config.loading": "reads a run's `physics` by its fields",
     "bicycle_controller.evaluation.link_loss": "steps a bicycle every 10 ms",
     "bicycle_controller.evaluation.sensing": "puts motor, delay and friction on a bicycle",
+    "bicycle_hardware.bench.board_simulator": "steps a bicycle every 5 ms",
     "bicycle_controller.cli.info": "describes Whipple bicycles",
     "bicycle_controller.cli.eigenvalue_chart": "draws their eigenvalues",
 }

@@ -66,5 +66,17 @@ def test_clock_is_known_from_the_quickest_answer_and_wraps() -> None:
     assert not clock.known
     clock.answered(asked=100.0, now=100.002, stamp_us=2**32 - 500_000)
     clock.answered(asked=100.1, now=100.2, stamp_us=2**32 - 350_000)
+    clock.follow(2**32 - 500_000, leap=True)
     assert clock.to_pc(2**32 - 500_000) == pytest.approx(100.001)
     assert clock.to_pc(500_000) == pytest.approx(101.001)
+
+
+def test_clock_is_followed_slowly_while_one_rides() -> None:
+    clock = ClockOffset()
+    clock.answered(asked=10.0, now=10.0, stamp_us=1_000_000)
+    clock.follow(1_000_000, leap=True)
+    clock.answered(asked=11.5, now=11.5, stamp_us=2_000_000)
+    clock.follow(2_000_000, leap=False)
+    assert clock.to_pc(2_000_000) == pytest.approx(11.0002, abs=1e-6)
+    clock.follow(3_000_000, leap=True)
+    assert clock.to_pc(3_000_000) == pytest.approx(12.5)

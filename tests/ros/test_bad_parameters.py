@@ -17,16 +17,24 @@ from bicycle_common.nodes.runner import run
 from bicycle_common.parameters import Parameter, parameters_of
 from bicycle_controller.nodes.controller_settings import ControllerSettings
 from bicycle_controller.nodes.trainer_settings import TrainerSettings
+from bicycle_hardware.nodes.driver_settings import DriverSettings
 from bicycle_sim.nodes.sim_settings import SimSettings
 from bicycle_tools.foxglove_settings import FoxgloveSettings
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("signals_as_they_were")]
 
-SETTINGS = (SimSettings, ControllerSettings, TrainerSettings, FoxgloveSettings)
+SETTINGS = (
+    SimSettings,
+    ControllerSettings,
+    TrainerSettings,
+    FoxgloveSettings,
+    DriverSettings,
+)
 NODES = {
     SimSettings: ("bicycle_sim.nodes.sim_node", "SimNode"),
     ControllerSettings: ("bicycle_controller.nodes.controller_node", "ControllerNode"),
     TrainerSettings: ("bicycle_controller.nodes.trainer_node", "TrainerNode"),
+    DriverSettings: ("bicycle_hardware.nodes.driver_node", "DriverNode"),
 }
 
 

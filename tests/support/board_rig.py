@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bicycle_controller.control.lqr import LqrController
-from bicycle_hardware.frames import Actuators, Arm, DriverState, Imu, Joints, Message
+from bicycle_hardware.frames import Actuators, Arm, DriverState, Message
 from bicycle_hardware.serial_line import SerialLine
 from bicycle_hardware.simulated_board import BoardInputs, BoardOutputs, SimulatedBoard
 from bicycle_sim.plants import registry
@@ -131,6 +131,3 @@ class Rig:
         """End the board."""
         self.line.close()
         self.board.close()
-
-
-__all__ = ["TICK", "Imu", "Joints", "Rig"]

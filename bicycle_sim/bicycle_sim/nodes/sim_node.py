@@ -10,7 +10,7 @@ if __name__ == "__main__":
 import math
 import sys
 import time
-from typing import Any
+from typing import Any, ClassVar
 
 from bicycle_msgs.msg import BicycleCommand, EpisodeInfo, LoopTiming
 from bicycle_msgs.srv import Push, Reset
@@ -54,8 +54,33 @@ LAST_WORD = 0.5
 """Longest wait at the end for subscribers to receive the last state (s)."""
 
 
+OUTPUTS = (
+    topics.STATE,
+    topics.ODOMETRY,
+    topics.JOINT_STATES,
+    topics.CLOCK,
+    topics.TF,
+    topics.TF_STATIC,
+    topics.ROBOT_DESCRIPTION,
+    topics.MARKERS,
+    topics.DIAGNOSTICS,
+    topics.COMMAND_ECHO,
+    topics.TIMING,
+    topics.PUSHED,
+    topics.EPISODE,
+)
+
+
 class SimNode(Node):
     """One bicycle that obeys `bicycle/command` and publishes its state and events."""
+
+    settings_type: ClassVar[type[SimSettings]] = SimSettings
+    outputs: ClassVar[tuple[Topic, ...]] = OUTPUTS
+    """Topics that it publishes; what goes to others is dropped."""
+    sensor_outputs: ClassVar[tuple[Topic, ...]] = SENSOR_TOPICS
+    """The same where it has sensors."""
+    obeys_topic: ClassVar[bool] = True
+    """True if `bicycle/command` moves the bicycle."""
 
     def __init__(self) -> None:
         """Start the first episode.
@@ -64,7 +89,7 @@ class SimNode(Node):
             UserError: on a bad parameter, or if another simulator is running.
         """
         super().__init__(NAME)
-        self._settings = declare(self, SimSettings)
+        self._settings = declare(self, self.settings_type)
         self._loop = self._make_loop()
         plant = self._loop.simulator.plant
         self._geometry = plant.geometry
@@ -76,21 +101,7 @@ class SimNode(Node):
         self._was_timed_out = self._was_silent = False
         refuse_second_simulator(self)
         self._publishers_by_name = advertise(
-            self,
-            topics.STATE,
-            topics.ODOMETRY,
-            topics.JOINT_STATES,
-            topics.CLOCK,
-            topics.TF,
-            topics.TF_STATIC,
-            topics.ROBOT_DESCRIPTION,
-            topics.MARKERS,
-            topics.DIAGNOSTICS,
-            topics.COMMAND_ECHO,
-            topics.TIMING,
-            topics.PUSHED,
-            topics.EPISODE,
-            *(SENSOR_TOPICS if self._gnss is not None else ()),
+            self, *self.outputs, *(self.sensor_outputs if self._gnss is not None else ())
         )
         self._frames = robot_model.frames_of(self.get_namespace())
         self._describe()
@@ -124,7 +135,8 @@ class SimNode(Node):
         self._publish(topics.TF_STATIC, robot_model.static_transforms(self._frames, 0))
 
     def _listen(self) -> None:
-        listen(self, topics.COMMAND, self._on_command)
+        if self.obeys_topic:
+            listen(self, topics.COMMAND, self._on_command)
         listen(self, topics.INITIAL_POSE, self._on_initial_pose)
         serve(self, topics.RESET, self._on_reset)
         serve(self, topics.PAUSE, self._on_pause)
@@ -153,11 +165,14 @@ class SimNode(Node):
         return self._loop.total_steps * round(self._loop.simulator.time_step * 1e9)
 
     def _publish(self, topic: Topic, message: Any) -> None:
-        self._publishers_by_name[topic.name].publish(message)
+        publisher = self._publishers_by_name.get(topic.name)
+        if publisher is not None:
+            publisher.publish(message)
 
     def _is_heard(self, topic: Topic) -> bool:
         """Return True if the topic has a subscriber: to build a message costs more than a step."""
-        return int(self._publishers_by_name[topic.name].get_subscription_count()) > 0
+        publisher = self._publishers_by_name.get(topic.name)
+        return publisher is not None and int(publisher.get_subscription_count()) > 0
 
     # Inputs.
 

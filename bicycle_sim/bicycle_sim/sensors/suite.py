@@ -6,6 +6,7 @@ one sensor's settings change no other's noise and the same seed gives the same r
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -78,9 +79,9 @@ class SensorSuite:
         self._begin(still)
         span = self.settings.rest if duration is None else duration
         found: list[Reading] = []
-        steps = round(span / 0.01)
+        steps = math.ceil(span / 0.01 - 1e-9)
         for _ in range(steps):
-            found += self._advance(still, 0.01)
+            found += self._advance(still, span / steps)
         self._begin(moving)
         return found
 

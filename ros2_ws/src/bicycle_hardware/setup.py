@@ -18,13 +18,19 @@ setup(
     name=package_name,
     version="0.1.0",
     packages=find_packages(include=[package_name, f"{package_name}.*"]),
+    entry_points={
+        "console_scripts": [
+            "bicycle_driver = bicycle_hardware.programs:driver",
+            "bicycle_bench = bicycle_hardware.programs:bench",
+        ],
+    },
     package_data={package_name: ["py.typed", "firmware/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
         (f"share/{package_name}", ["package.xml"]),
     ],
     python_requires=">=3.10",
-    install_requires=[sibling("bicycle_common"), "setuptools"],
+    install_requires=[sibling("bicycle_common"), sibling("bicycle_sim"), "numpy"],
     extras_require={"test": ["pytest"]},
     zip_safe=True,
     maintainer="Self-driving bicycle maintainers",

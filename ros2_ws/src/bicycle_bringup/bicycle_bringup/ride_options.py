@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +13,9 @@ import numpy as np
 
 from bicycle_common.command_line import OneLineParser
 from bicycle_common.node_commands import (
+    BENCH,
     CONFIGURED,
+    MODULES,
     checked_parameter,
     config_folder,
     node_command,
@@ -52,6 +54,13 @@ class RideOptions:
     """Laps of a loop; zero takes the course's."""
     speed: float = 0.0
     """m/s on the course; zero takes the course's."""
+    bench: bool = False
+    """True to ride through a simulated microcontroller."""
+
+    @property
+    def modules(self) -> dict[str, str]:
+        """Modules of the nodes, in start order."""
+        return BENCH if self.bench else MODULES
 
     def draw_goals(self) -> list[Point2D]:
         """Return as many goals as requested, or more than the duration allows."""
@@ -65,11 +74,15 @@ class RideOptions:
         """Return the command that starts one node.
 
         Args:
-            name: a key of `MODULES`.
+            name: a key of `modules`.
         """
         if name not in CONFIGURED:
             return [*program(name), "--output", str(self.folder / "bag")]
-        return node_command(name, self.config, self.parameters, self.parameter_files)
+        parameters = list(self.parameters)
+        if self.bench:
+            port = str(self.folder / "board")
+            parameters = [f"simulator.port:={port}", f"driver.port:={port}", *parameters]
+        return node_command(name, self.config, parameters, self.parameter_files, self.modules)
 
 
 def parse(arguments: Sequence[str], workspace: Path) -> RideOptions:
@@ -85,6 +98,7 @@ def parse(arguments: Sequence[str], workspace: Path) -> RideOptions:
     add("--speed", type=float, default=0.0)
     add("--output", type=Path)
     add("--no-respawn", action="store_true")
+    add("--hardware-in-the-loop", action="store_true")
     add("rest", nargs="*")
     given = parser.parse_intermixed_args(arguments)
     try:
@@ -110,7 +124,11 @@ def _checked(given: argparse.Namespace, workspace: Path) -> RideOptions:
     parameters = [checked_parameter(word) for word in given.rest if ":=" in word]
     course = _course(given)
     if course:
-        parameters = _suited(parameters)
+        parameters = _suited(parameters, COURSE)
+    if given.hardware_in_the_loop:
+        parameters = _on_bench(parameters)
+    elif any(word.startswith("driver.") for word in parameters):
+        raise ValueError("parameters of the driver belong to --hardware-in-the-loop")
     files = [_file(word) for word in given.rest if ":=" not in word]
     return RideOptions(
         goals=given.goals,
@@ -125,6 +143,7 @@ def _checked(given: argparse.Namespace, workspace: Path) -> RideOptions:
         course=course,
         laps=given.laps,
         speed=given.speed,
+        bench=given.hardware_in_the_loop,
     )
 
 
@@ -150,13 +169,43 @@ def _course(given: argparse.Namespace) -> str:
     return str(given.course)
 
 
-def _suited(parameters: list[str]) -> list[str]:
-    """Return parameters with a scenario that has a pedal, unless they name another."""
-    wanted = {
-        "simulator.scenario": "learned-speed",
-        "simulator.start_speed": "3.0",
-        "controller.policy": "lqr-pedal",
-    }
+COURSE = {
+    "simulator.scenario": "learned-speed",
+    "simulator.start_speed": "3.0",
+    "controller.policy": "lqr-pedal",
+}
+"""What a course is ridden with: a scenario that has a pedal."""
+
+ON_BENCH = {
+    "simulator.plant": "whipple",
+    "simulator.bicycle": "browser-rider",
+    "simulator.sensors": "mpu6050-rtk",
+    "simulator.pace": "lockstep",
+    "controller.state": "estimated",
+    "controller.policy": "lqr",
+    "driver.clock": "board",
+    "driver.arm_when_ready": "true",
+}
+"""What is ridden through a simulated microcontroller."""
+
+ALIKE = {
+    **{f"driver.{name}": f"simulator.{name}" for name in ("bicycle", "scenario", "pace")},
+    **{f"{node}.sensors": "simulator.sensors" for node in ("driver", "controller")},
+    **{f"controller.start_{name}": f"simulator.start_{name}" for name in ("x", "y", "yaw")},
+}
+"""Parameters that are another node's, too."""
+
+
+def _on_bench(parameters: list[str]) -> list[str]:
+    """Return parameters of a ride through a microcontroller, whose nodes agree."""
+    parameters = _suited(parameters, ON_BENCH)
+    given = {name: value for name, _, value in (word.partition(":=") for word in parameters)}
+    alike = {name: given[other] for name, other in ALIKE.items() if other in given}
+    return _suited(parameters, alike)
+
+
+def _suited(parameters: list[str], wanted: Mapping[str, str]) -> list[str]:
+    """Return parameters with those that are wanted, unless they name others."""
     given = {word.partition(":=")[0] for word in parameters}
     return [
         *(f"{name}:={value}" for name, value in wanted.items() if name not in given),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from bicycle_common.validation import nearest
@@ -16,18 +16,30 @@ MODULES = {
 }
 """Modules of the nodes of a ride, in start order."""
 
+BENCH = {
+    "recorder": MODULES["recorder"],
+    "simulator": "bicycle_hardware.nodes.bench_node",
+    "driver": "bicycle_hardware.nodes.driver_node",
+    "controller": MODULES["controller"],
+}
+"""The same of a ride whose commands reach the bicycle through a simulated microcontroller."""
 
-CONFIGURED = ("simulator", "controller")
+
+CONFIGURED = ("simulator", "controller", "driver")
 """Nodes that have parameters."""
 
 
-def program(name: str) -> list[str]:
-    """Return the command of one node, a key of `MODULES`, without arguments."""
-    return [sys.executable, "-m", MODULES[name]]
+def program(name: str, modules: Mapping[str, str] = MODULES) -> list[str]:
+    """Return the command of one node, a key of `modules`, without arguments."""
+    return [sys.executable, "-m", modules[name]]
 
 
 def node_command(
-    name: str, config: Path, parameters: Sequence[str], parameter_files: Sequence[Path] = ()
+    name: str,
+    config: Path,
+    parameters: Sequence[str],
+    parameter_files: Sequence[Path] = (),
+    modules: Mapping[str, str] = MODULES,
 ) -> list[str]:
     """Return the command that starts a node with parameters.
 
@@ -36,6 +48,7 @@ def node_command(
         config: folder with one parameter file per node.
         parameters: ``NODE.name:=value`` of any node; those of other nodes are ignored.
         parameter_files: read after the node's own.
+        modules: of the nodes, by name.
     """
     ros = ["--ros-args"]
     for file in (config / f"{name}.yaml", *parameter_files):
@@ -44,7 +57,7 @@ def node_command(
         node, _, assignment = entry.partition(".")
         if node == name:
             ros += ["-p", assignment]
-    return [*program(name), *ros]
+    return [*program(name, modules), *ros]
 
 
 def workspace() -> Path:

@@ -46,12 +46,17 @@ GNSS_VELOCITY = "gnss/vel"
 SENSOR_TIME = "sensors/time"
 ESTIMATE = "bicycle/estimate"
 ESTIMATED_ODOMETRY = "odom_estimated"
+DRIVER_STATE = "bicycle/driver_state"
+CONTROLLER_SETUP = "bicycle/controller_setup"
 
 RESET = "bicycle/reset"
 PAUSE = "bicycle/pause"
 STEP = "bicycle/step"
 PUSH = "bicycle/push"
 LOAD_POLICY = "bicycle/load_policy"
+ARM = "bicycle/arm"
+ESTOP = "bicycle/estop"
+STOP_BUTTON = "bicycle/stop_button"
 
 
 def in_bag(name: str) -> str:

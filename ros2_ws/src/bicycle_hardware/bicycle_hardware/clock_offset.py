@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 WRAP = 2**32
+SLEW = 2e-4
+"""s per s by which the offset may change while one rides: clocks drift by less."""
 
 
 class ClockOffset:
@@ -10,6 +12,8 @@ class ClockOffset:
 
     def __init__(self) -> None:
         self._offset: float | None = None
+        self._used = 0.0
+        self._told: float | None = None
         self._best = float("inf")
         self._turns = 0
         self._last = 0
@@ -41,6 +45,21 @@ class ClockOffset:
         """True once there was an answer."""
         return self._offset is not None
 
+    def follow(self, stamp_us: int, leap: bool) -> None:
+        """Let the offset in use follow what the answers said, once a control period.
+
+        Args:
+            stamp_us: of the period.
+            leap: True to take it over at once; False, so that stamps stay in order, slowly.
+        """
+        now = self.unwrapped(stamp_us)
+        gone = 0.0 if self._told is None else max(0.0, now - self._told)
+        self._told = now
+        if self._offset is None:
+            return
+        most = float("inf") if leap else SLEW * gone
+        self._used += min(max(self._offset - self._used, -most), most)
+
     def to_pc(self, stamp_us: int) -> float:
-        """Convert to the PC's clock, s; without an offset, return the microcontroller's time."""
-        return self.unwrapped(stamp_us) + (self._offset or 0.0)
+        """Convert to the PC's clock, s, with the offset that `follow` took over."""
+        return self.unwrapped(stamp_us) + self._used

@@ -92,6 +92,14 @@ class AskTime:
 
 
 @dataclass(frozen=True)
+class Stop:
+    """PC to microcontroller: as the stop button does, but for the wire."""
+
+    kind: ClassVar[int] = 4
+    layout: ClassVar[str] = "<"
+
+
+@dataclass(frozen=True)
 class Imu:
     """Microcontroller to PC."""
 
@@ -107,15 +115,41 @@ class Imu:
 
 
 @dataclass(frozen=True)
-class Joints:
+class Steer:
     """Microcontroller to PC."""
 
     kind: ClassVar[int] = 17
-    layout: ClassVar[str] = "<Ifff"
+    layout: ClassVar[str] = "<Iff"
     stamp_us: int
-    steer: float
+    angle: float
     torque: float
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """Microcontroller to PC."""
+
+    kind: ClassVar[int] = 20
+    layout: ClassVar[str] = "<If"
+    stamp_us: int
     speed: float
+
+
+@dataclass(frozen=True)
+class Period:
+    """Microcontroller to PC: a control period is over, all its readings are sent; answer it."""
+
+    kind: ClassVar[int] = 21
+    layout: ClassVar[str] = "<IIBffH"
+    stamp_us: int
+    number: int
+    """From 0 since the microcontroller's start."""
+    mode: int
+    torque: float
+    """N m, applied last."""
+    drive: float
+    sequence: int
+    """Of the last command that it accepted."""
 
 
 @dataclass(frozen=True)
@@ -146,9 +180,21 @@ class TimeIs:
     stamp_us: int
 
 
-Message = Actuators | Arm | AskTime | Imu | Joints | DriverState | TimeIs
+Message = Actuators | Arm | AskTime | Stop | Imu | Steer | Wheel | Period | DriverState | TimeIs
 KINDS: dict[int, type[Message]] = {
-    kind.kind: kind for kind in (Actuators, Arm, AskTime, Imu, Joints, DriverState, TimeIs)
+    kind.kind: kind
+    for kind in (
+        Actuators,
+        Arm,
+        AskTime,
+        Stop,
+        Imu,
+        Steer,
+        Wheel,
+        Period,
+        DriverState,
+        TimeIs,
+    )
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import select
 import termios
@@ -48,7 +49,7 @@ class SerialLine:
         """Frames that the line did not take."""
 
     def send(self, message: Message) -> int:
-        """Send a message.
+        """Send a message; what the line does not take is lost, as on any wire.
 
         Returns:
             Its sequence.
@@ -58,7 +59,7 @@ class SerialLine:
         try:
             if os.write(self._file, frame) != len(frame):
                 self.unsent += 1
-        except BlockingIOError:
+        except OSError:  # it is full, or gone, which `receive` tells
             self.unsent += 1
         return self.sequence
 
@@ -71,9 +72,12 @@ class SerialLine:
         if not select.select([self._file], [], [], timeout)[0]:
             return []
         try:
-            return self.splitter.feed(os.read(self._file, 65536))
+            data = os.read(self._file, 65536)
         except BlockingIOError:
             return []
+        if not data:
+            raise OSError(errno.EIO, "hung up")
+        return self.splitter.feed(data)
 
     @property
     def file(self) -> int:

@@ -79,13 +79,19 @@ class SimulatedBoard:
     """The process."""
 
     program: Path
+    link: Path | None = None
+    """Becomes a link to the pseudo-terminal; None makes none."""
     path: str = ""
     """Of the pseudo-terminal."""
     _process: subprocess.Popen[str] = field(init=False)
 
     def __post_init__(self) -> None:
         self._process = subprocess.Popen(
-            [str(self.program)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [str(self.program), *([str(self.link)] if self.link else [])],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            start_new_session=True,  # a terminal's Ctrl-C is for those who talk with it
         )
         assert self._process.stdout is not None
         self.path = self._process.stdout.readline().strip()
@@ -108,6 +114,41 @@ class SimulatedBoard:
         stamps = (now_us, i.imu_us, i.steer_us, i.wheel_us)
         line = " ".join(str(value & 0xFFFFFFFF) for value in stamps)
         line += " " + " ".join(f"{value:.9g}" for value in numbers) + f" {int(i.stopped)}\n"
+        answer = self._asked(line).split()
+        if len(answer) != 4:
+            raise OSError("the simulated board has ended")
+        torque, drive, mode, reasons = answer
+        return BoardOutputs(float(torque), float(drive), Mode(int(mode)), int(reasons))
+
+    def wait(self, stamp_us: int, asked: int, milliseconds: int) -> tuple[int, int]:
+        """Let it listen, without a tick.
+
+        Args:
+            stamp_us: until a command came that answers this stamp,
+            asked: or until it was asked for its time more often than this,
+            milliseconds: or for so long.
+
+        Returns:
+            Stamp that the last command answers, 0 before the first; and how often it was asked
+            for its time.
+
+        Raises:
+            OSError: if the process has ended.
+        """
+        answer = self._asked(f"wait {stamp_us & 0xFFFFFFFF} {asked} {milliseconds}\n").split()
+        if len(answer) != 2:
+            raise OSError("the simulated board has ended")
+        return int(answer[0]), int(answer[1])
+
+    def restart(self) -> None:
+        """Switch its power off and on.
+
+        Raises:
+            OSError: if the process has ended.
+        """
+        self._asked("restart\n")
+
+    def _asked(self, line: str) -> str:
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         try:
@@ -115,11 +156,7 @@ class SimulatedBoard:
             self._process.stdin.flush()
         except BrokenPipeError:
             raise OSError("the simulated board has ended") from None
-        answer = self._process.stdout.readline().split()
-        if len(answer) != 4:
-            raise OSError("the simulated board has ended")
-        torque, drive, mode, reasons = answer
-        return BoardOutputs(float(torque), float(drive), Mode(int(mode)), int(reasons))
+        return self._process.stdout.readline()
 
     def close(self) -> None:
         """End the process."""

@@ -23,7 +23,7 @@ from bicycle_msgs.msg import PathStatus
 from bicycle_bag.errors import BagError
 from bicycle_bringup.display import Display
 from bicycle_bringup.ride_options import RideOptions, parse
-from bicycle_common.node_commands import MODULES, workspace
+from bicycle_common.node_commands import workspace
 from bicycle_common.nodes.runner import start_tool
 from bicycle_common.processes import ProcessGroup, Supervisor, Vigil, registry_of
 from bicycle_common.signals import StopRequest
@@ -49,6 +49,10 @@ TOLD = 10.0
 """Longest wait for the controller's diagnostics (s), which come once a second."""
 
 
+STOPPED_LAST = ("simulator", "driver", "controller", "recorder")
+"""Processes in the order in which they are stopped."""
+
+
 class RideError(Exception):
     """Why a ride cannot continue; its text is one line with the remedy."""
 
@@ -68,7 +72,7 @@ class Ride:
         self.begun = False
         self._options = options
         self._rider = rider
-        commands = {name: options.command(name) for name in MODULES}
+        commands = {name: options.command(name) for name in options.modules}
         # A unique name, because there may be other recorders, and killed ones.
         self._recorder = f"{RECORDER}_{os.getpid()}"
         commands["recorder"] += ["--ros-args", "-r", f"__node:={self._recorder}"]
@@ -118,7 +122,8 @@ class Ride:
         """
         self._display.close()
         vigil = Vigil(_tell, lambda: self.stop.interrupts)
-        return self._crew.stop("simulator", "controller", "recorder", vigil=vigil)
+        last = [name for name in STOPPED_LAST if name in self._options.modules]
+        return self._crew.stop(*last, vigil=vigil)
 
     @property
     def recording(self) -> bool:

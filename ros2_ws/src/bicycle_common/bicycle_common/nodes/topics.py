@@ -16,6 +16,7 @@ from bicycle_msgs.msg import (
     BicycleCommand,
     BicycleState,
     CommandEcho,
+    DriverState,
     EpisodeInfo,
     GoalStatus,
     HandOver,
@@ -143,6 +144,10 @@ SENSOR_TIME = _topic(topic_names.SENSOR_TIME, TimeReference, depth=RESEND)
 """The sensors' clock at a step; `source` is episode and step."""
 ESTIMATE = Topic(topic_names.ESTIMATE, BicycleState, _profile(RESEND), _profile(5))
 ESTIMATED_ODOMETRY = Topic(topic_names.ESTIMATED_ODOMETRY, Odometry, _profile(RESEND), _profile(5))
+DRIVER_STATE = _topic(topic_names.DRIVER_STATE, DriverState, depth=RESEND)
+CONTROLLER_SETUP = _topic(topic_names.CONTROLLER_SETUP, String, depth=1, latched=True)
+"""JSON of the parameters and sensors of a controller, with which its commands can be computed
+again."""
 
 TOPICS: tuple[Topic, ...] = (
     STATE,
@@ -179,6 +184,8 @@ TOPICS: tuple[Topic, ...] = (
     SENSOR_TIME,
     ESTIMATE,
     ESTIMATED_ODOMETRY,
+    DRIVER_STATE,
+    CONTROLLER_SETUP,
 )
 """All topics."""
 
@@ -207,6 +214,10 @@ PAUSE = Service(topic_names.PAUSE, SetBool)
 STEP = Service(topic_names.STEP, Trigger)
 PUSH = Service(topic_names.PUSH, PushService)
 LOAD_POLICY = Service(topic_names.LOAD_POLICY, LoadPolicy)
+ARM = Service(topic_names.ARM, SetBool)
+ESTOP = Service(topic_names.ESTOP, Trigger)
+STOP_BUTTON = Service(topic_names.STOP_BUTTON, SetBool)
+"""The button of a simulated microcontroller; a real one is a thing to press."""
 
 
 def advertise(node: Node, *topics: Topic) -> dict[str, Publisher]:

@@ -12,6 +12,7 @@ const struct core_settings CORE_DEFAULTS = {
     .arm_speed = 0.2f,
     .longest_ms = 200,
     .stale_us = 50000,
+    .period_us = 25000,
 };
 
 #define REST_TURN 0.03f       /* rad/s beside the bias: more is no rest */
@@ -145,12 +146,27 @@ static void take_actuators(struct core *core, uint16_t sequence, const uint8_t *
     core->has_command = true;
 }
 
+static void report_state(struct core *core, uint32_t now) {
+    uint8_t bytes[CORE_LARGEST], *at = bytes;
+    uint32_t age = core->has_command ? (now - core->command_stamp_us) / 1000u : 65535u;
+    at = put_u32(at, now);
+    *at++ = (uint8_t)core->mode;
+    *at++ = core->reasons;
+    at = put_f32(at, core->applied_torque);
+    at = put_f32(at, core->applied_drive);
+    at = put_f32(at, core->battery);
+    at = put_u16(at, core->sequence);
+    at = put_u16(at, (uint16_t)(age > 65535u ? 65535u : age));
+    at = put_u32(at, core->bad_frames);
+    send(core, CORE_STATE, bytes, (size_t)(at - bytes));
+}
+
 static void arm(struct core *core, bool wanted) {
-    if (!wanted)
+    if (!wanted) {
         core->mode = CORE_DISARMED;
-    else if (core->mode == CORE_DISARMED && core->reasons == 0) {
+        core->applied_torque = core->applied_drive = 0.0f;
+    } else if (core->mode == CORE_DISARMED && core->begun && core->reasons == 0)
         core->mode = CORE_ARMED;
-    }
 }
 
 static void take_frame(struct core *core, uint32_t now) {
@@ -165,10 +181,15 @@ static void take_frame(struct core *core, uint32_t now) {
     uint16_t sequence = get_u16(plain + 1);
     if (plain[0] == CORE_ACTUATORS && size == 14)
         take_actuators(core, sequence, payload, now);
-    else if (plain[0] == CORE_ARM && size == 1)
+    else if (plain[0] == CORE_ARM && size == 1) {
         arm(core, payload[0] == 1);
-    else if (plain[0] == CORE_TIME && size == 8) {
+        report_state(core, now); /* whoever asked waits for it */
+    } else if (plain[0] == CORE_STOP && size == 0) {
+        core_stop(core);
+        report_state(core, now);
+    } else if (plain[0] == CORE_TIME && size == 8) {
         uint8_t answer[12];
+        core->asked++;
         memcpy(answer, payload, 8);
         put_u32(answer + 8, now);
         send(core, CORE_TIME_IS, answer, sizeof answer);
@@ -208,6 +229,8 @@ static bool rests(const struct core *core, const struct core_inputs *in) {
 
 /* The gyros' biases are their mean over a second of rest; more rest makes it better. */
 static bool calibrate(struct core *core, const struct core_inputs *in) {
+    if (core->begun && in->imu_us == core->sent_imu_us) /* no new reading */
+        return core->resting && fabsf(in->wheel) <= core->settings.arm_speed;
     if (!rests(core, in)) {
         core->rest_count = 0;
         memset(core->sum, 0, sizeof core->sum);
@@ -278,35 +301,53 @@ static void decide(struct core *core, const struct core_inputs *in, uint32_t now
         core->applied_torque = fallback(core, in, now);
 }
 
-static void report(struct core *core, const struct core_inputs *in, uint32_t now) {
+static void report_readings(struct core *core, const struct core_inputs *in) {
     uint8_t bytes[CORE_LARGEST], *at = put_u32(bytes, in->imu_us);
     for (int axis = 0; axis < 3; axis++) at = put_f32(at, in->gyro[axis]);
     for (int axis = 0; axis < 3; axis++) at = put_f32(at, in->force[axis]);
-    if (now - in->imu_us <= core->settings.stale_us) send(core, CORE_IMU, bytes, (size_t)(at - bytes));
+    if (in->imu_us != core->sent_imu_us) send(core, CORE_IMU, bytes, (size_t)(at - bytes));
     at = put_u32(bytes, in->steer_us);
     at = put_f32(at, in->steer);
     at = put_f32(at, core->applied_torque);
+    if (in->steer_us != core->sent_steer_us)
+        send(core, CORE_STEER, bytes, (size_t)(at - bytes));
+    at = put_u32(bytes, in->wheel_us);
     at = put_f32(at, in->wheel);
-    if (now - in->steer_us <= core->settings.stale_us)
-        send(core, CORE_JOINTS, bytes, (size_t)(at - bytes));
-    if (core->state_us != 0 && now - core->state_us < STATE_US) return;
-    core->state_us = now;
-    uint32_t age = core->has_command ? (now - core->command_stamp_us) / 1000u : 65535u;
-    at = put_u32(bytes, now);
-    *at++ = (uint8_t)core->mode;
-    *at++ = core->reasons;
-    at = put_f32(at, core->applied_torque);
-    at = put_f32(at, core->applied_drive);
-    at = put_f32(at, in->battery);
-    at = put_u16(at, core->sequence);
-    at = put_u16(at, (uint16_t)(age > 65535u ? 65535u : age));
-    at = put_u32(at, core->bad_frames);
-    send(core, CORE_STATE, bytes, (size_t)(at - bytes));
+    if (in->wheel_us != core->sent_wheel_us)
+        send(core, CORE_WHEEL, bytes, (size_t)(at - bytes));
+    core->sent_imu_us = in->imu_us;
+    core->sent_steer_us = in->steer_us;
+    core->sent_wheel_us = in->wheel_us;
+}
+
+/* When `due` has come, make it a period later and return true; after a long pause, a period from now. */
+static bool is_due(uint32_t *due, uint32_t period, uint32_t now) {
+    if ((int32_t)(now - *due) < 0) return false;
+    *due += period;
+    if ((int32_t)(now - *due) >= 0) *due = now + period;
+    return true;
+}
+
+static void report(struct core *core, const struct core_inputs *in, uint32_t now) {
+    report_readings(core, in);
+    core->battery = in->battery;
+    if (!core->begun) core->state_us = core->period_us = now;
+    core->begun = true;
+    if (is_due(&core->state_us, STATE_US, now)) report_state(core, now);
+    if (is_due(&core->period_us, core->settings.period_us, now)) {
+        uint8_t bytes[CORE_LARGEST], *at = put_u32(bytes, now);
+        at = put_u32(at, core->period_number++);
+        *at++ = (uint8_t)core->mode;
+        at = put_f32(at, core->applied_torque);
+        at = put_f32(at, core->applied_drive);
+        at = put_u16(at, core->sequence);
+        send(core, CORE_PERIOD, bytes, (size_t)(at - bytes));
+    }
 }
 
 void core_tick(struct core *core, const struct core_inputs *inputs, uint32_t now_us) {
     follow_steering(core, inputs);
-    bool resting = calibrate(core, inputs);
+    bool resting = core->resting = calibrate(core, inputs);
     core->reasons = look(core, inputs, resting, now_us);
     decide(core, inputs, now_us);
     report(core, inputs, now_us);

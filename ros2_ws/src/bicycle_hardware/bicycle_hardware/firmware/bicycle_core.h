@@ -33,11 +33,15 @@ enum core_kind {
     CORE_ACTUATORS = 1, /* PC to board: u32 stamp_us, f32 torque, f32 drive, u16 valid_ms */
     CORE_ARM = 2,       /* PC to board: u8 */
     CORE_TIME = 3,      /* PC to board: u64 of the PC's clock; answered by CORE_TIME_IS */
+    CORE_STOP = 4,      /* PC to board: nothing; as the stop button, but for the wire */
     CORE_IMU = 16,      /* board to PC: u32 stamp_us, f32 gyro x y z, f32 force x y z */
-    CORE_JOINTS = 17,   /* board to PC: u32 stamp_us, f32 steer, f32 torque, f32 wheel speed */
+    CORE_STEER = 17,    /* board to PC: u32 stamp_us, f32 angle, f32 torque */
     CORE_STATE = 18,    /* board to PC, 20 Hz: u32 stamp_us, u8 mode, u8 reasons, f32 torque, f32 drive,
                            f32 battery, u16 last sequence, u16 command's age in ms, u32 bad frames */
-    CORE_TIME_IS = 19   /* board to PC: u64 as it came, u32 stamp_us */
+    CORE_TIME_IS = 19,  /* board to PC: u64 as it came, u32 stamp_us */
+    CORE_WHEEL = 20,    /* board to PC: u32 stamp_us, f32 speed */
+    CORE_PERIOD = 21    /* board to PC, last of each control period: u32 stamp_us, u32 number, u8 mode,
+                           f32 torque, f32 drive, u16 last sequence; the PC answers it */
 };
 
 struct core_settings {
@@ -49,6 +53,7 @@ struct core_settings {
     float arm_speed;      /* m/s up to which arming is allowed */
     uint16_t longest_ms;  /* no command is valid for longer */
     uint32_t stale_us;    /* age of a reading from which on it is old */
+    uint32_t period_us;   /* of the PC's control loop, whose beat the board gives */
 };
 
 struct core_inputs {
@@ -66,7 +71,8 @@ struct core {
     uint8_t reasons;        /* of the last look */
     float bias[3];          /* rad/s, of the gyros */
     float sum[3];           /* of the rest that is going on */
-    uint32_t rest_count;
+    uint32_t rest_count;    /* readings in it */
+    bool resting;           /* at the last reading */
     bool calibrated;
     float steer, steer_rate; /* rad, rad/s from its differences */
     uint32_t steer_us;
@@ -82,7 +88,13 @@ struct core {
     bool has_command;
     uint32_t bad_frames;
     uint16_t own_sequence;
-    uint32_t state_us;
+    bool begun;              /* true after the first tick */
+    uint32_t state_us;       /* when the next state is due; the same of the period */
+    uint32_t period_us;
+    uint32_t period_number;
+    uint32_t sent_imu_us, sent_steer_us, sent_wheel_us;
+    float battery;
+    uint32_t asked;          /* questions for the time */
     uint8_t received[CORE_LARGEST + 2]; /* stuffed bytes since the last zero */
     size_t received_count;
     bool received_too_much;
@@ -99,7 +111,7 @@ void core_init(struct core *core, const struct core_settings *settings,
 /* Take bytes of the serial line, in any portions. */
 void core_receive(struct core *core, const uint8_t *bytes, size_t count, uint32_t now_us);
 
-/* Once a period (100 Hz): decide, and send readings and the state. */
+/* Every 5 or 10 ms: decide, and send new readings, the state when it is due, and last the period's beat. */
 void core_tick(struct core *core, const struct core_inputs *inputs, uint32_t now_us);
 
 /* Between ticks and at an interrupt of the stop button: the drive is off at once. */

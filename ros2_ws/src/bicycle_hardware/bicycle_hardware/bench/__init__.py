@@ -1,0 +1,1 @@
+"""A simulated bicycle whose sensors and motors hang on the simulated board."""

@@ -1,0 +1,83 @@
+"""`ride.sh --hardware-in-the-loop`: from sensors only, through the simulated microcontroller."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from bicycle_msgs.msg import DriverState
+from domains import claimed_domain
+from node_process import NodeProcess
+from rclpy.serialization import deserialize_message
+
+from bicycle_bag.reader import BagReader
+from bicycle_common.nodes import topics
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+RIDE = Path(__file__).resolve().parents[2] / "ros2_ws" / "ride.sh"
+WORDS = ("--hardware-in-the-loop", "--goals", "1", "--field", "40", "--seed", "1")
+
+
+@pytest.fixture(scope="module")
+def ridden(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[NodeProcess, Path]]:
+    """Yield one ride to its end, and its folder."""
+    folder = tmp_path_factory.mktemp("ride") / "run"
+    words = [str(RIDE), *WORDS, "--output", str(folder)]
+    with claimed_domain() as domain, NodeProcess(words, {"ROS_DOMAIN_ID": str(domain)}) as ride:
+        ride.wait()
+        yield ride, folder
+
+
+def messages(folder: Path, topic: topics.Topic) -> list[Any]:
+    """Messages of a topic of the ride's bag."""
+    found = BagReader(folder / "bag").messages([f"/{topic.name}"])
+    return [deserialize_message(one.data, topic.type) for one in found]
+
+
+def test_it_reaches_its_goal(ridden: tuple[NodeProcess, Path]) -> None:
+    ride, _ = ridden
+    assert ride.wait() == 0, ride.output
+    assert "1 of 1 reached" in ride.output
+
+
+def test_nothing_moves_before_the_board_is_armed(ridden: tuple[NodeProcess, Path]) -> None:
+    _, folder = ridden
+    told = messages(folder, topics.DRIVER_STATE)
+    modes = list(dict.fromkeys(state.mode for state in told))
+    assert modes[0] == DriverState.MODE_DISARMED
+    assert modes[-1] == DriverState.MODE_RIDING
+    assert DriverState.MODE_FALLBACK not in modes
+    assert {s.torque for s in told if s.mode == DriverState.MODE_DISARMED} == {0.0}
+    echoes = messages(folder, topics.COMMAND_ECHO)
+    first = min(e.step for e in echoes if e.command_source == 1)
+    assert first > 40  # commands came for a second before
+    states = messages(folder, topics.STATE)
+    start = states[0].rear_contact
+    still = [s for s in states if s.step < first]
+    assert {(s.rear_contact.x, s.rear_contact.y) for s in still} == {(start.x, start.y)}
+    assert {e.command_source for e in echoes if e.step >= first} == {1}
+
+
+def test_the_estimate_is_near_the_truth(ridden: tuple[NodeProcess, Path]) -> None:
+    _, folder = ridden
+    true = {(m.episode, m.step): m for m in messages(folder, topics.STATE)}
+    estimates = messages(folder, topics.ESTIMATE)
+    errors = [
+        m.lean_angle - true[m.episode, m.step].lean_angle
+        for m in estimates
+        if m.step > 80 and (m.episode, m.step) in true
+    ]
+    assert len(errors) > 100
+    assert math.degrees(float(np.sqrt(np.mean(np.square(errors))))) < 0.5
+
+
+def test_parameters_of_the_driver_need_the_option(tmp_path: Path) -> None:
+    words = [str(RIDE), "driver.valid_ms:=50", "--output", str(tmp_path / "run")]
+    with NodeProcess(words) as ride:
+        assert ride.wait() == 2
+        assert "belong to --hardware-in-the-loop" in ride.output
