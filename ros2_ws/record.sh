@@ -5,7 +5,8 @@
 #        record.sh --repair BAG
 #
 #   --output FOLDER   the bag's folder, which must not exist; runs/bag-<date> of the workspace unless named
-#   --repair BAG      make a bag whole again that was cut short or damaged, or is compressed as a whole
+#   --repair BAG      make a bag whole again that was cut short or damaged, or is compressed as a whole;
+#                     of one that is stored as sqlite3 (.db3) make MCAP files beside the databases
 #
 # It records what is published, so a ride must be running beside it. Ctrl-C or stop.sh ends it and
 # closes the bag. On a slow disk that takes a while, which a line tells; a Ctrl-C after that line does not

@@ -25,6 +25,12 @@ from bicycle_bag.metadata import Topic
 from bicycle_bag.qos import parse_profiles
 
 MAGIC = b"\x89MCAP0\r\n"
+SQLITE = b"SQLite format 3"[: len(MAGIC)]
+"""First bytes of a file of rosbag2's other storage."""
+CONVERT = (
+    "record.sh --repair makes one of it, as ros2 bag convert does on a machine that has ROS 2"
+)
+"""Remedy for such a bag."""
 MAX_RECORD_BYTES = 256 * 2**20
 """Limit of a record: larger than any that a recorder writes, small enough for any machine."""
 
@@ -101,6 +107,8 @@ def check_magic(path: Path, stream: BinaryIO) -> None:
     """
     start = stream.read(len(MAGIC))
     wrong = sum(one != other for one, other in zip(start, MAGIC, strict=False))
+    if start == SQLITE:
+        raise BagError(f"{path} is stored as sqlite3, and only mcap can be read here: {CONVERT}")
     if wrong > 2 or wrong == len(start) > 0:
         raise BagError(f"{path} is not an MCAP file: name a bag directory or a .mcap file")
     if len(start) < len(MAGIC):

@@ -142,8 +142,12 @@ def write(folder: Path, metadata: BagMetadata, sync: bool = True) -> None:
         sync_folder(folder)
 
 
-def read(folder: Path) -> BagMetadata:
-    """Read `metadata.yaml` of any version that rosbag2 has written with MCAP files.
+def read(folder: Path, of_any_storage: bool = False) -> BagMetadata:
+    """Read `metadata.yaml` of any version that rosbag2 has written.
+
+    Args:
+        folder: The bag's.
+        of_any_storage: Read it also of files that are not MCAP, or compressed as a whole.
 
     Raises:
         BagError: The file is missing, is not YAML or is not rosbag2's.
@@ -151,7 +155,7 @@ def read(folder: Path) -> BagMetadata:
     path = folder / FILE_NAME
     try:
         content = yaml_text.read(path)
-        return from_yaml_map(content[ROOT])
+        return from_yaml_map(content[ROOT], of_any_storage)
     except (OSError, UnicodeDecodeError, yaml_text.YAMLError) as error:
         raise BagError(f"cannot read {path} ({_one_line(error)}): {_REMEDY}") from None
     except (KeyError, TypeError, ValueError, AttributeError):
@@ -161,27 +165,34 @@ def read(folder: Path) -> BagMetadata:
 _REMEDY = "remove it and run record.sh --repair on the bag to write it anew"
 
 
+def _require_mcap(content: Mapping[str, Any]) -> None:
+    storage = content.get("storage_identifier")
+    if storage not in ("mcap", "", None):
+        ours = "record.sh --repair makes one of it, as " if storage == "sqlite3" else ""
+        does = "does" if ours else "makes one of it"
+        raise BagError(
+            f"the bag is stored as {storage!s:.40}, and only mcap can be read here: {ours}"
+            f"ros2 bag convert {does} on a machine that has ROS 2"
+        )
+    if str(content.get("compression_mode") or "none").lower() != "none":
+        raise BagError(
+            "the bag's files are compressed as a whole: record.sh --repair unpacks them"
+        )
+
+
 def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())[:120]
 
 
-def from_yaml_map(content: Mapping[str, Any]) -> BagMetadata:
+def from_yaml_map(content: Mapping[str, Any], of_any_storage: bool = False) -> BagMetadata:
     """Return the metadata from rosbag2's keys; inverse of `BagMetadata.to_yaml_map`.
 
     Raises:
         BagError: The files are not MCAP or are compressed as a whole.
         KeyError, TypeError, ValueError: The map is not rosbag2's.
     """
-    storage = content.get("storage_identifier")
-    if storage not in ("mcap", "", None):
-        raise BagError(
-            f"the bag is stored as {storage!s:.40}, and only mcap can be read here: "
-            "ros2 bag convert makes one of it on a machine that has ROS 2"
-        )
-    if str(content.get("compression_mode") or "none").lower() != "none":
-        raise BagError(
-            "the bag's files are compressed as a whole: record.sh --repair unpacks them"
-        )
+    if not of_any_storage:
+        _require_mcap(content)
     topics, counts = [], {}
     for entry in content["topics_with_message_count"] or []:
         topic = _read_topic(entry["topic_metadata"])

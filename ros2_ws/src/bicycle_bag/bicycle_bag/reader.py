@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
 from bicycle_bag import metadata
-from bicycle_bag.container import DamageError, Registry
+from bicycle_bag.container import CONVERT, DamageError, Registry
 from bicycle_bag.contents import Contents
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import NO_START, BagMetadata, FileInformation, Topic
@@ -222,6 +222,8 @@ def find_files(path: Path, listed: bool = True) -> list[Path]:
     if listed and (path / metadata.FILE_NAME).is_file():
         return _listed_files(path)
     files = sorted((file for file in path.glob("*.mcap") if _lies_in(path, file)), key=_natural)
+    if not files and any(path.glob("*.db3")):
+        raise BagError(f"{path} is stored as sqlite3, and only mcap can be read here: {CONVERT}")
     if not files and any(path.glob(f"*{PACKED}")):
         raise BagError(f"{path} is compressed as a whole: record.sh --repair unpacks it")
     if not files:

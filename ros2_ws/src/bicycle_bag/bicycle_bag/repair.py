@@ -24,6 +24,7 @@ from bicycle_bag.metadata import BagMetadata, FileInformation, Topic
 from bicycle_bag.reader import BagReader, bag_in, find_files
 from bicycle_bag.rewrite import Rewrite
 from bicycle_bag.salvage import Progress, Salvage
+from bicycle_bag.sqlite_files import SUFFIX, convert_files
 from bicycle_bag.syncing import sync_folder
 from bicycle_bag.unpacking import unpack_files
 from bicycle_common.command_line import OneLineParser
@@ -34,7 +35,7 @@ MOST_SPANS = 5
 
 @dataclass
 class RepairReport:
-    """Result of a repair; `kept` are copies of the damaged files.
+    """Result of a repair; `kept` are copies of the damaged files, `converted` were databases.
 
     `lost_messages` is known of files that were finished once; `lost_spans` are the first and
     last times of lost chunks in ns, `lost_bytes` were of no record that could be told, and of
@@ -50,12 +51,15 @@ class RepairReport:
     unproved: int = 0
     starting_time_ns: int = metadata.NO_START
     kept: list[Path] = field(default_factory=list)
+    converted: list[Path] = field(default_factory=list)
 
     def __str__(self) -> str:
         of = f" of {self.messages + self.lost_messages}" if self.lost_messages else ""
         line = (
             f"{self.messages} messages are whole{of}, {len(self.rewritten)} files were rewritten"
         )
+        if self.converted:
+            line += f"; made of sqlite3: {', '.join(path.name for path in self.converted)}"
         losses = {
             "messages": self.lost_messages,
             "chunks": self.lost_chunks,
@@ -102,6 +106,9 @@ def repair(path: Path | str, progress: Progress = lambda _: None) -> RepairRepor
     parts: list[BagMetadata] = []
     custom_data: dict[str, str] = {}
     unpack_files(path)
+    report.converted = convert_files(path)
+    if path.suffix == SUFFIX and path.is_file():
+        path = path.with_suffix(".mcap")
     for source in present_files(path):
         salvage = _repair_file(source, report, progress)
         custom_data.update(salvage.custom_data)
@@ -119,6 +126,14 @@ def present_files(path: Path) -> list[Path]:
     return find_files(path, listed=False)
 
 
+def _readable(path: Path) -> list[Path]:
+    """Return the files that will be read: databases where there are no MCAP files yet."""
+    with contextlib.suppress(OSError, ValueError):  # a name that is too long, or no name
+        if not any(path.glob("*.mcap")) and (found := sorted(path.glob(f"*{SUFFIX}"))):
+            return found
+    return present_files(path)
+
+
 def _write_metadata(
     folder: Path, parts: Sequence[BagMetadata], custom_data: dict[str, str], report: RepairReport
 ) -> None:
@@ -134,12 +149,12 @@ def _write_metadata(
     distro = "jazzy"
     if old.is_file():
         with contextlib.suppress(BagError):
-            stored = metadata.read(folder)
+            stored = metadata.read(folder, of_any_storage=True)
+            custom_data.update(stored.custom_data)
+            distro = stored.ros_distro or distro
             named = [file.name for file in find_files(folder)]
             if named == [file.path for file in files] and stored.counts == counts:
                 return
-            custom_data.update(stored.custom_data)
-            distro = stored.ros_distro or distro
         report.kept.append(_keep(old))
     metadata.write(folder, BagMetadata(tuple(topics.values()), counts, files, custom_data, distro))
 
@@ -237,11 +252,15 @@ def _disk_errors(path: Path) -> Iterator[None]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command `bicycle_repair`; return its exit status."""
     parser = OneLineParser(prog="bicycle_repair", description=__doc__)
-    parser.add_argument("bag", type=Path, help="bag directory or .mcap file, repaired in place")
+    parser.add_argument(
+        "bag",
+        type=Path,
+        help="bag directory or .mcap file, repaired in place; .db3 files get an .mcap beside them",
+    )
     bag = bag_in(parser.parse_args(arguments).bag)
     try:
         unpack_files(bag)
-        total = sum(container.size_of(file) for file in present_files(bag))
+        total = sum(container.size_of(file) for file in _readable(bag))
         with tqdm(total=total, unit="B", unit_scale=True, disable=None) as bar:
             report = repair(bag, bar.update)
     except BagError as error:

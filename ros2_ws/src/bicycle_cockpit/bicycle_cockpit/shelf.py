@@ -23,6 +23,9 @@ DEEPEST = 3
 FRESH = 10.0
 """Age of an unfinished bag's last write up to which it counts as being recorded (s)."""
 
+FILES = ("*.mcap", "*.db3")
+"""Files of a bag; the second kind is listed with the remedy."""
+
 Signature = tuple[tuple[str, int, int], ...]
 """Name, size and time of change of each of a bag's files: equal while the bag is unchanged."""
 
@@ -119,7 +122,7 @@ def _bags_below(folder: Path, depth: int) -> Iterator[Path]:
         if not path.is_dir():
             if path.suffix == ".mcap" and path.is_file():
                 yield path
-        elif (path / metadata.FILE_NAME).is_file() or any(path.glob("*.mcap")):
+        elif (path / metadata.FILE_NAME).is_file() or any(map(any, map(path.glob, FILES))):
             yield path
         elif depth > 1:
             yield from _bags_below(path, depth - 1)
