@@ -1,4 +1,4 @@
-"""What the driver makes of frames and commands, without ROS; then against the simulated board."""
+"""The driver's frames and commands, without ROS; then against the simulated board."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ ELSEWHERE: tuple[tuple[str, str], ...] = (
 NOT_HERE = (
     r"sudo apt|apt-get|source /opt/ros|ros2 |export ROS_SECURITY|rviz2|pip install|python3 -m http"
 )
-"""What needs root, ROS from apt, a download or a web server of one's own; the pages say so."""
+"""Commands that need root, ROS from apt, a download or a web server; the pages say so."""
 OTHERS = {"docs/rl.md"}
 """Pages with a test of their own (tests/test_rl_page.py)."""
 DOCS = sorted(

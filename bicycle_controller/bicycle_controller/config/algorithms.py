@@ -206,7 +206,7 @@ class DdpgConfig(AlgorithmConfig):
 
     @property
     def actor_mirror(self) -> tuple[float, ...]:
-        """How a mirror changes each input: 1 for speed and pedal force, else -1."""
+        """Factor of each input in a mirror: 1 for speed and pedal force, else -1."""
         kept = ("speed", "pedal_force")
         return tuple(1.0 if name.partition("[")[0] in kept else -1.0 for name in self.inputs)
 

@@ -174,7 +174,7 @@ COURSE = {
     "simulator.start_speed": "3.0",
     "controller.policy": "lqr-pedal",
 }
-"""What a course is ridden with: a scenario that has a pedal."""
+"""Parameters for a course: a scenario that has a pedal."""
 
 ON_BENCH = {
     "simulator.plant": "whipple",
@@ -186,7 +186,7 @@ ON_BENCH = {
     "driver.clock": "board",
     "driver.arm_when_ready": "true",
 }
-"""What is ridden through a simulated microcontroller."""
+"""Parameters for a ride through a simulated microcontroller."""
 
 ALIKE = {
     **{f"driver.{name}": f"simulator.{name}" for name in ("bicycle", "scenario", "pace")},

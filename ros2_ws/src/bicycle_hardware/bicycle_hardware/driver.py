@@ -1,4 +1,4 @@
-"""What the driver makes of frames, and frames of commands; no ROS and no waiting here.
+"""The driver's part without ROS and without waiting: frames in, frames of commands out.
 
 The microcontroller gives the beat: at the end of each control period it sends `Period`, the
 driver counts it as a step, and whoever controls answers that step. An episode begins when the
@@ -36,7 +36,7 @@ ASK_AGAIN = 0.25
 
 
 class Line(Protocol):
-    """What sends frames."""
+    """A sender of frames."""
 
     def send(self, message: Message) -> int:
         """Send a message; return its sequence."""
@@ -63,7 +63,7 @@ class Step:
     time: float
     """s of the sensors' clock."""
     applied: AppliedCommand
-    """What led to it."""
+    """Command under which it was made."""
 
 
 Heard = Measured | Step | DriverState

@@ -26,7 +26,7 @@ from bicycle_sim.nodes.sim_settings import SimSettings
 from bicycle_sim.runtime.loop import Loop
 
 BY_DRIVER = (topics.COMMAND_ECHO, topics.EPISODE)
-"""What a bicycle's driver publishes."""
+"""Topics of a bicycle's driver."""
 LOOK = 0.001
 """s between two looks whether a period was answered, in lock-step."""
 
