@@ -144,11 +144,9 @@ def test_a_room_imports_what_its_row_names(room: Room) -> None:
 
 
 KNOWN_BY_NAME = {
-    "bicycle_sim.task.native_task": "steps the paper's bicycle in C++",
-    "bicycle_controller.training.tensor_dynamics": "steps it as tensors",
+    "bicycle_controller.training.tensor_dynamics": "steps the paper's as tensors",
     "bicycle_controller.config.imitation": "names ranges of random Whipple bicycles",
     "bicycle_controller.training.bicycle_park": "rides them",
-    "bicycle_controller.config.loading": "reads a run's `physics` by its fields",
     "bicycle_controller.evaluation.link_loss": "steps a bicycle every 10 ms",
     "bicycle_controller.evaluation.sensing": "puts motor, delay and friction on a bicycle",
     "bicycle_hardware.bench.board_simulator": "steps a bicycle every 5 ms",

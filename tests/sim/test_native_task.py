@@ -194,7 +194,7 @@ def test_without_the_library_the_task_steps_in_numpy(monkeypatch: pytest.MonkeyP
     assert without._native is None
     ride([with_it, without], 50)
     with pytest.raises(RuntimeError, match=r"not built: call ros2_ws/setup\.sh"):
-        NativeStep(without.scenario, Physics())
+        NativeStep(without.scenario, {})
 
 
 @pytest.mark.parametrize("name", ["_no_such_library", "native_task"])

@@ -24,8 +24,6 @@ from bicycle_common.validation import nearest, reject_unknown
 from bicycle_controller.config.run import RunConfig
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
-from bicycle_sim.plants.choi.parameters import Physics
-from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import SCENARIOS, Scenario, named
 
 Tree = dict[str, Any]
@@ -37,7 +35,7 @@ Override: typing.TypeAlias = str | Tree
 RENAMED = {"taught": "guided", "taught-speed": "guided-speed"}
 """Preset names of release 0.1.0 and their current names."""
 
-Config = typing.TypeVar("Config", RunConfig, Scenario, Physics)
+Config = typing.TypeVar("Config")
 
 
 def preset_names() -> list[str]:
@@ -99,7 +97,7 @@ def dump(config: RunConfig) -> str:
     return yaml.safe_dump(_plain(_tree(config)), sort_keys=False, width=99)
 
 
-def _tree(config: Config) -> Tree:
+def _tree(config: Any) -> Tree:
     """Return the configuration as plain data."""
     tree = dataclasses.asdict(config)
     if isinstance(config, RunConfig):
@@ -165,7 +163,7 @@ def _merge(base: Tree, top: Tree) -> Tree:
 
 def _make(kind: Any, value: Any, where: str) -> Any:
     """Build the dataclass `kind` from `value`; `where` is its dotted name with a trailing dot."""
-    if kind in (Scenario, Physics):
+    if kind is Scenario or kind in (fields for fields, _ in registry.FIELDS.values()):
         value = _based(kind, value, where)
     reject_unknown(kind, value)
     hints = typing.get_type_hints(kind)
@@ -182,8 +180,8 @@ def _make(kind: Any, value: Any, where: str) -> Any:
     return kind(**values)
 
 
-def _based(kind: type, value: Any, where: str) -> Any:
-    """Build a scenario or physics from its name, or from a mapping that changes a named one."""
+def _based(kind: Any, value: Any, where: str) -> Any:
+    """Build a scenario or a plant's fields from a name, or from changes of a named one."""
     if isinstance(value, str):
         value = {"name": value}
     if not isinstance(value, dict):
@@ -193,7 +191,7 @@ def _based(kind: type, value: Any, where: str) -> Any:
         own = len(value) > 1 and name not in SCENARIOS
         return value if own else _merge(dataclasses.asdict(named(name)), value)
     rest = {key: item for key, item in value.items() if key != "name"}
-    return _merge(dataclasses.asdict(Physics.named(name or "faithful")), rest)
+    return _merge(dataclasses.asdict(kind.named(name or "faithful")), rest)
 
 
 def _bicycle(value: Any, where: str) -> Plant[Any]:
@@ -201,12 +199,16 @@ def _bicycle(value: Any, where: str) -> Plant[Any]:
     if isinstance(value, Plant):
         return value
     data = dict(value) if isinstance(value, dict) else {"name": value}
-    plant = data.pop("plant", ChoiPlant.name)
+    plant = str(data.pop("plant", registry.default().name))
     try:
-        if plant == ChoiPlant.name:
-            return ChoiPlant(_make(Physics, data if isinstance(value, dict) else value, where))
+        if plant in registry.FIELDS:
+            fields, kind = registry.FIELDS[plant]
+            made: Plant[Any] = kind(
+                _make(fields, data if isinstance(value, dict) else value, where)
+            )
+            return made
         if set(data) <= {"bicycle"} and not isinstance(data.get("bicycle"), dict):
-            return registry.named(str(plant), data.get("bicycle"))
+            return registry.named(plant, data.get("bicycle"))
         return registry.from_dict({"plant": plant, **data})
     except TypeError as error:
         raise ValueError(f"{where[:-1]} cannot be read: {_one_line(error)}") from error

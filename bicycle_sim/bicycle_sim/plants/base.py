@@ -167,6 +167,14 @@ class Plant(ABC, Generic[State]):
             return self
         raise ValueError(f"the plant {self.name} takes no displacement noise: leave it at 0")
 
+    @property
+    def compiled_numbers(self) -> Mapping[str, float] | None:
+        """Numbers of the equations that `task/native_task.cpp` steps, by its names.
+
+        None for a plant with other equations.
+        """
+        return None
+
     @abstractmethod
     def initial(
         self, rear_x: np.ndarray, rear_y: np.ndarray, heading: np.ndarray, speed: np.ndarray

@@ -19,6 +19,11 @@ PLANTS: dict[str, Any] = {kind.name: kind for kind in (ChoiPlant, WhipplePlant, 
 """Plants by the key `plant` of their JSON."""
 
 
+FIELDS: dict[str, tuple[Any, Any]] = {ChoiPlant.name: (Physics, ChoiPlant)}
+"""Of a plant whose fields a configuration may change one by one: the dataclass that holds them,
+which has `named`, and the plant made of one."""
+
+
 def from_json(text: str) -> Plant[Any]:
     """Return the plant that `to_json` wrote; JSON without the key `plant` is the paper's bicycle.
 

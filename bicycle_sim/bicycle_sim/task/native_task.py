@@ -12,7 +12,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import operator
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -20,8 +20,6 @@ import numpy as np
 
 from bicycle_common.native_library import load_built
 from bicycle_sim.plants.base import BodyState, Plant
-from bicycle_sim.plants.choi.parameters import Physics
-from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import Scenario
 
 LIBRARY = "_native_task"
@@ -162,12 +160,14 @@ class NativeStep:
         observation: (N, 6) float32 of the last `step_shares`.
     """
 
-    def __init__(self, scenario: Scenario, physics: Physics, face: Face | None = None) -> None:
+    def __init__(
+        self, scenario: Scenario, numbers: Mapping[str, float], face: Face | None = None
+    ) -> None:
         """Prepare the values that stay constant from step to step.
 
         Args:
             scenario: limits and ends.
-            physics: the paper's bicycle.
+            numbers: of the plant, see `Plant.compiled_numbers`.
             face: how an environment scales, for `step_shares`.
 
         Raises:
@@ -176,9 +176,9 @@ class NativeStep:
         library = load()
         if library is None:
             raise RuntimeError("the native step was not built: call ros2_ws/setup.sh")
-        self._made_of = scenario, physics
+        self._made_of = scenario, numbers
         self._face = face
-        self._model = _model(scenario, physics)
+        self._model = _model(scenario, numbers)
         self._size = ctypes.c_long(0)
         arrays = np.zeros(_ARRAYS, dtype=np.uintp)
         self._at = arrays.data
@@ -330,45 +330,30 @@ class NativeStep:
 
 def stepper(scenario: Scenario, plant: Plant[Any], face: Face | None = None) -> NativeStep | None:
     """Return a stepper of such bicycles in one call; None if there is none."""
-    if type(plant) is not ChoiPlant or load() is None:
+    numbers = plant.compiled_numbers
+    if numbers is None or load() is None:
         return None
-    return NativeStep(scenario, plant.physics, face)
+    return NativeStep(scenario, numbers, face)
 
 
-def _remade(scenario: Scenario, physics: Physics, face: bytes | None) -> NativeStep:
+def _remade(scenario: Scenario, numbers: Mapping[str, float], face: bytes | None) -> NativeStep:
     """Return the stepper that was pickled."""
-    return NativeStep(scenario, physics, None if face is None else Face.from_buffer_copy(face))
+    return NativeStep(scenario, numbers, None if face is None else Face.from_buffer_copy(face))
 
 
 def _address(array: np.ndarray) -> int:
     return int(array.__array_interface__["data"][0])
 
 
-def _model(scenario: Scenario, physics: Physics) -> _Model:
-    """Return all numbers, computed as in dynamics.py, reward.py and task.py."""
-    k, weights = physics.constants, scenario.reward
-    limits = scenario.action_limits.tolist()
+def _model(scenario: Scenario, numbers: Mapping[str, float]) -> _Model:
+    """Return all numbers, those of the reward and the ends as in reward.py and task.py."""
+    weights, limits = scenario.reward, scenario.action_limits.tolist()
     low, high = scenario.speed_limits or (0.0, 0.0)
-    coupling = k.tyre_spin_inertia if physics.gyroscopic_correction else -k.tyre_lean_inertia
     return _Model(
         **_loops(),
+        **numbers,
         lowest=(ctypes.c_double * 3)(*(-limit for limit in limits)),
         highest=(ctypes.c_double * 3)(*limits),
-        time_step=k.time_step,
-        pedal=k.pedal_gain / k.driven_mass,
-        mass_height=k.mass_height,
-        tyre_radius=k.tyre_radius,
-        tyre_spin=k.tyre_spin_inertia,
-        wheelbase=k.wheelbase,
-        mass_offset=k.wheelbase - k.front_to_mass,
-        tyres=k.tyre_mass * k.tyre_radius,
-        turning=k.mass * k.mass_height,
-        gravity=k.mass * k.mass_height * k.gravity,
-        lean_inertia=k.lean_inertia,
-        coupling=coupling,
-        steer_inertia=k.tyre_steer_inertia,
-        steer_stop=k.steer_stop,
-        drift=k.wheelbase_tolerance,
         speed_low=low,
         speed_high=high,
         fall_angle=scenario.fall_angle,
@@ -378,8 +363,6 @@ def _model(scenario: Scenario, physics: Physics) -> _Model:
         ),
         most_steps=scenario.max_steps,
         limit_speed=scenario.speed_limits is not None,
-        chord_follows_steering=physics.chord_follows_steering,
-        stop_absorbs_steering=physics.stop_absorbs_steering,
     )
 
 

@@ -88,6 +88,33 @@ class ChoiPlant(Plant[BodyState]):
         """Return the plant whose noise is `spread`, m."""
         return type(self)(replace(self.physics, displacement_noise=spread))
 
+    @property
+    def compiled_numbers(self) -> Mapping[str, float] | None:
+        """Numbers computed as in `dynamics`; None for a subclass, which steps otherwise."""
+        if type(self) is not ChoiPlant:
+            return None
+        k, physics = self.physics.constants, self.physics
+        gyroscopic = physics.gyroscopic_correction
+        return {
+            "time_step": k.time_step,
+            "pedal": k.pedal_gain / k.driven_mass,
+            "mass_height": k.mass_height,
+            "tyre_radius": k.tyre_radius,
+            "tyre_spin": k.tyre_spin_inertia,
+            "wheelbase": k.wheelbase,
+            "mass_offset": k.wheelbase - k.front_to_mass,
+            "tyres": k.tyre_mass * k.tyre_radius,
+            "turning": k.mass * k.mass_height,
+            "gravity": k.mass * k.mass_height * k.gravity,
+            "lean_inertia": k.lean_inertia,
+            "coupling": k.tyre_spin_inertia if gyroscopic else -k.tyre_lean_inertia,
+            "steer_inertia": k.tyre_steer_inertia,
+            "steer_stop": k.steer_stop,
+            "drift": k.wheelbase_tolerance,
+            "chord_follows_steering": physics.chord_follows_steering,
+            "stop_absorbs_steering": physics.stop_absorbs_steering,
+        }
+
     def initial(
         self, rear_x: np.ndarray, rear_y: np.ndarray, heading: np.ndarray, speed: np.ndarray
     ) -> BodyState:
