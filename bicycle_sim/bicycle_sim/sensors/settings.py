@@ -9,13 +9,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from importlib import resources
-from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from bicycle_common import yaml_text
-from bicycle_common.validation import nearest, reject_unknown, require
+from bicycle_common.named_files import NamedFiles, parsed
+from bicycle_common.validation import reject_unknown, require
 
 Kind = TypeVar("Kind", bound="Sampled")
 
@@ -184,17 +182,12 @@ PARTS: dict[str, type[Sampled]] = {
 }
 
 
-def _folder() -> Traversable:
-    return resources.files("bicycle_sim.sensors") / "presets"
+FILES = NamedFiles("bicycle_sim.sensors", "presets", "sensors")
 
 
 def names() -> list[str]:
     """Return the presets that come with the package."""
-    return sorted(
-        entry.name[: -len(".yaml")]
-        for entry in _folder().iterdir()
-        if entry.name.endswith(".yaml")
-    )
+    return FILES.names()
 
 
 def load(name_or_file: str | Path) -> SensorSettings:
@@ -204,28 +197,11 @@ def load(name_or_file: str | Path) -> SensorSettings:
         ValueError: when there is none, or on an unknown key or a value that makes no sense; one
             line that names it.
     """
-    text = str(name_or_file)
-    known = names()
-    if text in known:
-        return _read((_folder() / f"{text}.yaml").read_text(), text, text)
-    path = Path(name_or_file)
-    if not path.is_file():
-        raise ValueError(
-            f"no sensors {text!r}{nearest(text, known)}: give a YAML file or one of "
-            f"{', '.join(known)}"
-        )
-    try:
-        content = yaml_text.read_text(path)
-    except (OSError, UnicodeDecodeError, yaml_text.YAMLError) as error:
-        raise ValueError(f"cannot read {path}: {error}") from error
-    return _read(content, path.stem, str(path))
+    return _read(*FILES.find(name_or_file))
 
 
 def _read(text: str, name: str, place: str) -> SensorSettings:
-    try:
-        data = yaml_text.load(text)
-    except yaml_text.YAMLError as error:
-        raise ValueError(f"{place} is no YAML: {' '.join(str(error).split())}") from error
+    data = parsed(text, place)
     try:
         require(isinstance(data, dict), "sensors must be a mapping of names to values")
         return from_dict({"name": name, **data})

@@ -345,3 +345,31 @@ def new_renderers(count: int) -> list[Renderer]:
 def only(info: Info) -> dict[str, Any]:
     """Return plain numbers from arrays of length one."""
     return {name: value[0].item() for name, value in info.items()}
+
+
+class EnvProperties:
+    """What both environments say of their bicycles."""
+
+    natural_scale = np.array(NATURAL_SCALE)
+    """(6,) divisors that bring the observation of ordinary rides into -1..1."""
+    _core: EnvCore
+
+    @property
+    def task(self) -> BicycleTask:
+        """Underlying task: a batch of one, or of N."""
+        return self._core.task
+
+    @property
+    def scenario(self) -> Scenario:
+        """Scenario that is ridden, with the step limit of its variant."""
+        return self.task.scenario
+
+    @property
+    def action_names(self) -> tuple[str, ...]:
+        """Names of the actions that an action drives, in order."""
+        return self._core.action_names
+
+    @property
+    def observation_scale(self) -> np.ndarray:
+        """(6,) divisors of the observation."""
+        return self._core.observation_scale

@@ -26,13 +26,13 @@ from bicycle_sim.task.env_core import (
     NATURAL_SCALE,
     EnvConfig,
     EnvCore,
+    EnvProperties,
     checked_mode,
     new_renderers,
     only,
 )
 from bicycle_sim.task.registration import ENV_ID
 from bicycle_sim.task.scenario import Scenario
-from bicycle_sim.task.task import BicycleTask
 from bicycle_sim.task.training_variant import TrainingVariant
 from bicycle_sim.task.vector_env import BicycleVectorEnv
 
@@ -50,7 +50,7 @@ __all__ = [
 ]
 
 
-class BicycleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+class BicycleEnv(EnvProperties, gymnasium.Env[np.ndarray, np.ndarray]):
     """Balance a bicycle and ride it to a goal (Choi, Le et al. 2019).
 
     ## Action space
@@ -120,8 +120,6 @@ class BicycleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     """
 
     metadata: dict[str, Any] = METADATA
-    natural_scale = np.array(NATURAL_SCALE)
-    """(6,) divisors that bring the observation of ordinary rides into -1..1."""
 
     def __init__(
         self,
@@ -183,26 +181,6 @@ class BicycleEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def spec(self, spec: Any) -> None:
         limit = self.task.scenario.max_steps
         self._spec = spec if spec is None else replace_limit(spec, limit)
-
-    @property
-    def task(self) -> BicycleTask:
-        """Underlying task, a batch of one."""
-        return self._core.task
-
-    @property
-    def scenario(self) -> Scenario:
-        """Scenario that is ridden, with the step limit of its variant."""
-        return self.task.scenario
-
-    @property
-    def action_names(self) -> tuple[str, ...]:
-        """Names of the actions that the action space drives, in order."""
-        return self._core.action_names
-
-    @property
-    def observation_scale(self) -> np.ndarray:
-        """(6,) divisors of the observation."""
-        return self._core.observation_scale
 
     @property
     def goal(self) -> tuple[float, float]:

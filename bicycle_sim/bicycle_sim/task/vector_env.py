@@ -16,16 +16,15 @@ from bicycle_sim.task import env_options
 from bicycle_sim.task.env_core import (
     DISCOUNT,
     METADATA,
-    NATURAL_SCALE,
     EnvConfig,
     EnvCore,
+    EnvProperties,
     Info,
     checked_mode,
     new_renderers,
 )
 from bicycle_sim.task.env_options import ResetOptions
 from bicycle_sim.task.scenario import Scenario
-from bicycle_sim.task.task import BicycleTask
 from bicycle_sim.task.training_variant import TrainingVariant
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
 Seeds = int | Sequence[int | None] | None
 
 
-class BicycleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+class BicycleVectorEnv(EnvProperties, VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """N bicycles in one array program; each as in `BicycleEnv`.
 
     Bicycle i is the `BicycleEnv` that is seeded with `seed + i`, or with `seed[i]`, to the bit.
@@ -49,8 +48,6 @@ class BicycleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """
 
     metadata: dict[str, Any] = METADATA | {"autoreset_mode": AutoresetMode.NEXT_STEP}
-    natural_scale = np.array(NATURAL_SCALE)
-    """(6,) divisors that bring the observation of ordinary rides into -1..1."""
 
     def __init__(
         self,
@@ -97,26 +94,6 @@ class BicycleVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._seeds: tuple[int | None, ...] = (None,) * num_envs
         self._renderers: list[Renderer] = []
         self._page: PicturePage | None = None
-
-    @property
-    def task(self) -> BicycleTask:
-        """Underlying task, a batch of N."""
-        return self._core.task
-
-    @property
-    def scenario(self) -> Scenario:
-        """Scenario that is ridden, with the step limit of its variant."""
-        return self.task.scenario
-
-    @property
-    def action_names(self) -> tuple[str, ...]:
-        """Names of the actions that an action drives, in order."""
-        return self._core.action_names
-
-    @property
-    def observation_scale(self) -> np.ndarray:
-        """(6,) divisors of the observation."""
-        return self._core.observation_scale
 
     @property  # type: ignore[misc]
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]

@@ -8,12 +8,10 @@ example of each.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from importlib import resources
-from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
-from bicycle_common import yaml_text
+from bicycle_common.named_files import NamedFiles, parsed
 from bicycle_common.validation import nearest, require
 from bicycle_sim.plants.whipple import measure
 from bicycle_sim.plants.whipple.measure import Measured, RigidRider
@@ -40,17 +38,12 @@ class Described:
     """Of the parameters that were measured, where it is known."""
 
 
-def _folder() -> Traversable:
-    return resources.files("bicycle_sim.plants.whipple") / "bicycles"
+FILES = NamedFiles("bicycle_sim.plants.whipple", "bicycles", "bicycle")
 
 
 def names() -> list[str]:
     """Return the bicycles that come with the package."""
-    return sorted(
-        entry.name[: -len(".yaml")]
-        for entry in _folder().iterdir()
-        if entry.name.endswith(".yaml")
-    )
+    return FILES.names()
 
 
 def load(name_or_file: str | Path) -> Described:
@@ -60,21 +53,7 @@ def load(name_or_file: str | Path) -> Described:
         ValueError: when there is none, or its file has an unknown key or a value that makes no
             sense; one line that names it.
     """
-    text = str(name_or_file)
-    known = names()
-    if text in known:
-        return read((_folder() / f"{text}.yaml").read_text(), text, text)
-    path = Path(name_or_file)
-    if not path.is_file():
-        raise ValueError(
-            f"no bicycle {text!r}{nearest(text, known)}: give a YAML file or one of "
-            f"{', '.join(known)}"
-        )
-    try:
-        content = yaml_text.read_text(path)
-    except (OSError, UnicodeDecodeError, yaml_text.YAMLError) as error:
-        raise ValueError(f"cannot read {path}: {error}") from error
-    return read(content, path.stem, str(path))
+    return read(*FILES.find(name_or_file))
 
 
 def read(text: str, name: str, place: str) -> Described:
@@ -88,10 +67,7 @@ def read(text: str, name: str, place: str) -> Described:
     Raises:
         ValueError: on what is not such YAML; one line that names the place and the key.
     """
-    try:
-        data = yaml_text.load(text)
-    except yaml_text.YAMLError as error:
-        raise ValueError(f"{place} is no YAML: {' '.join(str(error).split())}") from error
+    data = parsed(text, place)
     try:
         return _described(data, name)
     except ValueError as error:
