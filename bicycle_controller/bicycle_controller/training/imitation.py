@@ -27,7 +27,7 @@ from bicycle_controller.config.run import RunConfig
 from bicycle_controller.evaluation.score import Score, score
 from bicycle_controller.policy.inputs import Inputs, parse, with_history
 from bicycle_controller.policy.policy import Policy, PolicyInfo, save_policy
-from bicycle_controller.training import checkpoint
+from bicycle_controller.training import checkpoint, online
 from bicycle_controller.training.bicycle_park import Park
 from bicycle_controller.training.logger import Logger, Progress, Shown
 from bicycle_controller.training.online import Result
@@ -46,10 +46,7 @@ def run(
     stop: Callable[[], bool] = lambda: False,
 ) -> Result:
     """Train in a new folder; arguments and errors as `online.run`."""
-    files = RunFolder(folder)
-    with files.held():
-        files.create(config)
-        return Imitation(config, files).train(progress, stop)
+    return online.run(config, folder, progress, stop, Imitation)
 
 
 def resume(
@@ -59,13 +56,7 @@ def resume(
     stop: Callable[[], bool] = lambda: False,
 ) -> Result:
     """Go on from the last checkpoint, with newly drawn bicycles; as `online.resume`."""
-    files = RunFolder(folder)
-    files.require()
-    with files.held():
-        trainer = Imitation(files.resumed_config(overrides), files)
-        if files.checkpoint.exists():
-            checkpoint.restore(files.checkpoint, trainer.load_state_dict)
-        return trainer.train(progress, stop)
+    return online.resume(folder, overrides, progress, stop, Imitation)
 
 
 class Imitation:

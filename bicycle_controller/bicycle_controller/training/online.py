@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from bicycle_common.signals import InterruptError, StopRequest
 from bicycle_controller.config import loading
@@ -39,11 +39,22 @@ class Result:
     """Processor time over all calls of the run, s."""
 
 
+class Run(Protocol):
+    """What trains in a folder."""
+
+    def train(self, progress: Shown, stop: Callable[[], bool]) -> Result:
+        """Train until the steps are made, the goal rate is met or a stop is requested."""
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore a checkpoint."""
+
+
 def run(
     config: RunConfig,
     folder: Path,
     progress: Shown = False,
     stop: Callable[[], bool] = lambda: False,
+    kind: Callable[[RunConfig, RunFolder], Run] | None = None,
 ) -> Result:
     """Train in a new folder until the steps are made, the goal rate is met or `stop` is True.
 
@@ -52,6 +63,7 @@ def run(
         folder: created if missing; see `run_folder`.
         progress: True to draw a bar on standard error, `lines` to print lines there.
         stop: checked after every step of all bicycles.
+        kind: what trains; `Trainer` by default.
 
     Raises:
         ValueError: if the folder contains a run already.
@@ -61,7 +73,7 @@ def run(
     files = RunFolder(folder)
     with files.held():
         files.create(config)
-        return Trainer(config, files).train(progress, stop)
+        return (kind or Trainer)(config, files).train(progress, stop)
 
 
 def resume(
@@ -69,6 +81,7 @@ def resume(
     overrides: Iterable[loading.Override] = (),
     progress: Shown = False,
     stop: Callable[[], bool] = lambda: False,
+    kind: Callable[[RunConfig, RunFolder], Run] | None = None,
 ) -> Result:
     """Resume the run in `folder` from its last checkpoint, to the bit.
 
@@ -77,6 +90,7 @@ def resume(
         overrides: changes, see `run_folder.RESUMABLE`.
         progress: True to draw a bar on standard error, `lines` to print lines there.
         stop: checked after every step of all bicycles.
+        kind: as in `run`.
 
     Raises:
         ValueError: if there is no run, it cannot be read or a change is not allowed.
@@ -86,7 +100,7 @@ def resume(
     files = RunFolder(folder)
     files.require()
     with files.held():
-        trainer = Trainer(files.resumed_config(overrides), files)
+        trainer = (kind or Trainer)(files.resumed_config(overrides), files)
         if files.checkpoint.exists():
             checkpoint.restore(files.checkpoint, trainer.load_state_dict)
         return trainer.train(progress, stop)
