@@ -5,7 +5,9 @@
 #        replay.sh --verify BAG
 #
 #   --verify BAG   run the recorded commands through the simulator: every state must come out
-#                  bit for bit; otherwise the first step that differs is named
+#                  bit for bit; otherwise the first step that differs is named. Of a ride from
+#                  sensors, also or, on a real bicycle, only: estimates and commands, from the
+#                  recorded readings
 #
 # It refuses to play what another node publishes, and ends when one begins to: a simulator or a
 # controller beside it would take the bag's messages for the bicycle's. While it plays, the space bar

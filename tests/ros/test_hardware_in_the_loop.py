@@ -43,6 +43,7 @@ def test_it_reaches_its_goal(ridden: tuple[NodeProcess, Path]) -> None:
     ride, _ = ridden
     assert ride.wait() == 0, ride.output
     assert "1 of 1 reached" in ride.output
+    assert "commands came out again from the recorded sensors, bit for bit" in ride.output
 
 
 def test_nothing_moves_before_the_board_is_armed(ridden: tuple[NodeProcess, Path]) -> None:

@@ -22,6 +22,7 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from std_msgs.msg import String
 from visualization_msgs.msg import Marker
 
 from bicycle_common.nodes import convert, topics
@@ -39,18 +40,19 @@ from bicycle_controller.control.echo_pairing import EchoPairing
 from bicycle_controller.control.goals import Event, GoalTracker, Status
 from bicycle_controller.control.guidance import Guidance
 from bicycle_controller.control.guide import PathEnd
-from bicycle_controller.control.lqr import LqrController
 from bicycle_controller.nodes.action_desk import ActionDesk, Orders
 from bicycle_controller.nodes.controller_settings import ControllerSettings
 from bicycle_controller.nodes.estimator import Estimator
 from bicycle_controller.nodes.guiding import Guiding, course_named, course_of, to_points
 from bicycle_controller.nodes.messages import from_event, from_hand_over, goal_marker
 from bicycle_controller.nodes.policy_loader import Making, PolicyLoader
+from bicycle_controller.nodes.setup import NO_LIMITS, Setup, designed, limits_of
 from bicycle_controller.policy.policy import PolicyError, load_controller
 from bicycle_controller.policy.trained_for import UNLIKE, rides_any, unlike_training, warning
 from bicycle_sim.nodes.episode_setting import to_setting
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
+from bicycle_sim.sensors.settings import SensorSettings
 from bicycle_sim.task.scenario import Scenario
 
 NAME = "bicycle_controller"
@@ -59,7 +61,6 @@ SILENCE = 1.0
 """Longest time without a state before a warning (s); states come at least every 0.1 s."""
 WARM_UP = 0.002
 """Time between the policy's warm-up and the next state, beyond the duration of an answer (s)."""
-NO_LIMITS = np.full(3, np.inf)
 UNTURNED = (0.0, 0.0, 0.0, 1.0)
 """Orientation of a goal that asks for no direction of arrival."""
 
@@ -96,10 +97,16 @@ class ControllerNode(Node):
             topics.DIAGNOSTICS,
             topics.FOLLOWED_PATH,
             topics.PATH_STATUS,
+            topics.CONTROLLER_SETUP,
         )
         self._guidance, self._guiding = self._make_guidance()
         # Subscribe to episodes first, so a reset cancels only older goals.
-        self._estimator = self._make_estimator()
+        sensors = self._sensors()
+        setup = Setup(self._driver.name, self._settings, sensors)
+        self._publish(topics.CONTROLLER_SETUP, String(data=setup.to_json()))
+        self._estimator = None
+        if sensors is not None:
+            self._estimator = Estimator(self, sensors, self._settings.start(), self._on_state)
         listen(self, topics.EPISODE, self._on_episode)
         listen(self, topics.COMMAND_ECHO, self._on_echo, depth=1)
         if self._estimator is None:
@@ -148,19 +155,16 @@ class ControllerNode(Node):
         guidance = Guidance(self._driver, config)
         return guidance, Guiding(self, guidance, config, self._publish, others)
 
-    def _make_estimator(self) -> Estimator | None:
-        """Return the estimator whose states are answered; None where the truth is.
+    def _sensors(self) -> SensorSettings | None:
+        """Return the sensors whose estimates are answered; None where the truth is.
 
         Raises:
             UserError: when there are no such sensors.
         """
         try:
-            sensors = self._settings.make_sensors()
+            return self._settings.make_sensors()
         except ValueError as error:
             raise UserError(str(error)) from None
-        if sensors is None:
-            return None
-        return Estimator(self, sensors, self._settings.start(), self._on_state)
 
     def close(self) -> None:
         """Stop serving actions and loading policies."""
@@ -293,16 +297,10 @@ class ControllerNode(Node):
 
     def _designed(self, policy: Controller) -> Controller:
         """Return the policy; an LQR for another kind of bicycle is designed for the ridden one."""
-        if self._ridden is None or not isinstance(policy, LqrController):
-            return policy
-        plant, usual = self._ridden[0], registry.default().name
-        if policy.plant == plant or policy.plant.name == plant.name == usual:
+        if self._ridden is None:
             return policy
         try:
-            with np.errstate(all="ignore"):
-                if policy.tuning:
-                    return LqrController.named(policy.tuning, plant)
-                return LqrController(policy.config, plant)
+            return designed(policy, self._ridden[0])
         except (ValueError, ArithmeticError, TypeError) as error:
             self._warn(f"no LQR for this bicycle, the policy stays as it was: {error}")
             return policy
@@ -495,13 +493,6 @@ class ControllerNode(Node):
             **percentiles(list(driver.policy_times), "policy"),
         }
         return status(name, WARN if bad else OK, text, values)
-
-
-def limits_of(policy: Controller) -> np.ndarray:
-    """Return (3,) the largest |T|, |d| and |F| that a policy may use; infinite if unknown."""
-    info = getattr(policy, "info", None)
-    known = getattr(policy if info is None else info, "action_limits", None)
-    return NO_LIMITS if known is None else np.array(known, dtype=np.float64)
 
 
 def _shown(limits: np.ndarray) -> str:

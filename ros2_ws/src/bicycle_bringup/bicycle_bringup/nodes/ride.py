@@ -16,6 +16,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import rclpy
 from bicycle_msgs.msg import PathStatus
@@ -29,6 +30,7 @@ from bicycle_common.processes import ProcessGroup, Supervisor, Vigil, registry_o
 from bicycle_common.signals import StopRequest
 from bicycle_controller.control.goals import Status
 from bicycle_tools.nodes.ride_client import RECORDER, RideClient
+from bicycle_tools.nodes.verify_estimates import verify_bag
 from bicycle_tools.plan import Plan
 from bicycle_tools.ride_report import report
 from bicycle_tools.summary import RideSummary
@@ -330,6 +332,17 @@ def ride(options: RideOptions) -> int:
     return _sum_up(options, one, failed=bool(failures))
 
 
+def _verified(bag: Path) -> bool:
+    """Print whether the bag's estimates and commands come out again; return True if they do."""
+    try:
+        verdict = verify_bag(bag)
+    except BagError as error:
+        _tell(str(error))
+        return False
+    print(f"  {verdict}")
+    return verdict.same
+
+
 def _tell(line: str) -> None:
     """Print one line for the user, beside the summary."""
     print(f"ride.sh: {line}", file=sys.stderr, flush=True)
@@ -351,7 +364,7 @@ def _sum_up(options: RideOptions, one: Ride, failed: bool) -> int:
         print(f"ride.sh: {error}", file=sys.stderr)
         return 130 if one.stop.requested else 1
     print(f"\n{text}\n\n  {options.folder}: bag, ride.png, summary.json, logs")
-    if failed:
+    if failed or (options.bench and not _verified(options.folder / "bag")):
         return 1
     if one.stop.requested:
         return 130

@@ -37,6 +37,16 @@ from bicycle_common.types import Command, CommandSource
 from bicycle_sim.nodes.episode_setting import to_setting
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_tools.nodes.flatten import flatten
+from bicycle_tools.nodes.verify_estimates import (
+    ENCODERS,
+    IMU,
+    SETUP,
+    EstimateVerdict,
+    has_estimates,
+    is_hardware,
+)
+from bicycle_tools.nodes.verify_estimates import read as read_sensed
+from bicycle_tools.nodes.verify_estimates import verify as verify_estimates
 from bicycle_tools.ride_log import COMMAND, ECHO, EPISODE, PUSHED, STATE, prefix_of
 
 ROUNDING = 1e-9
@@ -390,22 +400,47 @@ def _difference(recorded: dict[str, Any], computed: dict[str, Any]) -> str:
     return "nothing differs"
 
 
+def verdicts_of(path: Path) -> list[Verdict | EstimateVerdict]:
+    """Return the verdicts about a bag: of its states, and of its estimates where it has some.
+
+    States that a microcontroller led to are nobody's to compute again.
+
+    Raises:
+        BagError: if the bag cannot be read or verified.
+    """
+    found: list[Verdict | EstimateVerdict] = []
+    reader = TodaysReader(path)
+    if not is_hardware(reader):
+        recording, verdict = read(path), Verdict()
+        steps = verify(recording)
+        with tqdm(steps, total=len(recording.states), unit="state", disable=None) as bar:
+            found.append(deque(bar, maxlen=1).pop() if recording.states else verdict)
+    elif not has_estimates(reader):
+        raise BagError(
+            f"{path} holds a ride of a real bicycle without {SETUP}, {IMU}, {ENCODERS} and "
+            f"{EPISODE}: record all topics to verify it"
+        )
+    if has_estimates(reader):
+        sensed, estimated = read_sensed(reader), EstimateVerdict()
+        checks = verify_estimates(sensed)
+        with tqdm(checks, total=len(sensed.estimates), unit="estimate", disable=None) as line:
+            found.append(deque(line, maxlen=1).pop() if sensed.estimates else estimated)
+    return found
+
+
 def main() -> int:
     """Verify the bag of the command line; return the exit status."""
     parser = OneLineParser(prog="replay.sh --verify", description=__doc__)
     parser.add_argument("bag", type=Path, help="bag directory or .mcap file")
     path = parser.parse_args().bag
-    verdict = Verdict()
     try:
-        recording = read(path)
-        steps = verify(recording)
-        with tqdm(steps, total=len(recording.states), unit="state", disable=None) as bar:
-            verdict = deque(bar, maxlen=1).pop() if recording.states else verdict
+        verdicts = verdicts_of(path)
     except BagError as error:
         print(f"replay.sh --verify: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         print("replay.sh --verify: interrupted", file=sys.stderr)
         return 130
-    print(f"{path}: {verdict}")
-    return 0 if verdict.same else 1
+    for verdict in verdicts:
+        print(f"{path}: {verdict}")
+    return 0 if all(verdict.same for verdict in verdicts) else 1

@@ -1,0 +1,444 @@
+"""Estimates and commands of a bag, computed again from its sensors' readings, to the bit.
+
+No simulator is needed, so this works on the bag of a real bicycle as well. Each estimate says
+which readings it used; from these, and the settings that the controller left in the bag, it is
+made again. Each command is then made again from its estimate, by the controller's policy, fallback
+and safety layer. Goals are taken as recorded: the heading error of a command is an input here.
+"""
+
+from __future__ import annotations
+
+import bisect
+import math
+import struct
+from collections import defaultdict, deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from bicycle_msgs.msg import BicycleCommand, BicycleState, CommandEcho, EpisodeInfo
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Imu, JointState, NavSatFix
+from std_msgs.msg import String
+
+from bicycle_bag.errors import BagError
+from bicycle_bag.versions import TodaysReader
+from bicycle_common import topic_names
+from bicycle_common.nodes import convert, topics
+from bicycle_common.types import BicycleState as Snapshot
+from bicycle_common.types import Command
+from bicycle_controller.control.control_loop import ControlLoop
+from bicycle_controller.control.goals import Event, Goal, GoalTracker, Pose
+from bicycle_controller.control.guide import PathEnd
+from bicycle_controller.estimation.steps import StepEstimator
+from bicycle_controller.nodes.estimator import as_state
+from bicycle_controller.nodes.setup import Setup, rebuilt
+from bicycle_sim.nodes import sensor_messages
+from bicycle_sim.nodes.episode_setting import to_setting
+from bicycle_sim.sensors.reading import ORDER, Reading
+from bicycle_sim.sensors.settings import SensorSettings
+from bicycle_tools.nodes.flatten import flatten
+from bicycle_tools.ride_log import COMMAND, ECHO, EPISODE, STATE, prefix_of
+
+ESTIMATE = topic_names.in_bag(topic_names.ESTIMATE)
+SETUP = topic_names.in_bag(topic_names.CONTROLLER_SETUP)
+DRIVER = topic_names.in_bag(topic_names.DRIVER_STATE)
+IMU = topic_names.in_bag(topic_names.IMU)
+ENCODERS = topic_names.in_bag(topic_names.ENCODERS)
+FIX = topic_names.in_bag(topic_names.GNSS_FIX)
+VELOCITY = topic_names.in_bag(topic_names.GNSS_VELOCITY)
+KINDS: dict[str, Any] = {
+    SETUP: String,
+    EPISODE: EpisodeInfo,
+    COMMAND: BicycleCommand,
+    ECHO: CommandEcho,
+    IMU: Imu,
+    ENCODERS: JointState,
+    FIX: NavSatFix,
+    VELOCITY: topics.GNSS_VELOCITY.type,
+    ESTIMATE: BicycleState,
+    STATE: BicycleState,
+}
+
+
+class Readings:
+    """The readings of a bag, by sensor in the order of their stamps."""
+
+    def __init__(self) -> None:
+        self._all: dict[str, list[Reading]] = defaultdict(list)
+        self._stamps: dict[str, list[float]] = {}
+
+    def add(self, reading: Reading) -> None:
+        """Take one."""
+        self._all[reading.sensor].append(reading)
+
+    def sort(self) -> None:
+        """Put them in order; `between` needs it."""
+        for name, found in self._all.items():
+            found.sort(key=lambda one: one.stamp)
+            self._stamps[name] = [one.stamp for one in found]
+
+    def between(self, sensor: str, after: float, until: float) -> Sequence[Reading]:
+        """Return those with a stamp above `after` and up to `until`, s."""
+        stamps = self._stamps.get(sensor, [])
+        low, high = bisect.bisect_right(stamps, after), bisect.bisect_right(stamps, until)
+        return self._all[sensor][low:high] if high > low else ()
+
+
+@dataclass
+class Sensed:
+    """The messages that this verification needs."""
+
+    estimates: list[tuple[int, BicycleState]] = field(default_factory=list)
+    """Place in the recorded order, and message; so below."""
+    setups: list[tuple[int, Setup]] = field(default_factory=list)
+    episodes: list[tuple[int, EpisodeInfo]] = field(default_factory=list)
+    commands: dict[tuple[int, int], list[BicycleCommand]] = field(
+        default_factory=lambda: defaultdict(list)
+    )
+    echoes: dict[tuple[int, int], CommandEcho] = field(default_factory=dict)
+    imu: list[Imu] = field(default_factory=list)
+    encoders: list[JointState] = field(default_factory=list)
+    fixes: list[NavSatFix] = field(default_factory=list)
+    velocities: dict[tuple[int, int], Any] = field(default_factory=dict)
+
+
+@dataclass
+class EstimateVerdict:
+    """Result so far."""
+
+    estimates: int = 0
+    """Number of estimates that came out again to the bit."""
+    commands: int = 0
+    """The same of commands."""
+    guided: int = 0
+    """Those of them by a path's guide or another policy, taken as recorded but for the limits."""
+    unknown: int = 0
+    """Number of commands that cannot be computed here."""
+    why_unknown: str = ""
+    difference: str = ""
+    """First that differs; empty if none does."""
+
+    @property
+    def same(self) -> bool:
+        """True if every estimate and each command that can be computed came out again."""
+        return not self.difference and self.estimates > 0
+
+    def __str__(self) -> str:
+        """Return the verdict as one line."""
+        done = f"{self.estimates} estimates and {self.commands} commands came out again from the "
+        done += "recorded sensors, bit for bit"
+        if self.difference:
+            return f"not the same after {self.estimates} equal estimates: {self.difference}"
+        if self.guided:
+            done += f" ({self.guided} along a path or by a policy loaded later, taken as recorded)"
+        if self.unknown:
+            done += f"; {self.unknown} commands cannot be computed here: {self.why_unknown}"
+        return done if self.estimates else "not proved: the bag holds no estimates"
+
+
+class _Recorded(GoalTracker):
+    """Goals as a bag has them: those of the command that is computed again."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.command: Command | None = None
+
+    @property
+    def active(self) -> Goal | None:
+        goal = self.command.goal if self.command is not None else None
+        return None if goal is None or self.command is None else Goal(self.command.goal_id, goal)
+
+    @property
+    def distance(self) -> float:
+        return self.command.goal_distance if self.command is not None else math.nan
+
+    @property
+    def has_goal(self) -> bool:
+        return self.active is not None
+
+    @property
+    def steers(self) -> bool:
+        return self.command is not None
+
+    def heading_error(self, pose: Pose) -> float:
+        del pose
+        return self.command.heading_error if self.command is not None else 0.0
+
+    def update(self, pose: Pose) -> list[Event]:
+        del pose
+        return []
+
+    def resumed(self) -> list[Event]:
+        return []
+
+
+@dataclass(frozen=True)
+class _Path:
+    """A path's guide as a bag has it."""
+
+    command: Command
+    over: bool = False
+
+    @property
+    def policy_id(self) -> str:
+        return self.command.policy
+
+    def act(self, snapshot: Snapshot, time: float) -> np.ndarray:
+        del snapshot, time
+        return np.array(self.command.action)
+
+    def heading_error(self, snapshot: Snapshot) -> float:
+        del snapshot
+        return self.command.heading_error
+
+    def end(self, status: PathEnd, why: str) -> None:
+        """Do nothing: the bag tells when it ends."""
+
+
+def has_estimates(reader: TodaysReader) -> bool:
+    """Return True if a bag tells all that makes estimates."""
+    prefix = prefix_of(reader)
+    needed = (SETUP, IMU, ENCODERS, EPISODE)
+    return all(prefix + name in reader.topics for name in needed)
+
+
+def is_hardware(reader: TodaysReader) -> bool:
+    """Return True if a microcontroller moved the bicycle: no simulator makes its states again."""
+    return prefix_of(reader) + DRIVER in reader.topics
+
+
+def read(reader: TodaysReader) -> Sensed:
+    """Read the messages that are needed.
+
+    Raises:
+        BagError: if the bag cannot be read or holds something else under these names.
+    """
+    prefix = prefix_of(reader)
+    kinds = {prefix + name: kind for name, kind in KINDS.items() if prefix + name in reader.topics}
+    found = Sensed()
+    for place, item in enumerate(reader.messages(list(kinds))):
+        try:
+            message = deserialize_message(item.data, kinds[item.topic])
+            _keep(found, item.topic.removeprefix(prefix), place, message)
+        except Exception as error:  # the middleware's errors have no common base class
+            raise BagError(
+                f"{reader.path} holds a message of {item.topic} that cannot be read "
+                f"({' '.join(str(error).split())[:100]}): was it recorded by another release?"
+            ) from None
+    return found
+
+
+def _keep(found: Sensed, topic: str, place: int, message: Any) -> None:
+    if topic == SETUP:
+        found.setups.append((place, Setup.from_json(message.data)))
+    elif topic == EPISODE:
+        found.episodes.append((place, message))
+    elif topic == COMMAND:
+        found.commands[message.episode, message.step].append(message)
+    elif topic == ECHO:
+        found.echoes.setdefault((message.episode, message.step), message)
+    elif topic == IMU:
+        found.imu.append(message)
+    elif topic == ENCODERS:
+        found.encoders.append(message)
+    elif topic == FIX:
+        found.fixes.append(message)
+    elif topic == VELOCITY:
+        found.velocities[_stamp(message)] = message
+    elif message.estimated:
+        found.estimates.append((place, message))
+
+
+def _stamp(message: Any) -> tuple[int, int]:
+    return message.header.stamp.sec, message.header.stamp.nanosec
+
+
+def _readings(sensed: Sensed, sensors: SensorSettings) -> Readings:
+    found = Readings()
+    for imu in sensed.imu:
+        found.add(sensor_messages.from_imu(imu))
+    for encoders in sensed.encoders:
+        for reading in sensor_messages.from_encoders(encoders):
+            found.add(reading)
+    for fix in sensed.fixes:
+        velocity = sensed.velocities.get(_stamp(fix))
+        if velocity is not None:
+            found.add(sensor_messages.from_gnss(fix, velocity, sensors))
+    found.sort()
+    return found
+
+
+class _Controller:
+    """One controller's estimator and loop, as they were."""
+
+    def __init__(self, setup: Setup, info: EpisodeInfo, sensed: Sensed) -> None:
+        if setup.sensors is None:
+            raise BagError("the bag's controller saw the truth, and yet there are estimates")
+        try:
+            self.scenario, self.plant = to_setting(info)
+        except (ValueError, TypeError) as error:
+            raise BagError(f"episode {info.episode} is of another release: {error}") from None
+        self.setup = setup
+        self.steps = StepEstimator(self.plant, setup.sensors)
+        self.readings = _readings(sensed, setup.sensors)
+        self.tracker = _Recorded()
+        self.why_not = ""
+        self.loop: ControlLoop | None = None
+        try:
+            self.loop = rebuilt(setup, self.plant, self.scenario, self.tracker)
+        except ValueError as error:
+            self.why_not = str(error)
+        self.episode = -1
+
+    def estimate(self, recorded: BicycleState) -> BicycleState:
+        """Return the estimate that a recorded one is."""
+        time, *used = recorded.plant_state
+        if recorded.episode != self.episode:
+            self.episode = recorded.episode
+            begun = time - recorded.step * self.plant.time_step
+            self.steps.begin(begun, *self.setup.settings.start())
+        for sensor, until in zip(ORDER, used, strict=True):
+            for reading in self.readings.between(sensor, self.steps.last[sensor], until):
+                self.steps.add(reading)
+        found = self.steps.step(time)
+        state = as_state(
+            self.plant, found, recorded.episode, recorded.step, [time, *self.steps.used]
+        )
+        stamp = recorded.header.stamp
+        return convert.from_snapshot(state, stamp.sec * 10**9 + stamp.nanosec)
+
+    def command(
+        self, state: BicycleState, recorded: BicycleCommand | None, echo: CommandEcho | None
+    ) -> tuple[Command | None, bool]:
+        """Return the command that answers an estimate, and True if a path steered."""
+        assert self.loop is not None
+        self.tracker.command = None if recorded is None else convert.to_command(recorded)
+        fallback = self.loop.fallback.policy_id if self.loop.fallback is not None else "none"
+        command = self.tracker.command
+        guided = command is not None and command.policy not in (
+            self.loop.policy.policy_id,
+            fallback,
+        )
+        self.loop.guide = _Path(command) if guided and command is not None else None
+        applied = None if echo is None else convert.to_applied(echo)
+        stamp = state.header.stamp
+        snapshot = convert.to_snapshot(state)
+        answer = self.loop.answer(snapshot, stamp.sec + stamp.nanosec * 1e-9, applied)
+        return answer.command, guided
+
+
+def verify(sensed: Sensed) -> Iterator[EstimateVerdict]:
+    """Compute one estimate and its command after another.
+
+    Yields:
+        The verdict so far, after each recorded estimate; the last one is final.
+
+    Raises:
+        BagError: if the bag lacks what the estimates were made with.
+    """
+    verdict = EstimateVerdict()
+    if not sensed.setups:
+        raise BagError(f"the bag lacks {SETUP}: record it too")
+    controller: _Controller | None = None
+    before: tuple[int, int] | None = None
+    for place, recorded in sensed.estimates:
+        setup = _newest(sensed.setups, place)
+        info = _info(sensed, recorded, place)
+        if (
+            controller is None
+            or controller.setup is not setup
+            or (recorded.episode != controller.episode and _is_other(controller, info))
+        ):
+            controller = _Controller(setup, info, sensed)
+        computed = controller.estimate(recorded)
+        verdict.difference = _difference(recorded, computed)
+        if verdict.difference:
+            verdict.difference = f"estimate of {_place(recorded)}: {verdict.difference}"
+            yield verdict
+            return
+        verdict.estimates += 1
+        key = recorded.episode, recorded.step
+        goes_on = key == before or _check_command(sensed, verdict, controller, recorded)
+        before = key
+        yield verdict
+        if not goes_on:
+            return
+
+
+def _newest(setups: list[tuple[int, Setup]], place: int) -> Setup:
+    """Return the setup that held at a place: a latched one may be recorded late."""
+    held = [setup for at, setup in setups if at <= place]
+    return held[-1] if held else setups[0][1]
+
+
+def _info(sensed: Sensed, state: BicycleState, place: int) -> EpisodeInfo:
+    found = [(abs(at - place), n) for n, (at, _) in enumerate(sensed.episodes)]
+    found = [pair for pair in found if sensed.episodes[pair[1]][1].episode == state.episode]
+    if not found:
+        raise BagError(f"the bag lacks the settings of episode {state.episode}: record {EPISODE}")
+    return sensed.episodes[min(found)[1]][1]
+
+
+def _is_other(controller: _Controller, info: EpisodeInfo) -> bool:
+    """Return True if an episode is ridden on another bicycle, or under other limits."""
+    scenario, plant = to_setting(info)
+    return bool(plant != controller.plant) or scenario != controller.scenario
+
+
+def _check_command(
+    sensed: Sensed, verdict: EstimateVerdict, controller: _Controller, state: BicycleState
+) -> bool:
+    """Compute the command that answers an estimate; return False if it differs."""
+    key = state.episode, state.step
+    sent = [one for one in sensed.commands.get(key, ()) if one.controller == controller.setup.name]
+    if controller.loop is None:
+        verdict.unknown += len(sent) > 0
+        verdict.why_unknown = controller.why_not
+        return True
+    computed, guided = controller.command(state, sent[0] if sent else None, sensed.echoes.get(key))
+    if not sent:
+        return True
+    if computed is None:
+        verdict.difference = f"command of {_place(state)}: none comes out"
+        return False
+    message = convert.from_command(computed, sent[0].header.stamp)
+    found = _difference(sent[0], message)
+    if found:
+        verdict.difference = f"command of {_place(state)}: {found}"
+        return False
+    verdict.commands += 1
+    verdict.guided += guided
+    return True
+
+
+def _place(state: BicycleState) -> str:
+    return f"step {state.step} of episode {state.episode}"
+
+
+def _difference(recorded: Any, computed: Any) -> str:
+    """Return the first field that differs, by its bits; empty if none does."""
+    for (name, old), (_, new) in zip(flatten(recorded), flatten(computed), strict=False):
+        if _bits(old) != _bits(new):
+            return f"{name} was {old!r} and comes out as {new!r}"
+    return ""
+
+
+def _bits(value: Any) -> Any:
+    if isinstance(value, float):
+        return struct.pack("<d", value)
+    if isinstance(value, list):
+        return [_bits(one) for one in value]
+    return value
+
+
+def verify_bag(path: Path) -> EstimateVerdict:
+    """Verify the estimates and commands of a bag.
+
+    Raises:
+        BagError: see `read` and `verify`.
+    """
+    found = deque(verify(read(TodaysReader(path))), maxlen=1)
+    return found.pop() if found else EstimateVerdict()

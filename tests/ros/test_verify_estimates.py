@@ -1,0 +1,81 @@
+"""Estimates and commands of a ride from sensors, made again from its bag."""
+
+from __future__ import annotations
+
+import copy
+from collections import deque
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from domains import claimed_domain
+from node_process import NodeProcess
+
+from bicycle_bag.errors import BagError
+from bicycle_bag.versions import TodaysReader
+from bicycle_tools.nodes import verify as verify_states
+from bicycle_tools.nodes.verify_estimates import EstimateVerdict, Sensed, read, verify
+
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
+
+RIDE = Path(__file__).resolve().parents[2] / "ros2_ws" / "ride.sh"
+WORDS = (
+    *("--goals", "1", "--field", "40", "--seed", "1", "simulator.pace:=lockstep"),
+    *("simulator.plant:=whipple", "simulator.bicycle:=browser-rider"),
+    *("simulator.sensors:=mpu6050", "controller.state:=estimated"),
+    *("controller.sensors:=mpu6050", "controller.policy:=any-bicycle"),
+)
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Yield the bag of one ride."""
+    folder = tmp_path_factory.mktemp("ride") / "run"
+    words = [str(RIDE), *WORDS, "--output", str(folder)]
+    with claimed_domain() as domain, NodeProcess(words, {"ROS_DOMAIN_ID": str(domain)}) as ride:
+        assert ride.wait() == 0, ride.output
+        yield folder / "bag"
+
+
+@pytest.fixture(scope="module")
+def sensed(bag: Path) -> Sensed:
+    return read(TodaysReader(bag))
+
+
+def last(sensed: Sensed) -> EstimateVerdict:
+    return deque(verify(sensed), maxlen=1).pop()
+
+
+def test_estimates_commands_and_states_come_out_again(bag: Path) -> None:
+    states, estimates = verify_states.verdicts_of(bag)
+    assert states.same, str(states)
+    assert isinstance(estimates, EstimateVerdict)
+    assert estimates.same, str(estimates)
+    assert estimates.estimates > 200
+    assert estimates.commands > 200
+    assert estimates.guided == estimates.unknown == 0
+
+
+def test_a_changed_reading_is_found(sensed: Sensed) -> None:
+    changed = copy.copy(sensed)
+    changed.imu = copy.deepcopy(sensed.imu)
+    changed.imu[len(changed.imu) // 2].angular_velocity.x += 1e-12
+    verdict = last(changed)
+    assert verdict.difference.startswith("estimate of step")
+    assert not verdict.same
+
+
+def test_a_changed_command_is_found(sensed: Sensed) -> None:
+    changed = copy.copy(sensed)
+    changed.commands = copy.deepcopy(sensed.commands)
+    (key,) = [key for key in changed.commands if key[1] == 100]
+    for one in changed.commands[key]:
+        one.torque += 1e-12
+    assert last(changed).difference.startswith("command of step 100 of episode")
+
+
+def test_a_bag_without_the_controller_s_setup_is_refused(sensed: Sensed) -> None:
+    changed = copy.copy(sensed)
+    changed.setups = []
+    with pytest.raises(BagError, match="bicycle/controller_setup"):
+        last(changed)
