@@ -180,6 +180,13 @@ def test_a_policy_that_fails_again_waits_twice_as_long_each_time(
             count += 1
         held.append(count)
     assert held == [40, 80, 160, 160, 160]
+    for _ in range(385):
+        layer.judge(upright(), SPEED, NONE)
+    layer.judge(state(0.47), SPEED, NONE)
+    count = 1
+    while layer.judge(upright(), SPEED, NONE)[0]:
+        count += 1
+    assert count == 160, "not trusted yet after 9.6 s"
     for _ in range(400):
         layer.judge(upright(), SPEED, NONE)
     layer.judge(state(0.47), SPEED, NONE)
@@ -283,6 +290,14 @@ def test_the_layer_changes_no_bit_of_an_ordinary_ride(actor: str) -> None:
     assert layer is not None
     assert commands(actor, layer, seed=3) == commands(actor, None, seed=3)
     assert layer.limited[0] == layer.hand_overs[0] == 0
+
+
+def test_by_default_a_command_may_change_by_its_full_range_in_one_step() -> None:
+    layer, largest = Safety(), np.array([[2.5, 0.25, 125.0]])
+    layer.limit(-largest)
+    assert (layer.limit(largest) == largest).all()
+    assert (layer.limit(-2.0 * largest) == -largest).all()
+    assert layer.limited.tolist() == [1]
 
 
 @pytest.mark.parametrize(
