@@ -162,10 +162,12 @@ class ControlLoop:
             return 1
         episode, step = self._last
         if snapshot.episode == episode:
-            self.missed += max(0, snapshot.step - step - 1)
-            for riding in self._ridings():
-                riding.missed(snapshot.step - step - 1)
-            return max(1, snapshot.step - step)
+            skipped = snapshot.step - step - 1
+            if skipped > 0:
+                self.missed += skipped
+                for riding in self._ridings():
+                    riding.missed(skipped)
+            return max(1, skipped + 1)
         self._stopped_for = None
         for riding in self._ridings():
             riding.reset()
@@ -194,26 +196,28 @@ class ControlLoop:
         error = (
             self.tracker.heading_error(pose) if guide is None else guide.heading_error(snapshot)
         )
-        seen = observation(snapshot, error)[None]
+        seen, speed = observation(snapshot, error)[None], np.array([snapshot.speed])
         lateness = 0.0 if applied is None else applied.lateness(snapshot.step)
-        action, in_charge, warning, hand_over = self._choose(snapshot, seen, lateness, guide)
+        action, in_charge, warning, hand_over = self._choose(
+            snapshot, seen, speed, lateness, guide
+        )
         if self._noise is not None:
             known = np.where(np.isfinite(self.limits), self.limits, 0.0)
             action = action + self._noise.sample()[0] * known
-        action = np.clip(action, -self.limits, self.limits)
+        action = action.clip(-self.limits, self.limits)
         if self.safety is not None:
             action = self.safety.limit(action[None], steps)[0]
         self._follow_fallback()
         for riding in self._ridings():
-            riding.acted(seen, np.array([snapshot.speed]), action[None])
-        torque, displacement, pedal = action
+            riding.acted(seen, speed, action[None])
+        torque, displacement, pedal = action.tolist()
         goal = self.tracker.active
         command = Command(
             episode=snapshot.episode,
             step=snapshot.step,
-            torque=float(torque),
-            displacement=float(displacement),
-            pedal_force=float(pedal),
+            torque=torque,
+            displacement=displacement,
+            pedal_force=pedal,
             goal=goal.point if goal else None,
             goal_id=goal.goal_id if goal else 0,
             controller=self.name,
@@ -224,10 +228,14 @@ class ControlLoop:
         return command, warning, hand_over
 
     def _choose(
-        self, snapshot: BicycleState, seen: np.ndarray, lateness: float, guide: Guide | None
+        self,
+        snapshot: BicycleState,
+        seen: np.ndarray,
+        speed: np.ndarray,
+        lateness: float,
+        guide: Guide | None,
     ) -> tuple[np.ndarray, str, str, ControllerSwitch | None]:
         """Return the action (3,), the id of its controller, and the text to report."""
-        speed = np.array([snapshot.speed])
         before = self._driven_by_fallback
         may = self.safety is None or self._judge(self.safety, seen, speed, lateness)
         trouble, guided = "", None

@@ -196,12 +196,13 @@ class Safety:
         """
         with np.errstate(all="ignore"):  # a state that is not finite is beyond every limit
             shares = self._measure(observation, speed, age)
-            beyond = ~(shares <= 1.0).all(axis=0)
-            calm = (shares <= CALM).all(axis=0)
-        driving = self.reason > 0
-        if not (driving.any() or beyond.any()):
+            within = shares <= 1.0
+        if within.all() and not self.reason.any():
             self._quiet += 1
             return self.reason
+        driving, beyond = self.reason > 0, ~within.all(axis=0)
+        with np.errstate(invalid="ignore"):
+            calm = (shares <= CALM).all(axis=0)
         self._left = np.maximum(self._left - 1, 0)
         # The policy is not let in before the bicycle is calm, and has been for a moment.
         soon = np.maximum(self._left, self._steps(0.5 * self.config.hold))
@@ -221,9 +222,11 @@ class Safety:
         """(N, 3) actions that differ from the last ones, `steps` ago, by no more than allowed."""
         if self._last is not None:
             reach = self._rates * steps
-            cut = np.clip(action, self._last - reach, self._last + reach)
-            self.limited += (cut != action).any(axis=1)
-            action = cut
+            low, high = self._last - reach, self._last + reach
+            if not ((action >= low) & (action <= high)).all():
+                cut = action.clip(low, high)
+                self.limited += (cut != action).any(axis=1)
+                action = cut
         self._last = action
         for _ in range(min(steps, self._memory)):  # the last one was held where a step was missed
             self._sent = np.concatenate([action[:, :1], self._sent[:, :-1]], axis=1)
