@@ -1,6 +1,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from training_maker import small_ddpg
@@ -66,6 +67,19 @@ def test_every_size_gives_what_autograd_gives(network: Actor | Critic, batch: in
     assert torch.allclose(gradient, parts, atol=2e-6 * size)
     if action is not None:
         assert torch.allclose(net.action_slope(slope), slopes[-1], atol=2e-6 * size)
+
+
+@compiled
+@pytest.mark.parametrize("symmetric", [False, True])
+def test_many_bicycles_get_the_actions_that_torch_gives(symmetric: bool) -> None:
+    changes = {"symmetric_actor": symmetric, "actor_hidden": (40, 33), "backend": "native"}
+    agent = FusedDdpg(small_ddpg(**changes), 2, 3)
+    observation = np.random.default_rng(1).normal(size=(100, 6))
+    for count in (100, 70, 100):
+        rows = observation[:count]
+        np.testing.assert_allclose(agent.act(rows), agent._answer(rows), atol=1e-6)
+    agent.actor.layers[0].weight.data.mul_(2.0)
+    np.testing.assert_allclose(agent.act(observation), agent._answer(observation), atol=1e-6)
 
 
 @compiled

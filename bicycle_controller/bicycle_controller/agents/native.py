@@ -13,12 +13,13 @@ import sys
 import weakref
 from importlib import resources
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
 from bicycle_common.native_library import compiled, one_line
 from bicycle_controller.agents.fused_net import gradient_views
-from bicycle_controller.agents.networks import Actor, Critic, linear_layers
+from bicycle_controller.agents.networks import Actor, Critic, folded, linear_layers
 
 FLAGS = ("-O3", "-march=native", "-fno-math-errno", "-std=c++17", "-shared", "-fPIC")
 SOURCES = ("native.cpp", "ddpg.h", "network.h", "gemm.h")
@@ -97,6 +98,34 @@ class NativeNet:
             self.handle, slope.data_ptr(), self._action_slope.data_ptr()
         )
         return self._action_slope
+
+
+class NativeAnswer:
+    """Actions of an actor for many raw observations at once, as `answer.Answer` gives them.
+
+    They differ from it by rounding. A forward pass takes 64 rows at a time, so for few bicycles
+    torch is quicker.
+    """
+
+    def __init__(self, actor: Actor, scale: Tensor, count: int) -> None:
+        """Allocate the memory for `count` bicycles.
+
+        Args:
+            actor: its parameters are used in place.
+            scale: (inputs,) divisors of the observations.
+            count: N.
+        """
+        self.count = count
+        self._actor, self._scale = actor, scale
+        self._net = NativeNet(actor, 2 * count if actor.symmetric else count, None)
+
+    def __call__(self, observation: np.ndarray) -> np.ndarray:
+        """Return normalised actions (N, actions) for raw observations (N, inputs)."""
+        seen = torch.from_numpy(observation.astype(np.float32)) / self._scale
+        with torch.no_grad():
+            if self._actor.symmetric:
+                return folded(self._net.forward(self._actor.both(seen))).tanh().numpy()
+            return self._net.forward(seen).tanh().numpy()
 
 
 def _layers(network: Actor | Critic, gradient: Tensor | None) -> ctypes.Array[_Layer]:

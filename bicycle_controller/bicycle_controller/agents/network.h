@@ -16,6 +16,7 @@
 namespace {
 
 constexpr int CHUNK = 64;  // transitions that pass through the network together
+constexpr int WIDE = CHUNK / LANES;
 constexpr float NORM_EPSILON = 1e-5f;
 
 }  // namespace
@@ -121,23 +122,27 @@ struct Net {
 
   static void normalise(const Layer& layer, const float* z, float* statistics, float* y) {
     const float share = 1.0f / layer.out;
-    for (int column = 0; column < CHUNK; column += LANES) {
-      Vector mean{}, square{};
-      for (int n = 0; n < layer.out; n++) mean += load(z + n * CHUNK + column);
-      mean *= all(share);
-      for (int n = 0; n < layer.out; n++) {
-        const Vector off = load(z + n * CHUNK + column) - mean;
-        square += off * off;
+    Vector mean[WIDE]{}, square[WIDE]{}, scale[WIDE];
+    for (int n = 0; n < layer.out; n++)
+      for (int w = 0; w < WIDE; w++) mean[w] += load(z + n * CHUNK + w * LANES);
+    for (int w = 0; w < WIDE; w++) mean[w] *= all(share);
+    for (int n = 0; n < layer.out; n++)
+      for (int w = 0; w < WIDE; w++) {
+        const Vector off = load(z + n * CHUNK + w * LANES) - mean[w];
+        square[w] += off * off;
       }
-      Vector scale{};
-      for (int i = 0; i < LANES; i++) scale[i] = 1.0f / std::sqrt(square[i] * share + NORM_EPSILON);
-      store(statistics + column, mean);
-      store(statistics + CHUNK + column, scale);
-      for (int n = 0; n < layer.out; n++) {
-        const Vector unit = (load(z + n * CHUNK + column) - mean) * scale;
-        store(y + n * CHUNK + column, positive(unit * all(layer.gain[n]) + all(layer.shift[n])));
-      }
+    for (int w = 0; w < WIDE; w++) {
+      for (int i = 0; i < LANES; i++)
+        scale[w][i] = 1.0f / std::sqrt(square[w][i] * share + NORM_EPSILON);
+      store(statistics + w * LANES, mean[w]);
+      store(statistics + CHUNK + w * LANES, scale[w]);
     }
+    for (int n = 0; n < layer.out; n++)
+      for (int w = 0; w < WIDE; w++) {
+        const int at = n * CHUNK + w * LANES;
+        const Vector unit = (load(z + at) - mean[w]) * scale[w];
+        store(y + at, positive(unit * all(layer.gain[n]) + all(layer.shift[n])));
+      }
   }
 
   void backward(const float* given) {
@@ -251,22 +256,29 @@ struct Net {
       layer.gain_slope[n] = (c == 0 ? 0.0f : layer.gain_slope[n]) + across(gain);
       layer.shift_slope[n] = (c == 0 ? 0.0f : layer.shift_slope[n]) + across(shift);
     }
-    for (int column = 0; column < CHUNK; column += LANES) {
-      const Vector mean = load(known + column), scale = load(known + CHUNK + column);
-      Vector plain{}, weighted{};
-      for (int n = 0; n < layer.out; n++) {
-        const Vector d = load(at + n * CHUNK + column) * all(layer.gain[n]);
-        plain += d;
-        weighted += d * (load(z + n * CHUNK + column) - mean) * scale;
-      }
-      plain *= all(share);
-      weighted *= all(share);
-      for (int n = 0; n < layer.out; n++) {
-        const Vector d = load(at + n * CHUNK + column) * all(layer.gain[n]);
-        const Vector unit = (load(z + n * CHUNK + column) - mean) * scale;
-        store(at + n * CHUNK + column, (d - plain - unit * weighted) * scale);
-      }
+    Vector mean[WIDE], scale[WIDE], plain[WIDE]{}, weighted[WIDE]{};
+    for (int w = 0; w < WIDE; w++) {
+      mean[w] = load(known + w * LANES);
+      scale[w] = load(known + CHUNK + w * LANES);
     }
+    for (int n = 0; n < layer.out; n++)
+      for (int w = 0; w < WIDE; w++) {
+        const int place = n * CHUNK + w * LANES;
+        const Vector d = load(at + place) * all(layer.gain[n]);
+        plain[w] += d;
+        weighted[w] += d * (load(z + place) - mean[w]) * scale[w];
+      }
+    for (int w = 0; w < WIDE; w++) {
+      plain[w] *= all(share);
+      weighted[w] *= all(share);
+    }
+    for (int n = 0; n < layer.out; n++)
+      for (int w = 0; w < WIDE; w++) {
+        const int place = n * CHUNK + w * LANES;
+        const Vector d = load(at + place) * all(layer.gain[n]);
+        const Vector unit = (load(z + place) - mean[w]) * scale[w];
+        store(at + place, (d - plain[w] - unit * weighted[w]) * scale[w]);
+      }
   }
 
   static float across(Vector v) {
