@@ -78,7 +78,7 @@ def test_many_bicycles_get_the_actions_that_torch_gives(symmetric: bool) -> None
     for count in (100, 70, 100):
         rows = observation[:count]
         np.testing.assert_allclose(agent.act(rows), agent._answer(rows), atol=1e-6)
-    agent.actor.layers[0].weight.data.mul_(2.0)
+    next(agent.actor.parameters()).data.mul_(2.0)
     np.testing.assert_allclose(agent.act(observation), agent._answer(observation), atol=1e-6)
 
 
