@@ -35,6 +35,19 @@ def test_a_ride_as_the_page_gets_it(bag: Path) -> None:
     assert (columns["policy"][100], columns["policy"][101]) == (0.0, 1.0)
 
 
+def test_the_estimate_of_a_step_stands_beside_its_truth(tmp_path: Path, bag: Path) -> None:
+    data = session(write_bag(tmp_path / "bag", estimated=True))
+    columns = dict(zip(data["columns"], data["data"], strict=True))
+    first = STEPS // 5
+    assert columns["est_lean"][first - 1 : first + 1] == [None, 0.1]
+    assert columns["est_x"][first] == columns["x"][first]
+    assert columns["est_y"][first] == 0.2
+    assert columns["est_t"] == columns["t"]
+    assert columns["est_lean"][STEPS] is None, "the episode after the reset has no estimate"
+    without = session(bag)
+    assert set(without["data"][without["columns"].index("est_lean")]) == {None}
+
+
 def test_marks_are_where_it_happened_also_beside_a_reset(bag: Path) -> None:
     marks = {mark["kind"]: mark for mark in session(bag)["marks"]}
     push, goal, fell = marks["push"], marks["reached"], marks["fell"]

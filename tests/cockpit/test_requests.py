@@ -11,6 +11,7 @@ from bicycle_cockpit.requests import (
     MOST_BYTES,
     AddWaypoints,
     ClearGoals,
+    FollowCourse,
     Pause,
     Push,
     Record,
@@ -18,6 +19,7 @@ from bicycle_cockpit.requests import (
     RequestError,
     Reset,
     SendGoal,
+    SetUp,
     Step,
     SwitchController,
     parse,
@@ -38,6 +40,11 @@ from bicycle_cockpit.requests import (
         ({"type": "reset", "random": False}, Reset(-1, False)),
         ({"type": "controller", "name": "lqr"}, SwitchController(-1, "lqr")),
         ({"type": "record", "on": True}, Record(-1, True)),
+        ({"type": "course", "name": "slalom"}, FollowCourse(-1, "slalom")),
+        (
+            {"type": "setup", "plant": "whipple", "speed": 3, "controller": "lqr"},
+            SetUp(-1, {"plant": "whipple", "speed": 3.0}, "lqr"),
+        ),
     ],
 )
 def test_requests(sent: dict[str, object], meant: Request) -> None:
@@ -71,6 +78,10 @@ def test_requests(sent: dict[str, object], meant: Request) -> None:
         ('{"type":"pause","paused":1}', "not true or false"),
         ('{"type":"controller","name":""}', "not the name of a controller"),
         ('{"type":"controller","name":7}', "not the name of a controller"),
+        ('{"type":"setup","bicycle":["x"]}', "not a name"),
+        ('{"type":"setup","speed":"fast"}', "not a number"),
+        ('{"type":"setup","policy":"x"}', "unknown field 'policy'"),
+        ('{"type":"course"}', "not the name of a course"),
         (json.dumps({"type": "controller", "name": "x" * MOST_BYTES}), "longer than 16384"),
     ],
 )

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterator
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -202,11 +203,29 @@ def test_a_path_lies_on_the_ground(page: BrowserPage) -> None:
 def test_a_second_ride_comes_along_translucent(page: BrowserPage) -> None:
     page.locator("#compare").click()
     page.locator("#bag-list button").first.click()
-    until(page, "views.stage.ghost !== null && views.stage.ghost.group.visible")
+    until(page, "views.stage.others.ghost?.bicycle.group.visible")
     expect(page.locator("#gap")).to_contain_text(re.compile("level with|beside"))
     page.locator("#compare").click()
     expect(page.locator("#gap")).to_be_hidden()
-    until(page, "!views.stage.ghost.group.visible")
+    until(page, "!views.stage.others.ghost.bicycle.group.visible")
+
+
+def test_the_estimate_is_shown_beside_the_truth(browser: BrowserContext, tmp_path: Path) -> None:
+    bag = write_bag(tmp_path / "bag", estimated=True)
+    with (
+        served_page([bag], tmp_path / "web") as address,
+        opened(browser, address, "bag") as page,
+    ):
+        until(page, "player.bag !== null && views.stage !== null")
+        inside(page, "player.seek(0.5)")
+        until(page, "views.stage.bicycle !== null && !views.stage.others.estimate")
+        expect(page.locator("#loop")).not_to_contain_text("estimate")
+        inside(page, "player.seek(3)")
+        until(page, "views.stage.others.estimate?.bicycle.group.visible")
+        place = inside(page, "views.stage.others.estimate.bicycle.group.position.toArray()")
+        assert place == pytest.approx([6.0, 0.2, 0.0])
+        expect(page.locator("#loop")).to_contain_text("estimate off by5.73°, 0.20 m")
+        page.screenshot(path=str(tmp_path / "estimate.png"))
 
 
 GAP = """async (ahead) => {

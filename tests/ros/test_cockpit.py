@@ -29,7 +29,10 @@ Made = tuple[NodeProcess, Page, Path, int]
 def cockpit(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Made]:
     """Yield a cockpit with its own ride under LQR, a page of it, its folder and its domain."""
     folder = tmp_path_factory.mktemp("bags")
-    words = [str(COCKPIT), "--port", "0", "--bags", str(folder), "controller.policy:=lqr"]
+    models = tmp_path_factory.mktemp("models")
+    (models / "broken.safetensors").write_bytes(b"no policy")
+    words = [str(COCKPIT), "--port", "0", "--bags", str(folder), "--models", str(models)]
+    words += ["controller.policy:=lqr"]
     with claimed_domain() as domain, NodeProcess(words, {"ROS_DOMAIN_ID": str(domain)}) as process:
         page = Page(address_of(process))
         yield process, page, folder, domain
@@ -202,6 +205,57 @@ def test_the_trainer_is_told(cockpit: Made) -> None:
     probe.close()
 
 
+def test_a_course_is_ridden_by_its_name(cockpit: Made) -> None:
+    _, page, _, _ = cockpit
+    assert page.ask("reset", random=False)["ok"]
+    answer = page.ask("course", name="slalom")
+    assert answer["ok"], answer
+    path = page.until(lambda: next((m for m in page.heard if m["type"] == "path"), None))
+    assert len(path["points"]) > 50
+    page.until(lambda: last(page, "x") > 1.0)
+    assert page.ask("clear")["ok"]
+    refused = page.ask("course", name="../road")
+    assert not refused["ok"]
+
+
+def test_a_page_sets_up_another_bicycle_with_sensors_and_another_speed(cockpit: Made) -> None:
+    _, page, _, _ = cockpit
+    hello = page.newest("hello")
+    assert hello["setup"]["plant"] == "choi"
+    assert hello["setups"]["ours"]
+    words = {"plant": "whipple", "bicycle": "browser-rider", "sensors": "mpu6050-rtk"}
+    answer = page.ask("setup", **words, scenario="learned-speed", speed=3.0, controller="lqr")
+    assert answer == {"type": "answer", "id": answer["id"], "ok": True} | {
+        "message": "simulator and controller start anew"
+    }
+    assert page.newest("setup")["bicycle"] == "browser-rider"
+    page.until(lambda: page.newest("facts").get("plant") == "whipple")
+    assert page.newest("facts")["scenario"] == "learned-speed"
+    page.until(lambda: last(page, "speed") == 3.0 and last(page, "step") == 0.0)
+    assert page.until(lambda: page.ask("goal", x=30.0, y=5.0)["ok"])
+    page.until(lambda: last(page, "x") > 2.0)
+    row = page.rows[-1]
+    assert abs(row["est_lean"] - row["lean"]) < 0.1
+    assert abs(row["est_x"] - row["x"]) < 2.0
+    assert row["t"] - 1.0 < row["est_t"] <= row["t"]
+    before = page.newest("facts")
+    assert page.ask("setup", **words, scenario="learned-speed", speed=4.0)["ok"]
+    page.until(lambda: (last(page, "step"), last(page, "speed")) == (0.0, 4.0))
+    assert page.newest("facts")["episode"] == before["episode"] + 1, "the same simulator"
+
+
+def test_a_setup_that_cannot_run_brings_the_ride_before_back(cockpit: Made) -> None:
+    _, page, _, _ = cockpit
+    now = page.newest("facts")["plant"]
+    assert page.ask("setup", plant="choi", bicycle="", sensors="", controller="broken")["ok"]
+    told = page.event_with("the one before comes back")
+    assert "broken" in told["text"]
+    heard = len(page.heard)
+    page.until(lambda: any(m["type"] == "facts" for m in page.heard[heard:]))
+    assert page.newest("facts")["plant"] == now
+    assert page.until(lambda: page.ask("goal", x=5.0, y=5.0)["ok"])
+
+
 def test_a_dead_controller_is_started_again(cockpit: Made) -> None:
     _, page, _, domain = cockpit
     os.kill(process_of("controller", domain), signal.SIGKILL)
@@ -245,6 +299,7 @@ def test_without_a_ride_it_says_what_is_missing(start_node: Start, tmp_path: Pat
     assert "controller.sh" in page.ask("goal", x=1.0, y=1.0)["message"]
     assert "sim.sh" in page.ask("pause", paused=True)["message"]
     assert "controller.sh" in page.ask("controller", name="lqr")["message"]
+    assert "sim.sh plant:=whipple" in page.ask("setup", plant="whipple")["message"]
     page.close()
 
 

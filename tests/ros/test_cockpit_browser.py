@@ -170,6 +170,30 @@ def test_in_3d_a_click_sends_it_and_a_drag_of_the_rider_pushes(page: BrowserPage
     expect(page.locator("#ride")).to_have_attribute("data-main", "map")
 
 
+def test_another_ride_is_set_up_in_the_page(page: BrowserPage) -> None:
+    page.locator("#set-up").click()
+    expect(page.locator("#setup-bicycle")).to_be_disabled()
+    expect(page.locator("#setup-controller")).to_have_value("lqr")
+    page.locator("#setup-plant").select_option("whipple")
+    expect(page.locator("#setup-bicycle")).to_be_enabled()
+    expect(page.locator("#setup-controller")).to_have_value("any-bicycle")
+    page.locator("#setup-sensors").select_option("mpu6050-rtk")
+    expect(page.locator("#setup-controller")).to_have_value("lqr")
+    shoot(page, "setup")
+    page.locator("#setup-plant").select_option("choi")
+    page.locator("#setup-sensors").select_option("")
+    page.locator("#setup-controller").select_option("lqr")
+    page.locator("#setup-speed").fill("3.5")
+    page.locator("#setup-form button").click()
+    said(page, "the bicycle waits at the origin for a goal")
+    until(page, "live.series.speed.at(-1) === 3.5")
+    page.locator("#course").select_option("slalom")
+    said(page, "rides the course slalom")
+    until(page, "live.path.length > 50")
+    page.locator("#clear").click()
+    said(page, "goals cleared")
+
+
 def test_the_keyboard_alone_sends_a_goal(page: BrowserPage) -> None:
     page.locator("#map").focus()
     for _ in range(2):

@@ -114,7 +114,8 @@ def opened(context: BrowserContext, address: str, mode: str = "") -> Iterator[Br
     if mode:
         expect(page.locator("#mode")).to_have_text(mode)
     yield page
-    assert [line for line in errors if "WebSocket connection to" not in line] == []
+    found = [line for line in errors if "WebSocket connection to" not in line]
+    assert not found, found
     page.close()
 
 

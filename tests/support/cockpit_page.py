@@ -69,6 +69,12 @@ class Page:
         """Return the first event of a kind."""
         return self.until(lambda: next((m for m in self.heard if m.get("kind") == kind), None))
 
+    def event_with(self, text: str) -> dict[str, Any]:
+        """Return the first event that says something."""
+        return self.until(
+            lambda: next((m for m in list(self.heard) if text in m.get("text", "")), None)
+        )
+
     def ask(self, kind: str, **fields: object) -> dict[str, Any]:
         """Return the answer to a request."""
         self._number += 1

@@ -22,23 +22,30 @@ TOPICS = {
     "/bicycle/pushed": Push,
     "/bicycle/hand_over": HandOver,
 }
+ESTIMATE = "/bicycle/estimate"
 NAF = "naf@cee775ab58"
 
 
-def write_bag(folder: Path) -> Path:
-    """5 s along +x at 2 m/s, and a reset at the end.
+def write_bag(folder: Path, estimated: bool = False) -> Path:
+    """Write a bag.
+
+    5 s along +x at 2 m/s, and a reset at the end.
 
     It has two policies, a push at 1 s, a goal that is sent twice and reached at 4 s, a hand-over
-    at 3.75 s, and a fall in the last step.
+    at 3.75 s, and a fall in the last step. With `estimated`, an estimator says from 1 s on that
+    it leans by 0.1 rad, 0.2 m beside its place.
     """
+    topics = TOPICS | ({ESTIMATE: BicycleState} if estimated else {})
     with BagWriter(folder) as writer:
         schemas = Schemas()
-        for name, kind in TOPICS.items():
+        for name, kind in topics.items():
             full = f"bicycle_msgs/msg/{kind.__name__}"
             topic = Topic(name, full, type_hash=schemas.type_hash(full))
             writer.add_topic(topic, schemas.definition(full))
         for step in range(STEPS):
             _write_step(writer, step)
+            if estimated and step >= STEPS // 5:
+                _write(writer, ESTIMATE, _estimate(step), step, late=2 * 10**6)
         end = STEPS - 1
         _write(writer, "/bicycle/state", _state(2, 0, end), end)
     return folder
@@ -55,6 +62,14 @@ def _state(episode: int, step: int, stamp_step: int) -> BicycleState:
     state.rear_contact.x = 0.05 * step
     state.fallen = episode == 1 and step == STEPS - 1
     return state
+
+
+def _estimate(step: int) -> BicycleState:
+    estimate = _state(1, step, step)
+    estimate.estimated, estimate.fallen = True, False
+    estimate.lean_angle = 0.1
+    estimate.rear_contact.y = 0.2
+    return estimate
 
 
 def _write_step(writer: BagWriter, step: int) -> None:

@@ -73,6 +73,11 @@ def named(
     return ChoiPlant(replace(Physics.named(physics), **on))
 
 
+def bicycles() -> dict[str, str]:
+    """Return what each measured bicycle is, by its name; for the plants whipple and mujoco."""
+    return {name: catalogue.load(name).about for name in catalogue.names()}
+
+
 def default() -> Plant[Any]:
     """Return the paper's bicycle, faithful: the default plant."""
     return ChoiPlant()

@@ -14,7 +14,7 @@ from bicycle_bag.errors import BagError
 from bicycle_cockpit.loop_stats import loop_figures
 from bicycle_cockpit.marks import Ridden, marks
 from bicycle_cockpit.riders import Rider, lqr_names, rider, shipped_names
-from bicycle_cockpit.samples import COLUMNS, plain_column, reward_columns
+from bicycle_cockpit.samples import COLUMNS, ESTIMATED, plain_column, reward_columns
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.reward import RewardWeights
@@ -135,7 +135,21 @@ def _table(
         *(_at(ride.commands, name, newest) for name in ("torque", "displacement", "pedal_force")),
         riders,
         *rewards,
+        *_estimated(ride, time),
     ]
+
+
+def _estimated(ride: RideLog, time: Numbers) -> list[Numbers]:
+    """Return the columns of the estimates of the same steps, NaN where there are none."""
+    states, found = ride.states, ride.estimates
+    rows = np.full(len(time), -1)
+    if len(found.get("step", ())):
+        of_step = zip(found["episode"].tolist(), found["step"].tolist(), strict=True)
+        newest = {key: row for row, key in enumerate(of_step)}
+        keys = zip(states["episode"].tolist(), states["step"].tolist(), strict=True)
+        rows = np.array([newest.get(key, -1) for key in keys])
+    columns = [_at(found, name, rows) for name in ESTIMATED.values()]
+    return [time, *columns[1:]]
 
 
 def _at(messages: Mapping[str, NDArray[Any]], name: str, rows: NDArray[np.intp]) -> Numbers:

@@ -20,6 +20,9 @@ MOST_WAYPOINTS = 200
 FARTHEST = 1e4
 """Largest distance of a goal from the origin (m); the controller's bound."""
 LONGEST_NAME = 200
+SETUP_WORDS = ("scenario", "plant", "bicycle", "sensors")
+SETUP_NUMBERS = ("speed", "noise", "rate")
+"""Fields of `RideSetup` by their kind."""
 
 
 class RequestError(ValueError):
@@ -100,6 +103,24 @@ class Record(Request):
     on: bool
 
 
+@dataclass(frozen=True)
+class SetUp(Request):
+    """Begin the ride anew under other conditions."""
+
+    values: dict[str, str | float]
+    """Fields of `RideSetup`."""
+    controller: str
+    """One of the names offered to the page; empty for the one in charge."""
+
+
+@dataclass(frozen=True)
+class FollowCourse(Request):
+    """Ride along a course."""
+
+    name: str
+    """One of the names offered to the page."""
+
+
 def parse(text: str) -> Request:
     """Parse a message into a request.
 
@@ -173,11 +194,20 @@ def _goal(number: int, data: dict[str, Any]) -> Request:
     return SendGoal(number, point, heading)
 
 
-def _name(number: int, data: dict[str, Any]) -> Request:
-    name = data.get("name")
-    if not isinstance(name, str) or not 0 < len(name) <= LONGEST_NAME:
-        raise RequestError(f"name is {_shown(name)}, not the name of a controller")
-    return SwitchController(number, name)
+def _word(data: dict[str, Any], name: str, what: str, least: int = 1) -> str:
+    value = data.get(name, "" if least == 0 else None)
+    if not isinstance(value, str) or not least <= len(value) <= LONGEST_NAME:
+        raise RequestError(f"{name} is {_shown(value)}, not {what}")
+    return value
+
+
+def _set_up(number: int, data: dict[str, Any]) -> Request:
+    words: dict[str, str | float] = {
+        name: _word(data, name, "a name", 0) for name in SETUP_WORDS if name in data
+    }
+    numbers = {name: _number(data, name, FARTHEST) for name in SETUP_NUMBERS if name in data}
+    controller = _word(data, "controller", "the name of a controller", 0)
+    return SetUp(number, words | numbers, controller)
 
 
 _Maker = Callable[[int, dict[str, Any]], Request]
@@ -189,7 +219,12 @@ _PARSERS: dict[str, tuple[tuple[str, ...], _Maker]] = {
     "pause": (("paused",), lambda n, d: Pause(n, _flag(d, "paused"))),
     "step": ((), lambda n, d: Step(n)),
     "reset": (("random",), lambda n, d: Reset(n, _flag(d, "random"))),
-    "controller": (("name",), _name),
+    "controller": (
+        ("name",),
+        lambda n, d: SwitchController(n, _word(d, "name", "the name of a controller")),
+    ),
+    "setup": ((*SETUP_WORDS, *SETUP_NUMBERS, "controller"), _set_up),
+    "course": (("name",), lambda n, d: FollowCourse(n, _word(d, "name", "the name of a course"))),
     "record": (("on",), lambda n, d: Record(n, _flag(d, "on"))),
 }
 """Parsers by request type: the allowed fields, and the function."""

@@ -60,7 +60,27 @@ class Sample(NamedTuple):
     reward_rate: float
     reward_acceleration: float
     reward_heading: float
+    est_t: float = math.nan
+    """s, time of the newest estimate of the episode, whose quantities follow; else of the row."""
+    est_x: float = math.nan
+    """m, rear contact."""
+    est_y: float = math.nan
+    est_heading: float = math.nan
+    est_lean: float = math.nan
+    est_steer: float = math.nan
+    est_speed: float = math.nan
 
+
+ESTIMATED = {
+    "est_t": "header.stamp",
+    "est_x": "rear_contact.x",
+    "est_y": "rear_contact.y",
+    "est_heading": "heading",
+    "est_lean": "lean_angle",
+    "est_steer": "steer_angle",
+    "est_speed": "speed",
+}
+"""Fields of the estimator's BicycleState by column."""
 
 REWARDED = ("lean_angle", "lean_rate", "lean_acceleration", "heading_error")
 """Quantities in equation 20, in its order."""

@@ -17,7 +17,7 @@ from bicycle_bag.errors import BagError
 from bicycle_bag.reader import BagReader
 from bicycle_bag.steps import steps
 from bicycle_common import topic_names
-from bicycle_tools.recorded_here import driving, goals_of_recording
+from bicycle_tools.recorded_here import driving, goals_of_recording, sent_before
 
 Columns = Mapping[str, NDArray[Any]]
 """One array per field of a message, one row per message, in recorded order."""
@@ -30,11 +30,13 @@ GOAL_STATUS = topic_names.in_bag(topic_names.GOAL_STATUS)
 EPISODE = topic_names.in_bag(topic_names.EPISODE)
 PATH_STATUS = topic_names.in_bag(topic_names.PATH_STATUS)
 PATH = topic_names.in_bag(topic_names.FOLLOWED_PATH)
+ESTIMATE = topic_names.in_bag(topic_names.ESTIMATE)
 PUSHED = topic_names.in_bag(topic_names.PUSHED)
-READ = (STATE, COMMAND, ECHO, TIMING, GOAL_STATUS, EPISODE, PATH_STATUS)
+HAND_OVER = topic_names.in_bag(topic_names.HAND_OVER)
+EXPECTED = (STATE, COMMAND, ECHO, TIMING, GOAL_STATUS, EPISODE)
+"""Topics that every whole ride has."""
+READ = (*EXPECTED, PATH_STATUS, ESTIMATE, PUSHED, HAND_OVER)
 """Topics of a ride, in the bicycle's namespace."""
-EXPECTED = tuple(topic for topic in READ if topic != PATH_STATUS)
-"""Topics that every whole ride has; a path is followed in some."""
 RIDDEN = (STATE, COMMAND, TIMING)
 """Topics that are not latched: a bag without any of them contains no ride."""
 
@@ -63,6 +65,12 @@ class RideLog:
     """PathStatus."""
     paths: tuple[NDArray[np.float64], ...] = ()
     """Followed paths, (n, 2) m each."""
+    estimates: Columns = field(default_factory=dict)
+    """BicycleState of an estimator; empty where the controller saw the truth."""
+    pushes: Columns = field(default_factory=dict)
+    """Push."""
+    hand_overs: Columns = field(default_factory=dict)
+    """HandOver, of this recording alone."""
     old_statuses: int = 0
     """Number of goal statuses from before the recording, about goals that were over by then."""
 
@@ -111,8 +119,19 @@ def load_ride(reader: BagReader, prefix: str) -> RideLog:
         idle_commands=int((~drove).sum()),
         path_statuses=columns[PATH_STATUS],
         paths=_paths(reader, prefix + PATH),
+        estimates=columns[ESTIMATE],
+        pushes=columns[PUSHED],
+        hand_overs=_of_recording(columns[HAND_OVER], begun(reader), commands),
         old_statuses=len(told.get("status", ())) - len(statuses.get("status", ())),
     )
+
+
+def _of_recording(changes: Columns, since: float, commands: Columns) -> Columns:
+    """Return messages of a latched topic without those from before the recording."""
+    if not len(changes.get("log_time", ())):
+        return changes
+    kept = ~sent_before(changes, since, commands)
+    return {name: column[kept] for name, column in changes.items()}
 
 
 def _paths(reader: BagReader, topic: str) -> tuple[NDArray[np.float64], ...]:

@@ -9,6 +9,7 @@ if __name__ == "__main__":
 
 import os
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -35,14 +36,46 @@ class Ride:
 
     def __init__(self, options: Options, logs: Path) -> None:
         """Start the processes, if they are requested."""
-        self._options = options
+        self._logs = logs
+        self._words = options.parameters
+        self._good: tuple[str, ...] | None = None
+        """Parameters to return to if those of a page do not run."""
+        self._ending: threading.Thread | None = None
         self._crew: ProcessGroup | None = None
-        if not options.ride:
-            return
-        commands = {name: node_command(name, config_folder(), options.parameters) for name in RIDE}
-        self._crew = ProcessGroup(commands, logs, registry_of(workspace()), early=True)
-        self._supervisor = Supervisor(self._crew)
-        self._crew.start()
+        if options.ride:
+            self._begin(self._words)
+
+    @property
+    def ours(self) -> bool:
+        """True if the cockpit started simulator and controller."""
+        return self._crew is not None
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Return the ``NODE.name:=value`` of the ride that goes on or is about to begin."""
+        return self._words
+
+    def _begin(self, words: tuple[str, ...]) -> None:
+        commands = {name: node_command(name, config_folder(), words) for name in RIDE}
+        crew = ProcessGroup(commands, self._logs, registry_of(workspace()), early=True)
+        self._crew, self._words = crew, words
+        self._supervisor = Supervisor(crew)
+        crew.start()
+
+    def restart(self, words: tuple[str, ...]) -> bool:
+        """Begin to start the ride again with other parameters; False while it is ending."""
+        crew = self._crew
+        if crew is None or self._ending is not None:
+            return False
+        self._good, self._words = self._words, words
+        # The loop goes on meanwhile.
+        self._ending = threading.Thread(target=crew.stop, args=RIDE, daemon=True, name="ending")
+        self._ending.start()
+        return True
+
+    def keep(self, words: tuple[str, ...]) -> None:
+        """Use other parameters from the next start on."""
+        self._words = words
 
     def look(self) -> Line | None:
         """Restart dead processes; return a line if something happened.
@@ -53,12 +86,23 @@ class Ride:
         crew = self._crew
         if crew is None:
             return None
+        if self._ending is not None:
+            if self._ending.is_alive():
+                return None
+            self._ending = None
+            self._begin(self._words)
+            return Line("info", "simulator and controller were started anew")
         if (name := self._supervisor.restarted()) is not None:
             return Line("info", f"{name} started again", name)
         ended = self._supervisor.death()
         if ended is None:
             return None
         words = f"{ended}: {crew.log_tail(ended.name)}"
+        if ended.status == MISUSED and self._good is not None:
+            self.restart(self._good)
+            self._good = None
+            last = crew.log_tail(ended.name).partition(" (log: ")[0]
+            return Line("bad", f"this ride cannot be set up, the one before comes back: {last}")
         if ended.status == MISUSED or not self._supervisor.retry(ended.name):
             raise UserError(words)
         # A killed process has left no message.
@@ -71,6 +115,8 @@ class Ride:
         Returns:
             A line about each that did not end well.
         """
+        if self._ending is not None:
+            self._ending.join()
         return [] if self._crew is None else self._crew.stop(*RIDE)
 
 
@@ -113,7 +159,7 @@ def main() -> int:
     recording = Recording(options.bags, logs)
 
     def make() -> CockpitNode:
-        announced.node = CockpitNode(options, recording, announced.tick)
+        announced.node = CockpitNode(options, recording, ride, announced.tick)
         return announced.node
 
     try:

@@ -5,15 +5,17 @@ from __future__ import annotations
 import os
 import queue
 from collections.abc import Callable
+from dataclasses import asdict
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from bicycle_cockpit import ride_setup
 from bicycle_cockpit.event_room import EventRoom
 from bicycle_cockpit.nodes.hearing import Hearing
 from bicycle_cockpit.nodes.recording import Recording
-from bicycle_cockpit.nodes.request_handler import RequestHandler
+from bicycle_cockpit.nodes.request_handler import RequestHandler, StartedRide
 from bicycle_cockpit.options import Options
 from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_cockpit.requests import Request
@@ -34,13 +36,18 @@ class CockpitNode(Node):
     """Connects the topics with the pages."""
 
     def __init__(
-        self, options: Options, recording: Recording, on_tick: Callable[[], Line | None]
+        self,
+        options: Options,
+        recording: Recording,
+        ride: StartedRide,
+        on_tick: Callable[[], Line | None],
     ) -> None:
         """Start to serve.
 
         Args:
             options: see there.
             recording: the recorder that pages may start.
+            ride: simulator and controller, which pages may set up anew.
             on_tick: called four times a second; a returned line is sent to the pages. It may raise
                 UserError, which is sent too and ends the node.
 
@@ -52,7 +59,10 @@ class CockpitNode(Node):
         self._choices = PolicyCatalogue(options.models)
         self._recording, self._on_tick = recording, on_tick
         self._trouble = Trouble(options.ride)
-        self._asking = RequestHandler(self, self.live, self._choices, recording)
+        self._asking = RequestHandler(
+            self, self.live, self._choices, recording, ride, self._newest
+        )
+        self._setups = {"ours": ride.ours, **ride_setup.choices()}
         self._room = EventRoom()
         self._inbox: queue.SimpleQueue[tuple[int, Request | None]] = queue.SimpleQueue()
         self.server = Server(
@@ -126,6 +136,8 @@ class CockpitNode(Node):
 
     def _welcome(self, page: int) -> None:
         choices = {"controllers": self._choices.offered(), "largest_push": LARGEST_PUSH}
+        choices["setups"] = self._setups
+        choices["setup"] = asdict(self._asking.setup)
         hello = {**self.live.hello(), **choices}
         self.server.greet(page, hello, self.live.history())
 

@@ -10,12 +10,15 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
-from bicycle_cockpit.samples import REWARDED, Sample, plain, reward_columns
+from bicycle_cockpit.samples import ESTIMATED, REWARDED, Sample, plain, reward_columns
 from bicycle_common.geometry import wrap_angle
 from bicycle_common.nodes import convert, topics
 from bicycle_common.types import Point2D
 from bicycle_controller.policy.trained_for import UNLIKE
 from bicycle_sim.task.reward import RewardWeights
+
+OLDEST_ESTIMATE = 1.0
+"""Age up to which an estimate is shown (s)."""
 
 
 def to_sample(
@@ -24,6 +27,7 @@ def to_sample(
     command: BicycleCommand | None,
     weights: RewardWeights,
     policy: float = math.nan,
+    estimate: BicycleState | None = None,
 ) -> Sample:
     """Return the row of one state.
 
@@ -33,6 +37,7 @@ def to_sample(
         command: the newest one.
         weights: of the reward's terms.
         policy: number of the newest command's policy.
+        estimate: the newest one; that of another episode is left out.
     """
     stamp = state.header.stamp
     error, distance = bearing(state, echo)
@@ -56,7 +61,25 @@ def to_sample(
         echo.command_source if echo is not None else math.nan,
         *[*chosen, policy],
         *reward_columns(rewarded, weights),
+        *estimated_columns(estimate, state),
     )
+
+
+def estimated_columns(estimate: BicycleState | None, state: BicycleState) -> list[float]:
+    """Return the columns of an estimate; NaN and the state's time without a fresh one."""
+    now = seconds(state)
+    if estimate is None or estimate.episode != state.episode:
+        return [now] + [math.nan] * (len(ESTIMATED) - 1)
+    time, place = seconds(estimate), estimate.rear_contact
+    if not 0.0 <= now - time <= OLDEST_ESTIMATE:  # of an earlier ride, or of a dead estimator
+        return [now] + [math.nan] * (len(ESTIMATED) - 1)
+    angles = (estimate.heading, estimate.lean_angle, estimate.steer_angle)
+    return [time, place.x, place.y, *angles, estimate.speed]
+
+
+def seconds(state: BicycleState) -> float:
+    """Return a state's time, s."""
+    return float(state.header.stamp.sec + 1e-9 * state.header.stamp.nanosec)
 
 
 def bearing(state: BicycleState, echo: CommandEcho | None) -> tuple[float, float]:

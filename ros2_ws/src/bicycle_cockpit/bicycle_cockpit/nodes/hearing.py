@@ -73,6 +73,7 @@ class Hearing:
         self._node, self._live, self._trouble = node, live, trouble
         self._tell, self._newest = tell, newest
         self._command: BicycleCommand | None = None
+        self._estimate: BicycleState | None = None
         self._echoes: dict[tuple[int, int], CommandEcho] = {}
         self._fallen = False
         self._path: list[list[float | None]] = []
@@ -84,6 +85,7 @@ class Hearing:
         listen(node, topics.COMMAND_ECHO, self._on_echo, depth=DEEP)
         listen(node, topics.STATE, self._on_state, depth=DEEP)
         listen(node, topics.COMMAND, self._on_command)
+        listen(node, topics.ESTIMATE, self._on_estimate)
         listen(node, topics.TIMING, live.loop.add)
         listen(node, topics.EPISODE, self._on_episode)
         listen(node, topics.DIAGNOSTICS, self._on_diagnostics)
@@ -123,12 +125,17 @@ class Hearing:
             policy = self._command.policy if self._command is not None else ""
             number = live.policy_number(policy)
             echo = self._echoes.pop((state.episode, state.step), None)
-            sample = conversions.to_sample(state, echo, self._command, live.weights, number)
+            sample = conversions.to_sample(
+                state, echo, self._command, live.weights, number, self._estimate
+            )
             moved = live.add(sample)
             if moved and state.step > 0 and live.mode == "held":
                 live.mode = "riding"
         if fell:
             self._tell("bad", "the bicycle fell: press Reset to set it up again", kind="fell")
+
+    def _on_estimate(self, estimate: BicycleState) -> None:
+        self._estimate = estimate
 
     def _on_echo(self, echo: CommandEcho) -> None:
         while len(self._echoes) >= DEEP:

@@ -4,26 +4,30 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import singledispatchmethod
-from typing import Any
+from typing import Any, Protocol
 
+from bicycle_msgs.action import FollowPath
 from bicycle_msgs.srv import LoadPolicy
 from bicycle_msgs.srv import Push as PushService
 from bicycle_msgs.srv import Reset as ResetService
+from rclpy.action import ActionClient
 from rclpy.node import Node
 from std_srvs.srv import SetBool, Trigger
 
-from bicycle_cockpit import requests
+from bicycle_cockpit import requests, ride_setup
 from bicycle_cockpit.fit import Suits
 from bicycle_cockpit.nodes.conversions import to_path, to_pose
 from bicycle_cockpit.nodes.recording import Recording
 from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_cockpit.rate_limiter import RateLimiter
+from bicycle_cockpit.ride_setup import RideSetup
 from bicycle_cockpit.ride_state import RideState
 from bicycle_common.nodes import topics
 from bicycle_common.nodes.topics import Service, advertise
 from bicycle_common.types import Point2D
+from bicycle_controller.control import courses
 from bicycle_controller.control.arrival import approach
 
 PATIENCE = 10.0
@@ -34,6 +38,24 @@ GOAL_RATE, GOAL_BURST = 4.0, 12.0
 Reply = Callable[[bool, str], None]
 Words = Callable[[Any], str]
 """Text for the user about a service's answer."""
+
+
+class StartedRide(Protocol):
+    """Simulator and controller, where the cockpit started them."""
+
+    @property
+    def ours(self) -> bool:
+        """True if it did."""
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Their ``NODE.name:=value``."""
+
+    def keep(self, words: tuple[str, ...]) -> None:
+        """Use other parameters from the next start on."""
+
+    def restart(self, words: tuple[str, ...]) -> bool:
+        """Start them again with other parameters; False if that is going on already."""
 
 
 @dataclass
@@ -55,15 +77,24 @@ class RequestHandler:
         live: state of the ride.
         choices: controllers that can be chosen.
         recording: recorder that pages can start.
+        ride: simulator and controller, which pages can set up anew.
+        newest: sends the pages data that replace older data of their `type`.
 
     Attributes:
         suits: compatibility of the chosen controller with the bicycle.
     """
 
     def __init__(
-        self, node: Node, live: RideState, choices: PolicyCatalogue, recording: Recording
+        self,
+        node: Node,
+        live: RideState,
+        choices: PolicyCatalogue,
+        recording: Recording,
+        ride: StartedRide,
+        newest: Callable[[dict[str, Any]], None],
     ) -> None:
         self._node, self._live = node, live
+        self._ride, self._newest = ride, newest
         self._choices, self._recording = choices, recording
         self.suits = Suits(choices, live)
         self._goal_bucket = RateLimiter(GOAL_RATE, GOAL_BURST)
@@ -77,6 +108,7 @@ class RequestHandler:
             topics.LOAD_POLICY,
         )
         self._clients = {s.name: node.create_client(s.type, s.name) for s in services}
+        self._course = ActionClient(node, FollowPath, topics.FOLLOW_PATH_ACTION.name)
 
     def carry_out(self, request: requests.Request, reply: Reply) -> None:
         """Begin a request; `reply` is called once, now or later, with the result."""
@@ -92,6 +124,8 @@ class RequestHandler:
                 result = None if error else call.future.result()
                 if result is None:
                     call.reply(False, f"{call.name} failed: {error}")
+                elif call.name == topics.FOLLOW_PATH_ACTION.name:
+                    call.reply(bool(result.accepted), call.words(result))
                 else:
                     call.reply(bool(result.success), call.words(result))
             elif now - call.since > PATIENCE:
@@ -197,7 +231,8 @@ class RequestHandler:
 
     @_do.register
     def _(self, request: requests.Reset, reply: Reply) -> None:
-        question = ResetService.Request(random_start=request.random, speed=-1.0, seed=-1)
+        speed = self.setup.speed
+        question = ResetService.Request(random_start=request.random, speed=speed, seed=-1)
         where = "at a random start" if request.random else "at the origin"
 
         def words(answer: Any) -> str:
@@ -228,6 +263,63 @@ class RequestHandler:
             return f"{request.name} is in charge{but}"
 
         self._call(topics.LOAD_POLICY, LoadPolicy.Request(path=path), reply, words)
+
+    @property
+    def setup(self) -> RideSetup:
+        """Return the ride's conditions, as far as pages may choose them."""
+        return ride_setup.of_parameters(self._ride.parameters)
+
+    @_do.register
+    def _(self, request: requests.SetUp, reply: Reply) -> None:
+        before, ride = self.setup, self._ride
+        chosen = self._live.names.get(self._live.who.chosen, "")
+        try:
+            setup = before.changed(request.values)
+            path = self._choices.path(request.controller) if request.controller else ""
+        except KeyError:
+            reply(False, f"no controller {request.controller!r} is offered: reload the page")
+            return
+        except ValueError as error:
+            reply(False, str(error))
+            return
+        words = ride_setup.merged(ride.parameters, setup, before)
+        if replace(setup, speed=before.speed) == before:
+            ride.keep(words)
+            self._newest({"type": "setup", **asdict(setup)})
+            if request.controller not in ("", chosen):
+                self._do(requests.SwitchController(request.id, request.controller), reply)
+            else:
+                self._do(requests.Reset(request.id, random=False), reply)
+            return
+        if not ride.ours:
+            type_ = ride_setup.command(setup, RideSetup())
+            reply(False, f"the ride was not started here: end it with stop.sh and type {type_}")
+        elif self._recording.state is not None:
+            reply(False, "a bag is being recorded: stop the recording first")
+        elif not ride.restart(ride_setup.with_policy(words, path)):
+            reply(False, "the ride is being started anew already")
+        else:
+            self._newest({"type": "setup", **asdict(setup)})
+            reply(True, "simulator and controller start anew")
+
+    @_do.register
+    def _(self, request: requests.FollowCourse, reply: Reply) -> None:
+        if request.name not in courses.names():
+            reply(False, f"no course {request.name!r} is offered: reload the page")
+        elif not self._course.server_is_ready():
+            reply(False, "no controller runs: start ros2_ws/controller.sh")
+        elif self._goal_bucket.take():
+            future = self._course.send_goal_async(FollowPath.Goal(course=request.name))
+            name = topics.FOLLOW_PATH_ACTION.name
+
+            def words(handle: Any) -> str:
+                if handle.accepted:
+                    return f"rides the course {request.name}{self._held_up()}"
+                return f"the course {request.name} was refused: see Events"
+
+            self._calls.append(_Call(future, time.monotonic(), reply, name, words))
+        else:
+            reply(False, "too many goals at once: wait a second")
 
     @_do.register
     def _(self, request: requests.Record, reply: Reply) -> None:

@@ -1,5 +1,6 @@
 // Strip charts of state and command over the last seconds before the cursor.
 
+import { ESTIMATED, estimateOf } from "./estimate.js";
 import { shown } from "./panels.js";
 import { FONT, begin, colours } from "./theme.js";
 
@@ -113,9 +114,11 @@ function axis(context, area, x, height) {
 function drawStrip(context, strip, box, series, first, last, x, area, paint, shownAt, ghost) {
   const values = series[strip.column];
   let most = strip.least;
-  for (let index = first; index <= last; index++) {
-    const value = Math.abs(values[index] * strip.factor);
-    if (value > most) most = value;
+  for (const column of [values, series[ESTIMATED[strip.column]]]) {
+    for (let index = first; column && index <= last; index++) {
+      const value = Math.abs(column[index] * strip.factor);
+      if (value > most) most = value;
+    }
   }
   most = Math.min(nice(most), strip.most ?? Infinity);
   const least = strip.positive ? 0 : -most;
@@ -154,7 +157,24 @@ function drawStrip(context, strip, box, series, first, last, x, area, paint, sho
   }
   context.lineWidth = 1.5;
   trace(context, strip, series, first, last, x, y, paint);
+  drawEstimate(context, strip, series, area, x, y, box);
   context.restore();
+}
+
+/** What the estimator said, dashed. */
+function drawEstimate(context, strip, series, area, x, y, box) {
+  const estimate = ESTIMATED[strip.column] ? estimateOf(series) : null;
+  if (!estimate || !estimate.length) return;
+  const [first, last] = [estimate.indexAt(area.start), estimate.indexAt(area.end)];
+  context.lineWidth = 1.25;
+  context.setLineDash([5, 4]);
+  trace(context, strip, estimate, first, last, x, y, () => colours.ink);
+  context.setLineDash([]);
+  if (strip.column !== "lean" || !estimate.within(first, last)) return;
+  context.fillStyle = colours.ink;
+  context.textAlign = "right";
+  context.fillText("dashed: estimate", area.right - 4, box.bottom - 5);
+  context.textAlign = "left";
 }
 
 /** The line, in the colour of the policy that rode; gaps where nothing is known. */

@@ -3,7 +3,7 @@
 
 const KEYS = {
   ".": "step", r: "reset", R: "random", w: "waypoints", c: "clear", e: "record", a: "push-left", d: "push-right",
-  f: "follow", "+": "zoom-in", "=": "zoom-in", "-": "zoom-out", l: "live", b: "bag", "?": "help", m: "swap", v: "camera",
+  f: "follow", "+": "zoom-in", "=": "zoom-in", "-": "zoom-out", l: "live", b: "bag", "?": "help", s: "set-up", m: "swap", v: "camera",
 };
 const STORED = "bicycle-cockpit-letters";
 

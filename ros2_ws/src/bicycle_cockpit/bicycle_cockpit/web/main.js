@@ -4,6 +4,7 @@ import { BagPlayer } from "./bags.js";
 import { drawAbove, drawBehind } from "./bike.js";
 import { SPAN, drawCharts, spanOf, timeAt } from "./charts.js";
 import { answer, offer, showControls, toggle } from "./controls.js";
+import { estimateOf, offBy } from "./estimate.js";
 import { Film, save } from "./film.js";
 import { Ghost, gapWords } from "./ghost.js";
 import { Guide } from "./guide.js";
@@ -15,6 +16,7 @@ import { LiveClock, rowAt } from "./motion.js";
 import { addEvent, clearEvents, listenToTabs, showHead, showLegend, showLoop, showReward, showTrainer, shown } from "./panels.js";
 import { listenTo } from "./pointing.js";
 import { listenToStage } from "./scene/pointing.js";
+import { Setup } from "./setup.js";
 import { Link } from "./socket.js";
 import { RIDES, listed } from "./source.js";
 import { colours, policyColour, watchTheme } from "./theme.js";
@@ -45,6 +47,7 @@ const takers = {
   hello(message) {
     live.hello(message);
     offer((controllers = message.controllers));
+    setup.offer(message);
     showStatus();
   },
   history: (message) => live.history(message),
@@ -52,6 +55,7 @@ const takers = {
   frame: (message) => live.frame(message),
   riders: (message) => (live.riders = message.riders),
   path: (message) => (live.path = message.points),
+  setup: ({ type, ...values }) => (setup.values = values),
   palette: (message) => (slots = message.slots),
   event(message) {
     live.event(message);
@@ -218,6 +222,8 @@ async function ask(type, fields) {
   answer(link ? await link.ask(type, fields) : { ok: false, message: "This page shows recorded rides: the cockpit rides live." });
 }
 
+const setup = new Setup(ask, () => live.status.who.chosen.name);
+
 /** A control that acts on the live ride; in a bag it does nothing. */
 const acts = (type, fields = () => ({})) => () => player.bag || ask(type, fields());
 
@@ -242,6 +248,7 @@ const actions = {
   race: () => compare(),
   live: () => player.close(),
   bag: () => player.choose(),
+  "set-up": () => player.bag || setup.open(),
   help: () => byId("keys").showModal(),
 };
 for (const [id, action] of Object.entries(actions)) byId(id)?.addEventListener("click", action);
@@ -371,7 +378,7 @@ function draw() {
   const who = bag ? tellBag(bag) : tellLive(live, ended);
   showWho(who, colour);
   showAlarm(who);
-  showLoop(bag ? bag.loop : live.status.loop, row, bag ? undefined : live.status, facts.time_step);
+  showLoop(bag ? bag.loop : live.status.loop, row, bag ? undefined : live.status, facts.time_step, offBy(series, cursor));
   showTrainer(live.trainer, live.training);
   showReward(series, cursor);
   showLegend(series.policiesIn(0, bag ? series.length - 1 : cursor).map((number) => riders[number]).filter(Boolean), colour);
@@ -401,7 +408,9 @@ function drawStage(now) {
   const row = cursor >= 0 ? rowAt(series, time) : null;
   const other = haunt(moment, time);
   const beside = other && other.cursor >= 0 ? { series: other.series, cursor: other.cursor, colour: other.colour, geometry: other.bag.geometry, row: rowAt(other.series, other.time) } : null;
-  views.stage.draw({ ...moment, row, jersey: paint(row?.policy), ghost: beside }, now);
+  const guess = estimateOf(series);
+  const estimate = guess?.known(cursor) ? { series: guess, cursor, colour: colours.ink, geometry: moment.geometry, row: rowAt(guess, time) } : null;
+  views.stage.draw({ ...moment, row, jersey: paint(row?.policy), ghost: beside, estimate }, now);
   drawHorizon(byId("horizon"), row ?? undefined, moment.fallAngle);
 }
 

@@ -1,5 +1,6 @@
 // The map: grid, track by policy, goals, path ahead, and the bicycle.
 
+import { estimateOf } from "./estimate.js";
 import { FONT, begin, colours } from "./theme.js";
 
 const PREVIEW = 3;
@@ -27,6 +28,7 @@ export function drawMap(canvas, view, scene) {
   if (cursor < series.length - 1 && scene.whole) drawTrack(context, view, series, 0, series.length - 1, null);
   if (scene.ghost?.cursor >= 0) drawGhost(context, view, scene.ghost, scene.wheelbase);
   drawTrack(context, view, series, 0, cursor, scene.paint);
+  drawEstimate(context, view, series, cursor, scene.wheelbase);
   for (const mark of scene.marks) drawMark(context, view, mark, scene.radius);
   drawAhead(context, view, scene, row);
   if (row) {
@@ -74,8 +76,8 @@ function stroke(context, colour, points) {
 }
 
 /** Rows closer than a pixel to the last one drawn are left out; a reset, or rows that are missing, break the line. */
-function drawTrack(context, view, series, from, to, paint) {
-  context.lineWidth = paint ? 2.5 : 1.5;
+function drawTrack(context, view, series, from, to, paint, wide = paint ? 2.5 : 1.5) {
+  context.lineWidth = wide;
   let colour = null;
   let [lastX, lastY] = [NaN, NaN];
   context.beginPath();
@@ -102,6 +104,21 @@ function drawGhost(context, view, ghost, wheelbase) {
   context.globalAlpha = 0.5;
   drawTrack(context, view, ghost.series, 0, ghost.cursor, () => ghost.colour);
   drawBicycle(context, view, ghost.series.row(ghost.cursor), { wheelbase });
+  context.globalAlpha = 1;
+}
+
+/** Where the estimator took the bicycle to be: its track, dashed, and the bicycle there. */
+function drawEstimate(context, view, series, cursor, wheelbase) {
+  const estimate = estimateOf(series);
+  if (!estimate?.known(cursor)) return;
+  let first = cursor;
+  while (first > 0 && estimate.known(first - 1)) first--;
+  context.setLineDash([5, 4]);
+  context.globalAlpha = 0.8;
+  drawTrack(context, view, estimate, first, cursor, () => colours.ink, 1.25);
+  context.setLineDash([]);
+  context.globalAlpha = 0.35;
+  drawBicycle(context, view, estimate.row(cursor), { wheelbase });
   context.globalAlpha = 1;
 }
 

@@ -54,8 +54,8 @@ export function showHead(mode, row) {
 
 const spread = (loop, name) => `${shown(loop[`${name}_p50`], 2)} / ${shown(loop[`${name}_p99`], 2)} / ${shown(loop[`${name}_max`], 1)}`;
 
-/** @param loop figures @param row present step @param more status of a live ride, or undefined */
-export function showLoop(loop, row, more, period) {
+/** @param loop figures @param row present step @param more status of a live ride, or undefined @param off of the estimate */
+export function showLoop(loop, row, more, period, off = {}) {
   const panel = byId("loop");
   if (!panel.firstChild) panel.append(Object.assign(document.createElement("dl"), { className: "grid" }));
   const source = row?.source;
@@ -74,6 +74,9 @@ export function showLoop(loop, row, more, period) {
   if (more) {
     facts.push(["controllers", String(more.controllers), more.controllers === 1 ? "" : "bad", more.commands]);
     facts.push(["pages / frames lost", `${more.pages} / ${more.dropped_frames}`, "", "by pages that did not keep up"]);
+  }
+  if (Number.isFinite(off.lean)) {
+    facts.push(["estimate off by", `${shown((off.lean * 180) / Math.PI, 2)}°, ${shown(off.place, 2)} m`, "", "lean and place of the estimate against the truth"]);
   }
   fill(panel.firstChild, facts);
 }

@@ -38,7 +38,8 @@ export class Stage {
     this.world = new World();
     this.eye = new Eye();
     this.bicycle = null;
-    this.ghost = null;
+    /** Translucent bicycles beside it: a `ghost` of another ride, and where the `estimate` takes it to be. */
+    this.others = {};
     this.built = this.dressed = "";
     this.last = this.width = this.height = this.slow = 0;
     this.lost = false;
@@ -99,13 +100,17 @@ export class Stage {
     this.bicycle = new Bicycle(geometry);
     this.dressed = "";
     this.world.scene.add(this.bicycle.group);
-    this.ghost?.dispose();
-    this.ghost = null;
+    for (const name of Object.keys(this.others)) this.drop(name);
+  }
+
+  drop(name) {
+    this.others[name]?.bicycle.dispose();
+    delete this.others[name];
   }
 
   /**
    * @param shown `row` (where the bicycle is), `geometry`, `series`, `cursor`, `paint`, `goal`, `ahead`, `radius`,
-   *   `marks`, `pointed` (row or null), `path` (points that are followed), `jersey` (colour), `ghost` (null, or `row`, `series`, `cursor`, `colour`)
+   *   `marks`, `pointed` (row or null), `path` (points that are followed), `jersey` (colour), `ghost` (null, or `row`, `series`, `cursor`, `colour`), `estimate` (the same)
    * @param {number} now ms
    */
   draw(shown, now) {
@@ -125,32 +130,31 @@ export class Stage {
     world.point(shown.pointed);
     world.follow(shown.path);
     world.track(world.trail, shown.series, shown.row ? shown.cursor : -1, shown.paint, row);
-    this.drawGhost(shown.ghost, shown.geometry);
+    this.drawOther("ghost", shown.ghost, shown.geometry, world.other);
+    this.drawOther("estimate", shown.estimate, shown.geometry, world.estimated);
     eye.look(row, bicycle.size.wheelbase, elapsed);
     if (bicycle.rider) bicycle.rider.visible = eye.mode !== "rider";
     this.renderer.render(world.scene, eye.camera);
   }
 
-  drawGhost(shown, geometry) {
-    const { world } = this;
-    world.other.mesh.visible = Boolean(shown?.row);
+  drawOther(name, shown, geometry, band) {
+    band.mesh.visible = Boolean(shown?.row);
+    const there = this.others[name];
     if (!shown?.row) {
-      if (this.ghost) this.ghost.group.visible = false;
+      if (there) there.bicycle.group.visible = false;
       return;
     }
-    if (this.ghost && this.haunts !== shown.series) {
-      this.ghost.dispose();
-      this.ghost = null;
+    if (there && there.series !== shown.series) this.drop(name);
+    if (!this.others[name]) {
+      const bicycle = new Bicycle(shown.geometry ?? geometry, true);
+      bicycle.tint(shown.colour);
+      this.world.scene.add(bicycle.group);
+      this.others[name] = { bicycle, series: shown.series };
     }
-    this.haunts = shown.series;
-    if (!this.ghost) {
-      this.ghost = new Bicycle(shown.geometry ?? geometry, true);
-      this.ghost.tint(shown.colour);
-      world.scene.add(this.ghost.group);
-    }
-    this.ghost.group.visible = true;
-    this.ghost.pose(shown.row);
-    world.track(world.other, shown.series, shown.cursor, () => shown.colour, shown.row);
+    const { bicycle } = this.others[name];
+    bicycle.group.visible = true;
+    bicycle.pose(shown.row);
+    this.world.track(band, shown.series, shown.cursor, () => shown.colour, shown.row);
   }
 
   /** What a point of the picture shows: `rider`, and the place on the ground, or null. */

@@ -114,6 +114,7 @@ export class World {
     this.ground.receiveShadow = true;
     this.trail = new Band(WIDE);
     this.other = new Band(WIDE);
+    this.estimated = new Band(WIDE / 2);
     this.course = new Band(0.12);
     this.shownCourse = null;
     this.goals = new THREE.Group();
@@ -124,7 +125,7 @@ export class World {
     this.way.frustumCulled = false;
     this.spot = new THREE.Mesh(new THREE.RingGeometry(0.18, 0.28, 32), new THREE.MeshBasicMaterial({ side: THREE.DoubleSide }));
     this.spot.position.z = 0.03;
-    this.scene.add(this.spot, this.course.mesh, this.sky, this.sun, this.sun.target, this.ground, this.trail.mesh, this.other.mesh, this.goals, this.marks, this.way);
+    this.scene.add(this.spot, this.course.mesh, this.sky, this.sun, this.sun.target, this.ground, this.trail.mesh, this.other.mesh, this.estimated.mesh, this.goals, this.marks, this.way);
     this.themed();
   }
 
@@ -204,9 +205,10 @@ export class World {
     let shade = null;
     let policy = null;
     for (let index = first; index <= cursor; index += stride) {
+      if (!Number.isFinite(series.x[index])) continue;
       if (!shade || series.policy[index] !== policy) shade = new THREE.Color(paint((policy = series.policy[index])));
       points.push({ x: series.x[index], y: series.y[index], colour: shade, opacity: 0.9 * (1 - (now - series.t[index]) / TRAIL),
-        broken: index > first && series.t[index] - series.t[index - stride] > 1 + 0.05 * stride || index > first && series.episode[index] !== series.episode[index - stride] });
+        broken: index > first && !Number.isFinite(series.x[index - stride]) || index > first && series.t[index] - series.t[index - stride] > 1 + 0.05 * stride || index > first && series.episode[index] !== series.episode[index - stride] });
     }
     if (here && points.length && Number.isFinite(here.x)) points.push({ x: here.x, y: here.y, colour: shade, opacity: 0.9, broken: Math.hypot(here.x - points.at(-1).x, here.y - points.at(-1).y) > 3 });
     band.draw(points);

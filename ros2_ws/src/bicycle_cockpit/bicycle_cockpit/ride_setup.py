@@ -1,0 +1,181 @@
+"""What a page may choose of the ride itself, and the parameters of the nodes that make it so."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from bicycle_common.types import FASTEST_START
+from bicycle_common.validation import nearest
+from bicycle_controller.control import courses
+from bicycle_sim.plants import registry
+from bicycle_sim.sensors import settings as sensors
+from bicycle_sim.task.scenario import SCENARIOS, Scenario
+
+PLANTS = {
+    "choi": "the paper's bicycle",
+    "whipple": "Whipple-Carvallo model of a measured bicycle",
+    "mujoco": "a measured bicycle in MuJoCo",
+}
+"""Labels for people."""
+MOST_NOISE = 0.2
+"""Largest half width of the noise on the displacement (m)."""
+RATES = (0.05, 10.0)
+"""Bounds of the simulated seconds in a second."""
+
+
+@dataclass(frozen=True)
+class RideSetup:
+    """A ride's conditions."""
+
+    scenario: str = "random-start-random-goal"
+    plant: str = "choi"
+    bicycle: str = ""
+    """Of whipple and mujoco; empty is their default."""
+    sensors: str = ""
+    """Preset of the sensors whose estimate the controller sees; empty shows it the truth."""
+    speed: float = -1.0
+    """m/s at the start; negative is the scenario's."""
+    noise: float = 0.0
+    """m, half width of uniform noise on the displacement; of choi alone."""
+    rate: float = 1.0
+    """Simulated seconds in a second."""
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            ValueError: on one that is not known or out of range, in one line.
+        """
+        _one_of("scenario", self.scenario, SCENARIOS)
+        _one_of("plant", self.plant, PLANTS)
+        _one_of("bicycle", self.bicycle, ("", *registry.bicycles()))
+        _one_of("sensors", self.sensors, ("", *sensors.names()))
+        _within("speed", self.speed, -1.0, FASTEST_START, "m/s")
+        _within("noise", self.noise, 0.0, MOST_NOISE, "m")
+        _within("rate", self.rate, *RATES, "simulated seconds in a second")
+        if self.plant == "choi" and self.bicycle:
+            raise ValueError(f"the paper's bicycle is not {self.bicycle}: choose another model")
+        if self.plant != "choi" and self.noise:
+            raise ValueError("only the paper's bicycle has noise on the displacement")
+
+    def changed(self, values: Mapping[str, Any]) -> RideSetup:
+        """Return the conditions with other values.
+
+        Raises:
+            ValueError: on an unknown name or a bad value.
+        """
+        unknown = sorted(set(values) - set(asdict(self)))
+        if unknown:
+            raise ValueError(f"a ride has no {unknown[0]!r}")
+        return replace(self, **values)
+
+    @property
+    def parameters(self) -> dict[str, str]:
+        """Return values of the nodes' parameters by ``NODE.name``."""
+        return {
+            "simulator.scenario": self.scenario,
+            "simulator.plant": self.plant,
+            "simulator.bicycle": self.bicycle or "''",
+            "simulator.sensors": self.sensors or "''",
+            # A whole number without a point would be taken for an integer.
+            "simulator.start_speed": repr(float(self.speed)),
+            "simulator.displacement_noise": repr(float(self.noise)),
+            "simulator.real_time_factor": repr(float(self.rate)),
+            "controller.state": "estimated" if self.sensors else "truth",
+            "controller.sensors": self.sensors or "mpu6050",
+        }
+
+
+NAMES = {
+    "simulator.scenario": "scenario",
+    "simulator.plant": "plant",
+    "simulator.bicycle": "bicycle",
+    "simulator.sensors": "sensors",
+    "simulator.start_speed": "speed",
+    "simulator.displacement_noise": "noise",
+    "simulator.real_time_factor": "rate",
+}
+"""Fields of `RideSetup` by the parameter that sets them."""
+
+
+def of_parameters(words: Iterable[str]) -> RideSetup:
+    """Return the conditions that ``NODE.name:=value`` ask for, as far as pages know them.
+
+    A value that pages do not offer, such as a bicycle's file, stays out: the pages show the
+    default, and leave the parameter alone unless another value is chosen.
+    """
+    setup = RideSetup()
+    values = dict(word.split(":=", 1) for word in words)
+    for name, field in NAMES.items():  # the plant before its bicycle
+        if name in values:
+            with contextlib.suppress(ValueError):
+                kind = type(getattr(setup, field))
+                setup = setup.changed({field: kind(values[name].strip("'\""))})
+    return setup
+
+
+def merged(words: Iterable[str], setup: RideSetup, before: RideSetup) -> tuple[str, ...]:
+    """Return the parameters of a ride under other conditions.
+
+    Args:
+        words: ``NODE.name:=value`` of the ride before.
+        setup: the conditions.
+        before: those of `words`; a parameter that is the same in both is left as it is.
+    """
+    values = dict(word.split(":=", 1) for word in words)
+    old = before.parameters
+    values |= {name: v for name, v in setup.parameters.items() if v != old[name]}
+    return tuple(f"{name}:={value}" for name, value in values.items())
+
+
+def with_policy(words: Iterable[str], path: str) -> tuple[str, ...]:
+    """Return the parameters with another policy; an empty path leaves them as they are."""
+    kept = tuple(word for word in words if not (path and word.startswith("controller.policy:=")))
+    return (*kept, f"controller.policy:={path}") if path else kept
+
+
+def command(setup: RideSetup, before: RideSetup) -> str:
+    """Return what to type where the cockpit has not started the ride."""
+    words = merged((), setup, before)
+    nodes = {"simulator": "sim.sh", "controller": "controller.sh"}
+    lines = []
+    for node, script in nodes.items():
+        own = [word.removeprefix(f"{node}.") for word in words if word.startswith(f"{node}.")]
+        if own:
+            lines.append(" ".join([f"./ros2_ws/{script}", *own]))
+    return " and ".join(lines)
+
+
+def choices() -> dict[str, Any]:
+    """Return what a page can choose from: names with labels."""
+    return {
+        "scenarios": [[name, _scenario(one)] for name, one in SCENARIOS.items()],
+        "plants": [list(item) for item in PLANTS.items()],
+        "bicycles": [list(item) for item in registry.bicycles().items()],
+        "sensors": sensors.names(),
+        "courses": courses.names(),
+        "fastest": FASTEST_START,
+    }
+
+
+def _scenario(one: Scenario) -> str:
+    """Return a scenario in words: its speed and what may be moved."""
+    body = f", body ±{100 * one.displacement_limit:g} cm" if one.displacement_limit else ""
+    pedals = ", pedals" if one.pedal_limit else ", fixed speed"
+    return f"{one.name}: {one.start_speed:.2g} m/s{body}{pedals}"
+
+
+def _one_of(name: str, value: object, known: Iterable[str]) -> None:
+    listed = list(known)
+    if value not in listed:
+        hint = nearest(str(value), listed)
+        raise ValueError(f"{name} is {str(value)[:60]!r}{hint}, which is not offered")
+
+
+def _within(name: str, value: float, low: float, high: float, unit: str) -> None:
+    if not (math.isfinite(value) and low <= value <= high):
+        raise ValueError(f"{name} is {value:g}, not {low:g} to {high:g} {unit}")

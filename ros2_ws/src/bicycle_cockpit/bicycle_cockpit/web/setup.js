@@ -1,0 +1,83 @@
+// The conditions of the ride: bicycle, scenario, speed, sensors, noise, pace; and the courses to ride along.
+
+const byId = (id) => document.getElementById(id);
+const WORDS = ["scenario", "plant", "bicycle", "sensors"];
+/** Controllers that ride where those trained for the paper's bicycle do not, or need no truth. */
+const ANY = "any-bicycle";
+const CLASSICAL = "lqr";
+
+const options = (pairs) => pairs.map(([name, label]) => Object.assign(new Option(label, name), { title: name }));
+
+export class Setup {
+  /**
+   * @param {(type: string, fields: object) => Promise<void>} ask the cockpit
+   * @param {() => string} chosen the name of the controller in charge
+   */
+  constructor(ask, chosen) {
+    this.ask = ask;
+    this.chosen = chosen;
+    this.controllers = [];
+    this.values = null;
+    byId("setup-form").addEventListener("submit", () => this.send());
+    byId("setup-plant").addEventListener("change", () => this.suit());
+    byId("setup-sensors").addEventListener("change", () => this.suit());
+    byId("course").addEventListener("change", () => this.follow());
+  }
+
+  /** What can be chosen, as the cockpit's greeting says. */
+  offer({ setups, setup, controllers }) {
+    const { scenarios, plants, bicycles, sensors, courses, fastest } = setups;
+    byId("setup-scenario").replaceChildren(...options(scenarios));
+    byId("setup-plant").replaceChildren(...options(plants));
+    byId("setup-bicycle").replaceChildren(...options(bicycles.map(([name, about]) => [name, `${name}: ${about}`])));
+    byId("setup-sensors").replaceChildren(...options([["", "none: the controller sees the truth"], ...sensors.map((name) => [name, `estimated from ${name}`])]));
+    byId("setup-speed").max = String(fastest);
+    byId("setup-note").hidden = setups.ours;
+    byId("course").replaceChildren(new Option("–", ""), ...options(courses.map((name) => [name, name])));
+    this.groups = [...byId("controller").children].map((child) => child.cloneNode(true));
+    this.controllers = controllers.map(({ name }) => name);
+    this.values = setup;
+  }
+
+  open() {
+    const { values } = this;
+    if (!values) return;
+    for (const name of WORDS) byId(`setup-${name}`).value = values[name];
+    if (!values.bicycle) byId("setup-bicycle").value = "benchmark";
+    byId("setup-speed").value = values.speed < 0 ? "" : String(values.speed);
+    byId("setup-noise").value = String(Math.round(1e4 * values.noise) / 100);
+    byId("setup-rate").value = String(values.rate);
+    byId("setup-controller").replaceChildren(...this.groups.map((child) => child.cloneNode(true)));
+    byId("setup-controller").value = this.controllers.includes(this.chosen()) ? this.chosen() : "";
+    this.allow();
+    byId("setup").showModal();
+  }
+
+  /** Only what the model has can be set. */
+  allow() {
+    const paper = byId("setup-plant").value === "choi";
+    byId("setup-bicycle").disabled = paper;
+    byId("setup-noise").disabled = !paper;
+    if (!paper) byId("setup-noise").value = "0";
+  }
+
+  /** Proposes a controller that rides it; whoever rides can be chosen after that. */
+  suit() {
+    this.allow();
+    const trained = byId("setup-plant").value === "choi" ? "fixed-speed" : ANY;
+    byId("setup-controller").value = byId("setup-sensors").value ? CLASSICAL : trained;
+  }
+
+  send() {
+    const number = (id, otherwise) => (byId(id).value === "" ? otherwise : Number(byId(id).value));
+    const fields = Object.fromEntries(WORDS.map((name) => [name, byId(`setup-${name}`).value]));
+    if (fields.plant === "choi" || (fields.bicycle === "benchmark" && !this.values.bicycle)) fields.bicycle = "";
+    this.ask("setup", { ...fields, speed: number("setup-speed", -1), noise: number("setup-noise", 0) / 100, rate: number("setup-rate", 1), controller: byId("setup-controller").value });
+  }
+
+  follow() {
+    const name = byId("course").value;
+    byId("course").value = "";
+    if (name) this.ask("course", { name });
+  }
+}
