@@ -105,15 +105,6 @@ def test_the_packages_that_the_page_installs_name_all_they_import(site: Path) ->
         assert f"Provides-Extra: {extra}" in found
 
 
-def test_the_api_pages_are_made_of_the_docstrings(tmp_path: Path) -> None:
-    pytest.importorskip("mkdocs")
-    words = ["build", "--strict", "--quiet", "--site-dir", str(tmp_path / "site")]
-    subprocess.run([sys.executable, "-m", "mkdocs", *words], cwd=ROOT, check=True)
-    page = (tmp_path / "site" / "environments" / "index.html").read_text()
-    assert "Balance a bicycle and ride it to a goal" in page
-    assert "reset_mask" in page
-
-
 def test_the_citation_has_what_the_format_asks_for() -> None:
     import yaml
 

@@ -1,0 +1,91 @@
+"""The documentation as one site: built from scratch, its links, and axe-core's rules."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("mkdocs")
+
+from axe_rules import problems
+from chromium import BrowserContext, chromium
+from node_process import NodeProcess
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the built site."""
+    folder = tmp_path_factory.mktemp("docs") / "site"
+    words = ["build", "--strict", "--quiet", "--site-dir", str(folder)]
+    subprocess.run([sys.executable, "-m", "mkdocs", *words], cwd=ROOT, check=True)
+    return folder
+
+
+def test_the_api_pages_are_made_of_the_docstrings(site: Path) -> None:
+    page = (site / "api" / "environments" / "index.html").read_text()
+    assert "Balance a bicycle and ride it to a goal" in page
+    assert "reset_mask" in page
+
+
+def test_every_page_is_on_the_site_and_the_first_one_leads_to_the_tutorials(site: Path) -> None:
+    start = (site / "index.html").read_text()
+    for page in (ROOT / "docs").glob("*.md"):
+        made = site / "index.html" if page.stem == "index" else site / page.stem / "index.html"
+        assert made.is_file(), page.name
+    for page in (ROOT / "docs" / "tutorials").glob("*.md"):
+        assert f'href="tutorials/{page.stem}/"' in start, page.name
+
+
+def test_a_link_out_of_the_docs_keeps_its_text_and_names_the_file(site: Path) -> None:
+    page = (site / "paths" / "index.html").read_text()
+    name = "bicycle_controller/bicycle_controller/control/courses.py"
+    assert re.search(rf'<span class="file" title="{name}">', page)
+
+
+def test_a_link_to_nothing_ends_the_build(tmp_path: Path) -> None:
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / "index.md").write_text("# Start\n\n[gone](../nowhere/gone.py)\n")
+    hook = ROOT / "docs" / "site" / "repository_links.py"
+    (tmp_path / "mkdocs.yml").write_text(f"site_name: x\nhooks: [{hook}]\n")
+    words = [sys.executable, "-m", "mkdocs", "build", "--strict"]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode != 0
+    assert "index.md links to ../nowhere/gone.py, which does not exist" in done.stderr
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[BrowserContext]:
+    with chromium() as context:
+        yield context
+
+
+@pytest.fixture(scope="module")
+def address(site: Path) -> Iterator[str]:
+    server = [sys.executable, "-m", "http.server", "0", "--bind", "127.0.0.1"]
+    with NodeProcess(server, cwd=site) as process:
+        port = process.wait_for_line(r"port (\d+)")[1]
+        yield f"http://127.0.0.1:{port}/"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("page", ["", "tutorials/first-ride/", "performance/", "api/plants/"])
+def test_the_site_breaks_no_rule(
+    browser: BrowserContext, address: str, page: str, scheme: Any
+) -> None:
+    made = browser.new_page()
+    made.emulate_media(color_scheme=scheme, reduced_motion="reduce")
+    made.goto(address + page)
+    assert problems(made) == []
+    made.set_viewport_size({"width": 390, "height": 844})
+    assert made.evaluate("() => document.documentElement.scrollWidth <= innerWidth + 1")
+    made.close()
