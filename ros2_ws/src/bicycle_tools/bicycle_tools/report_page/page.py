@@ -7,7 +7,7 @@ from datetime import datetime, timezone
 from html import escape
 from pathlib import Path
 
-from bicycle_tools.report_page import tables
+from bicycle_tools.report_page import explorer, tables
 from bicycle_tools.report_page.drawing_files import DRAWINGS, svg
 from bicycle_tools.report_page.loading import RidePage
 
@@ -40,18 +40,26 @@ def html(pages: Sequence[RidePage], step: Callable[[], object] = lambda: None) -
     title = escape(title_of(pages))
     parts = [_head(title), *(_ride_line(page) for page in pages)]
     parts += [_section("In numbers", tables.figures(pages))]
+    together = explorer.explorer(pages)
+    if together:
+        parts.append(_section("Rides together" if len(pages) > 1 else "Look into it", together))
     for drawing in DRAWINGS:
         note = f"<p><small>{KEY}</small></p>" if drawing.title == "State" else ""
-        parts.append(_section(drawing.title, note + f"<figure>{svg(drawing, pages)}</figure>"))
+        still = f"{note}<figure>{svg(drawing, pages)}</figure>"
+        if together and drawing.title != "Timing":
+            still = f'<details class="still" open><summary>as a picture</summary>{still}</details>'
+        parts.append(_section(drawing.title, still))
         step()
     parts += [_section(name, "".join(_columns(pages, make))) for name, make in SECTIONS]
-    return "\n".join([*parts, "</main></body></html>\n"])
+    end = f"</main><script>\n{explorer.script()}</script></body></html>\n"
+    return "\n".join([*parts, end])
 
 
 def _head(title: str) -> str:
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f'<meta http-equiv="Content-Security-Policy" content="{explorer.policy()}">\n'
         f"<title>Ride report: {title}</title>\n<style>\n{STYLE.read_text(encoding='utf-8')}"
         f"</style></head>\n<body><main>\n<h1>Ride report</h1>"
     )

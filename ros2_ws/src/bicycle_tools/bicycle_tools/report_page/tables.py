@@ -33,7 +33,10 @@ def table(
     head = "".join(_head(text, kind) for text, kind in zip(heads, kinds, strict=True))
     body = "".join(
         "<tr>"
-        + "".join(f'<td class="{k}">{c}</td>' for c, k in zip(line, kinds, strict=True))
+        + "".join(
+            f'<td class="{k}" data-head="{escape(h)}">{c}</td>'
+            for c, k, h in zip(line, kinds, heads, strict=True)
+        )
         + "</tr>\n"
         for line in lines[:MOST_ROWS]
     )
