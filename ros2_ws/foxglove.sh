@@ -1,11 +1,12 @@
 #!/usr/bin/env bash
-# Serves all topics to Foxglove by its own WebSocket protocol, and takes goals from its panels.
+# Serves all topics to Foxglove by its own WebSocket protocol; takes goals and calls from its panels if told to.
 #
 # Usage: foxglove.sh [name:=value]... [parameters.yaml]... [__ns:=/name] [--ros-args ...]
 #
 # Examples: foxglove.sh                    then open ws://127.0.0.1:8765 in Foxglove, with the layout
 #                                          src/bicycle_bringup/config/foxglove-layout.json
-#           foxglove.sh publish:=false     only shows: no goals from clients
+#           foxglove.sh publish:=true      also takes goals, poses and service calls; any web page open on
+#                                          this machine could then send them, too
 #
 # Needs foxglove-sdk, once: setup.sh --with foxglove. Listens on this machine alone unless host:= says
 # otherwise. Ctrl-C or stop.sh ends it.

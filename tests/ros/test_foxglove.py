@@ -39,7 +39,7 @@ def serve(start_node: Start, *words: str) -> tuple[NodeProcess, int]:
 
 @pytest.fixture
 def client(start_node: Start, bicycle: None) -> Iterator[FoxgloveClient]:
-    _, port = serve(start_node)
+    _, port = serve(start_node, "publish:=true")
     result = FoxgloveClient(port)
     yield result
     result.close()
@@ -68,6 +68,7 @@ def test_topics_come_as_they_are_with_their_definitions(
     assert channel["schemaName"] == "bicycle_msgs/msg/BicycleState"
     assert channel["schema"] == Schemas().definition("bicycle_msgs/msg/BicycleState")
     assert "clientPublish" in client.info["capabilities"]
+    assert "services" in client.info["capabilities"]
     assert set(client.info["supportedEncodings"]) == {"json", "cdr"}
 
 
@@ -138,19 +139,50 @@ def test_what_is_no_goal_is_refused_with_the_reason(client: FoxgloveClient) -> N
     assert all(message.status != 7 for message in client.messages[STATUS])
 
 
-def test_it_only_shows_where_it_is_told_so(start_node: Start, bicycle: None) -> None:
-    _, port = serve(start_node, "publish:=false", "topics:=^/bicycle/")
+def test_it_only_shows_unless_it_is_told_otherwise(start_node: Start, bicycle: None) -> None:
+    _, port = serve(start_node, "topics:=^/bicycle/")
     start_node(WORKSPACE / "goal.sh", FAR)
     client = FoxgloveClient(port)
     client.subscribe(STATE)
     client.until(lambda: client.messages.get(STATE))
     assert client.info["capabilities"] == []
+    assert client.services == {}
+    client.offer(1, "/goal_pose", POSE)
+    client.publish(1, goal(12, 0))
+    client.until(lambda: client.statuses)
+    assert "publish" in client.statuses[0].lower()
     assert all(topic.startswith("/bicycle/") for topic in client.channels)
     client.close()
 
 
+def test_services_are_called_in_json(client: FoxgloveClient) -> None:
+    client.subscribe(STATE)
+    client.until(lambda: {"/bicycle/reset", "/bicycle/push"} <= set(client.services))
+    offer = client.services["/bicycle/reset"]
+    assert offer["type"] == "bicycle_msgs/srv/Reset"
+    schema = json.loads(offer["request"]["schema"])
+    assert schema["properties"]["random_start"] == {"type": "boolean", "default": False}
+    place = {"pose": {"position": {"x": 3.0, "y": 4.0}}, "speed": -1.0, "seed": -1}
+    answer = client.call("/bicycle/reset", place)
+    assert answer["success"], answer
+    client.until(lambda: [s for s in client.messages[STATE] if s.rear_contact.x == 3.0])
+    refused = client.call("/bicycle/push", {"lean_rate": 99.0})
+    assert not refused["success"]
+    assert "99" in refused["message"]
+    assert "no field 'rate'" in client.call("/bicycle/push", {"rate": 1})
+    assert "must be true or false" in client.call("/bicycle/pause", {"data": "yes"})
+
+
+def test_a_service_that_nobody_offers_is_told(start_node: Start, ros_domain: int) -> None:
+    _, port = serve(start_node, "publish:=true")
+    client = FoxgloveClient(port)
+    client.until(lambda: client.services)
+    assert "start sim.sh" in client.call("/bicycle/pause", {"data": True})
+    client.close()
+
+
 def test_a_goal_that_nobody_takes_is_told(start_node: Start, ros_domain: int) -> None:
-    _, port = serve(start_node)
+    _, port = serve(start_node, "publish:=true")
     client = FoxgloveClient(port)
     client.offer(1, "/goal_pose", POSE)
     client.publish(1, goal(12, 0))

@@ -11,11 +11,13 @@ import yaml
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry, Path
 from rclpy.qos import DurabilityPolicy
+from std_msgs.msg import String
 from visualization_msgs.msg import Marker, MarkerArray
 
 from bicycle_common.node_commands import config_folder
 from bicycle_common.nodes import topics
 from bicycle_common.nodes.topics import ODOM_FRAME, TOPICS, Topic
+from bicycle_tools.nodes.filling import filled
 
 pytestmark = pytest.mark.ros
 
@@ -28,11 +30,21 @@ IN_RVIZ = {
     "Odometry": Odometry,
     "Pose": PoseStamped,
     "Path": Path,
+    "RobotModel": String,
     "SetGoal": PoseStamped,
     "SetInitialPose": PoseWithCovarianceStamped,
 }
+RVIZ_CLASSES = {
+    *("Grid", "Marker", "MarkerArray", "Odometry", "Path", "Pose", "RobotModel", "TF"),
+    *("MoveCamera", "Measure", "SetInitialPose", "SetGoal", "Orbit"),
+}
+URDF_FRAMES = ("base_footprint", "base_link")
 UNUSED = ("/clicked_point",)
 """Foxglove's panel has a place for it; this stack does not hear it."""
+MATHS = ("@rad2deg",)
+"""Functions of Foxglove's message paths that the layout uses."""
+CALLED = (topics.RESET, topics.PUSH)
+SERVICES = {f"/{one.name}": one for one in CALLED}
 
 
 def texts(value: Any) -> Iterator[str]:
@@ -48,7 +60,9 @@ def texts(value: Any) -> Iterator[str]:
             yield from texts(item)
 
 
-PATHS = sorted({text for text in texts(LAYOUT) if text.startswith("/")} - set(UNUSED))
+PATHS = sorted(
+    {text for text in texts(LAYOUT) if text.startswith("/")} - set(UNUSED) - set(SERVICES)
+)
 
 
 @pytest.mark.parametrize("path", PATHS)
@@ -56,6 +70,10 @@ def test_foxgloves_layout_names_topics_and_fields_that_exist(path: str) -> None:
     topic, *fields = path.split(".")
     message = TOPIC[topic].type()
     for field in fields:
+        if field in MATHS:
+            assert field == fields[-1]
+            assert isinstance(message, float)
+            continue
         assert field in message.get_fields_and_field_types()
         message = getattr(message, field)
 
@@ -66,6 +84,7 @@ def test_foxgloves_layout_shows_state_markers_command_and_goal() -> None:
         *(topics.STATE, topics.COMMAND, topics.MARKERS, topics.ACTIVE_GOAL),
         *(topics.GOAL_MARKER, topics.COMMAND_ECHO),
         *(topics.GOAL_STATUS, topics.TIMING, topics.DIAGNOSTICS),
+        *(topics.HAND_OVER, topics.ROBOT_DESCRIPTION, topics.FOLLOWED_PATH),
     )
     assert {f"/{topic.name.lstrip('/')}" for topic in wanted} <= shown
 
@@ -75,11 +94,66 @@ def test_foxgloves_layout_sends_goals_that_the_stack_takes() -> None:
     publish = panels["3D!bicycle"]["publish"]
     assert publish["poseTopic"] == f"/{topics.GOAL_POSE.name}"
     assert publish["poseEstimateTopic"] == f"/{topics.INITIAL_POSE.name}"
-    assert panels["3D!bicycle"]["followTf"] == ODOM_FRAME
+    assert panels["3D!bicycle"]["followTf"] in URDF_FRAMES
+    assert panels["3D!bicycle"]["fixedFrame"] == ODOM_FRAME
     button = panels["Publish!goal"]
     assert button["datatype"] == "geometry_msgs/msg/PoseStamped"
     assert TOPIC[button["topicName"]].type is PoseStamped
     assert json.loads(button["value"])["header"]["frame_id"] in topics.GOAL_FRAMES
+
+
+def test_foxgloves_layout_calls_services_that_are_offered() -> None:
+    calls = [v for k, v in LAYOUT["configById"].items() if k.startswith("CallService!")]
+    assert {one["serviceName"] for one in calls} == {"/bicycle/reset", "/bicycle/push"}
+    for one in calls:
+        filled(SERVICES[one["serviceName"]].type.Request, one["requestPayload"])
+
+
+PANELS = {
+    "3D": "ThreeDeeConfig",
+    "Plot": "PlotConfig",
+    "RawMessages": "RawMessagesConfig",
+    "StateTransitions": "StateTransitionsConfig",
+    "DiagnosticSummary": "DiagnosticsSummaryConfig",
+    "Publish": "PublishConfig",
+    "CallService": "ServiceCallConfig",
+}
+"""Panels by their name in a layout file, and the SDK's definition of their settings."""
+TITLE = {"title"}
+"""Of a panel's frame, not of its settings."""
+OF_TOPIC = {
+    "/robot_description": "BaseRendererUrdfTopicSettings",
+    "/bicycle/markers": "BaseRendererRosMarkerTopicSettings",
+    "/bicycle/goal_marker": "BaseRendererRosMarkerTopicSettings",
+    "/bicycle/active_goal": "BaseRendererPoseTopicSettings",
+    "/goal_path": "BaseRendererPosesTopicSettings",
+    "/bicycle/path": "BaseRendererPosesTopicSettings",
+}
+
+
+@pytest.mark.parametrize("panel", LAYOUT["configById"])
+def test_foxgloves_sdk_defines_every_setting_of_the_layout(panel: str) -> None:
+    """`foxglove.layouts` is generated from the app's own types."""
+    layouts = pytest.importorskip("foxglove.layouts")
+
+    def keys(name: str) -> set[str]:
+        return set(getattr(layouts, name)()._to_dict())
+
+    config = LAYOUT["configById"][panel]
+    assert set(config) - TITLE <= keys(PANELS[panel.partition("!")[0]])
+    series = {"Plot": "PlotSeries", "StateTransitions": "StateTransitionsSeries"}
+    for path in config.get("paths", ()):
+        assert set(path) <= keys(series[panel.partition("!")[0]])
+    if panel.startswith("3D"):
+        assert set(config["cameraState"]) <= keys("ThreeDeeCameraState")
+        assert set(config["publish"]) <= keys("ThreeDeePublishSettings")
+        assert set(config["scene"]) <= keys("BaseRendererSceneSettings")
+        assert set(config["scene"]["transforms"]) <= keys("BaseRendererTransforms")
+        for layer in config["layers"].values():
+            assert set(layer) <= keys("BaseRendererGridLayerSettings")
+        assert set(config["topics"]) == set(OF_TOPIC)
+        for topic, settings in config["topics"].items():
+            assert set(settings) <= keys(OF_TOPIC[topic])
 
 
 def test_foxgloves_layout_places_every_panel_once() -> None:
@@ -93,19 +167,32 @@ def test_foxgloves_layout_places_every_panel_once() -> None:
     assert sorted(leaves(LAYOUT["layout"])) == sorted(LAYOUT["configById"])
 
 
+def topic_of(item: dict[str, Any]) -> Any:
+    return item.get("Topic", item.get("Description Topic"))
+
+
 def with_topics() -> list[Any]:
-    return [item for item in [*RVIZ["Displays"], *RVIZ["Tools"]] if "Topic" in item]
+    return [item for item in [*RVIZ["Displays"], *RVIZ["Tools"]] if topic_of(item)]
 
 
 @pytest.mark.parametrize("item", with_topics(), ids=lambda item: item["Class"].split("/")[1])
 def test_rviz_shows_and_sends_what_the_topics_carry(item: dict[str, Any]) -> None:
-    topic = TOPIC[item["Topic"]["Value"]]
+    topic = TOPIC[topic_of(item)["Value"]]
     assert topic.type is IN_RVIZ[item["Class"].split("/")[1]]
     latched = topic.publish.durability == DurabilityPolicy.TRANSIENT_LOCAL
-    assert item["Topic"]["Durability Policy"] == ("Transient Local" if latched else "Volatile")
+    assert topic_of(item)["Durability Policy"] == ("Transient Local" if latched else "Volatile")
 
 
 def test_rviz_has_the_goal_and_the_frame() -> None:
     kinds = {item["Class"].split("/")[1] for item in with_topics()}
     assert kinds == set(IN_RVIZ)
     assert RVIZ["Global Options"]["Fixed Frame"] == ODOM_FRAME
+    assert RVIZ["Views"]["Current"]["Target Frame"] in URDF_FRAMES
+
+
+def test_rviz_has_a_class_for_each() -> None:
+    """Names of `rviz_default_plugins/plugins_description.xml` of Jazzy."""
+    used = {item["Class"] for item in [*RVIZ["Displays"], *RVIZ["Tools"]]}
+    used.add(RVIZ["Views"]["Current"]["Class"])
+    assert {one.partition("/")[0] for one in used} == {"rviz_default_plugins"}
+    assert {one.partition("/")[2] for one in used} <= RVIZ_CLASSES

@@ -16,6 +16,7 @@ from waiting import PATIENCE
 
 PROTOCOL = "foxglove.sdk.v1"
 MESSAGE_DATA = 1
+SERVICE_REQUEST, SERVICE_RESPONSE = 2, 3
 UNKNOWN_CHANNEL = re.compile(r"Unknown channel ID: (\d+)")
 
 
@@ -42,6 +43,8 @@ class FoxgloveClient:
         self.messages: dict[str, list[Any]] = {}
         self.raw: dict[str, list[bytes]] = {}
         self.statuses: list[str] = []
+        self.services: dict[str, dict[str, Any]] = {}
+        self._answers: dict[int, Any] = {}
         self._topics: dict[int, str] = {}
         self._again: list[int] = []
         self._decode: dict[str, Callable[[bytes], Any]] = {}
@@ -77,12 +80,19 @@ class FoxgloveClient:
             topic, data = self._topics[number], message.data[13:]
             self.raw.setdefault(topic, []).append(data)
             self.messages.setdefault(topic, []).append(self._decode[topic](data))
+        elif message.type == aiohttp.WSMsgType.BINARY and message.data[0] == SERVICE_RESPONSE:
+            _, _, call, length = struct.unpack_from("<BIII", message.data)
+            self._answers[call] = json.loads(message.data[13 + length :])
         elif message.type == aiohttp.WSMsgType.TEXT:
             said = json.loads(message.data)
             if said["op"] == "serverInfo":
                 self.info = said
             elif said["op"] == "advertise":
                 self.channels.update({item["topic"]: item for item in said["channels"]})
+            elif said["op"] == "advertiseServices":
+                self.services.update({item["name"]: item for item in said["services"]})
+            elif said["op"] == "serviceCallFailure":
+                self._answers[said["callId"]] = said["message"]
             elif said["op"] == "status":
                 self._hear(said["message"])
         else:
@@ -102,6 +112,13 @@ class FoxgloveClient:
     def send(self, **said: Any) -> None:
         """Send one command in JSON."""
         self._run(self._socket.send_str(json.dumps(said)))
+
+    def call(self, name: str, values: Any) -> Any:
+        """Call a service in JSON; return its answer, or why there is none as a text."""
+        number = len(self._answers) + 1
+        head = struct.pack("<BIII", SERVICE_REQUEST, self.services[name]["id"], number, 4)
+        self._run(self._socket.send_bytes(head + b"json" + json.dumps(values).encode()))
+        return self.until(lambda: self._answers.get(number))
 
     def subscribe(self, topic: str) -> None:
         """Ask for a topic, once it is advertised."""

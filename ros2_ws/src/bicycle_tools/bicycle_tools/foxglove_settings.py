@@ -17,7 +17,11 @@ class FoxgloveSettings:
         "127.0.0.1", "address to listen on; anything but loopback lets other machines in"
     )
     port: int = parameter(8765, "to listen on; 0 takes a free one", 0, 65535)
-    publish: bool = parameter(True, "clients may send goals and poses; false only shows")
+    publish: bool = parameter(
+        False,
+        "clients may send goals and poses and call services; any web page open on this machine "
+        "is one, for the protocol does not say whose it is",
+    )
     topics: str = parameter("", "regular expression that shown topics contain; empty shows all")
     backlog: int = parameter(
         256, "messages kept for a client that is slow, then the oldest go", 8, 65536

@@ -239,10 +239,15 @@ class Hearing:
             if self._path != self._shown_path:
                 self._show_path(self._path)
             return
+        told = f"path {status.name}".rstrip()
+        if status.status == PathStatus.REJECTED:
+            # It is latched: a new cockpit hears of those before its start, too.
+            if time.monotonic() - self._began > OLD_NEWS:
+                self._tell("bad", f"{told} refused: {status.message}", kind="path")
+            return
         if self._shown_path:
             self._show_path([])
             finished = status.status == PathStatus.FINISHED
-            told = f"path {status.name}".rstrip()
             self._tell("good" if finished else "warn", f"{told}: {status.message}", kind="path")
 
     def _show_path(self, points: list[list[float | None]]) -> None:

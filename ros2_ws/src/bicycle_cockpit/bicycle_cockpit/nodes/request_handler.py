@@ -314,7 +314,7 @@ class RequestHandler:
 
             def words(handle: Any) -> str:
                 if handle.accepted:
-                    return f"rides the course {request.name}{self._held_up()}"
+                    return f"the course {request.name} is sent{self._held_up()}"
                 return f"the course {request.name} was refused: see Events"
 
             self._calls.append(_Call(future, time.monotonic(), reply, name, words))

@@ -59,7 +59,7 @@ const takers = {
   palette: (message) => (slots = message.slots),
   event(message) {
     live.event(message);
-    if (message.kind === "process") answer({ ok: message.level !== "bad", message: message.text });
+    if (message.kind === "process" || (message.kind === "path" && message.level === "bad")) answer({ ok: message.level !== "bad", message: message.text });
     if (message.kind === "end") ended = `${message.text}. Start it again: this page comes back by itself.`;
   },
   status(message) {

@@ -44,6 +44,7 @@ from bicycle_common.parameters import describe
 from bicycle_tools.foxglove_pose import MOST_BYTES, parse_pose
 from bicycle_tools.foxglove_settings import FoxgloveSettings
 from bicycle_tools.nodes.foxglove_relay import Relay
+from bicycle_tools.nodes.foxglove_services import Services
 
 NAME = "bicycle_foxglove"
 DISCOVERY = 0.5
@@ -114,12 +115,15 @@ class FoxgloveServer(Node):
 
     def _start(self) -> WebSocketServer:
         settings = self._settings
+        services = Services(self, self._put).offers if settings.publish else []
+        given = [Capability.ClientPublish, Capability.Services] if settings.publish else []
         try:
             server = foxglove.start_server(
                 name="self-driving bicycle",
                 host=settings.host,
                 port=settings.port,
-                capabilities=[Capability.ClientPublish] if settings.publish else [],
+                capabilities=given,
+                services=services,
                 supported_encodings=["json", "cdr"] if settings.publish else None,
                 server_listener=Listener(self._put, self),
                 context=self._shown,
@@ -138,6 +142,12 @@ class FoxgloveServer(Node):
                 f"{settings.host} is not loopback: whoever reaches this port sees all topics"
                 + (" and sends goals" if settings.publish else "")
             )
+        if settings.publish:
+            self.get_logger().warning(
+                "clients may send goals and call services: so may any web page open here"
+            )
+        else:
+            self.get_logger().info("it only shows; publish:=true takes goals, poses and services")
         return server
 
     def _put(self, call: Callable[[], None]) -> None:
