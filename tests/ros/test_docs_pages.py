@@ -66,12 +66,8 @@ NOT_HERE = (
 )
 """Commands that need root, ROS from apt, a download or a web server; the pages say so."""
 OTHERS = {"docs/rl.md"}
-"""Pages with a test of their own (tests/test_rl_page.py)."""
-DOCS = sorted(
-    path.relative_to(ROOT).as_posix()
-    for folder in ("docs", "docs/tutorials")
-    for path in (ROOT / folder).glob("*.md")
-)
+"""Pages with a test of their own: test_rl_page.py; tutorials have test_tutorials.py."""
+DOCS = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "docs").glob("*.md"))
 ROAD = "\n".join(
     (
         '<gpx version="1.1" creator="test"><trk><trkseg>',
