@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 from bicycle_cockpit.server import WEB
+from bicycle_sim.task import render
 
 VENDOR = WEB / "vendor"
 SETUP = Path(__file__).resolve().parents[2] / "ros2_ws" / "src" / "bicycle_cockpit" / "setup.py"
@@ -34,3 +35,15 @@ def test_every_folder_of_the_page_is_delivered() -> None:
     delivered = set(re.findall(r'"(web(?:/\w+)?)/\*"', SETUP.read_text()))
     folders = {path.parent.relative_to(WEB.parent).as_posix() for path in WEB.rglob("*.*")}
     assert folders == delivered
+
+
+def test_gymnasiums_picture_has_the_colours_of_the_page() -> None:
+    style = (WEB / "style.css").read_text().partition("@media")[0]
+    page = dict(re.findall(r"--(\w+): (#\w+)", style))
+    bicycle = (WEB / "scene" / "bicycle.js").read_text()
+    assert (page["skycolour"], page["ground"]) == (render.SKY, render.GROUND)
+    assert (page["groundline"], page["groundedge"]) == (render.GRID, render.EDGE)
+    assert (page["good"], page["ink"]) == (render.GOAL, render.INK)
+    parts = ("FRAME", "METAL", "TYRE", "RIM", "JERSEY", "SHORTS", "SKIN", "SHOE", "HELMET")
+    for part in parts:
+        assert f'{part.lower()}: make("{getattr(render, part)}"' in bicycle, part

@@ -22,6 +22,8 @@ from gymnasium.vector import AutoresetMode  # noqa: E402
 
 from bicycle_sim.task.gym_env import AUTHORS_SCALE, BicycleEnv, BicycleVectorEnv  # noqa: E402
 from bicycle_sim.task.registration import REWARD_THRESHOLDS  # noqa: E402
+from bicycle_sim.task.render import Renderer  # noqa: E402
+from bicycle_sim.task.scene import Scene  # noqa: E402
 
 NEAR = Scenario(
     "near", Region.point(0.0, 0.0), Region.point(0.0, 1.4), heading_spread=0.0, max_steps=30
@@ -265,6 +267,17 @@ def test_a_picture_shows_the_bicycle() -> None:
     assert np.argwhere(frame(leaning))[:, 1].mean() < np.argwhere(frame(upright))[:, 1].mean(), (
         "to the left"
     )
+
+
+def test_the_legs_pedal_by_the_way_that_was_ridden() -> None:
+    scene = Scene((0.0, 0.0), (1.11, 0.0), 0.0, 0.0, 2.0, (20.0, 3.0), 1.0, 0.34, fallen=False)
+    standing, riding = Renderer(), Renderer(way=0.34 * np.pi)  # a quarter turn of the crank
+    one, other = standing.draw(scene), riding.draw(scene)
+    changed = np.any(one != other, axis=-1)
+    rows, columns = np.nonzero(changed)
+    assert changed.mean() > 0.004
+    assert rows.min() > 180, "only below the hips"
+    assert np.ptp(columns) < 200, "only at the bicycle"
 
 
 def frame(picture: np.ndarray) -> np.ndarray:
