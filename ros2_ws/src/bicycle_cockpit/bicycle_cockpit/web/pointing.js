@@ -1,5 +1,7 @@
 // Mouse, touch and keyboard on the map.
 
+import { listenToFingers } from "./fingers.js";
+
 const SLACK = 8;
 
 /**
@@ -9,67 +11,32 @@ const SLACK = 8;
  *   `moved()` (the view), `mark([x, y])`, `start()` (where the mark begins), `adding()`
  */
 export function listenTo(canvas, view, handlers) {
-  const fingers = new Map();
-  let press = null;
-
-  const place = (event) => {
-    const box = canvas.getBoundingClientRect();
-    return [event.clientX - box.left, event.clientY - box.top];
-  };
-  const drop = () => {
-    press = null;
-    handlers.dragged(null);
-  };
-
-  canvas.addEventListener("contextmenu", (event) => event.preventDefault());
-  canvas.addEventListener("pointerdown", (event) => {
-    canvas.setPointerCapture(event.pointerId);
-    fingers.set(event.pointerId, place(event));
-    if (fingers.size > 1) return drop();
-    press = { at: place(event), shift: event.shiftKey, pan: event.button !== 0, far: false };
-  });
-  canvas.addEventListener("pointermove", (event) => {
-    if (!fingers.has(event.pointerId)) return;
-    const before = fingers.get(event.pointerId);
-    const at = place(event);
-    fingers.set(event.pointerId, at);
-    if (fingers.size > 1) return pinch(event.pointerId, before, at);
-    if (!press) return;
-    if (press.pan) {
-      view.pan(at[0] - before[0], at[1] - before[1]);
-      handlers.moved();
-      return;
-    }
-    press.far ||= Math.hypot(at[0] - press.at[0], at[1] - press.at[1]) > SLACK;
-    if (press.far) handlers.dragged({ from: view.toWorld(...press.at), to: view.toWorld(...at) });
-  });
-  canvas.addEventListener("pointerup", (event) => {
-    fingers.delete(event.pointerId);
-    if (press && !press.pan) {
+  listenToFingers(canvas, {
+    down: (_, event) => ({ shift: event.shiftKey, pan: event.button !== 0 }),
+    drag(press, at, before) {
+      if (press.pan) {
+        view.pan(at[0] - before[0], at[1] - before[1]);
+        handlers.moved();
+      } else if (press.far) handlers.dragged({ from: view.toWorld(...press.at), to: view.toWorld(...at) });
+    },
+    up(press, at) {
+      if (press.pan) return;
       const [x, y] = view.toWorld(...press.at);
-      const [tx, ty] = view.toWorld(...place(event));
+      const [tx, ty] = view.toWorld(...at);
       if (press.shift || handlers.adding()) handlers.waypoint(x, y);
       else handlers.goal(x, y, press.far ? Math.atan2(ty - y, tx - x) : null);
-    }
-    drop();
-  });
-  canvas.addEventListener("pointercancel", (event) => {
-    fingers.delete(event.pointerId);
-    drop();
-  });
-  canvas.addEventListener("wheel", (event) => {
-    event.preventDefault();
-    view.zoom(Math.exp(-0.0015 * event.deltaY), ...place(event));
-    handlers.moved(false);
-  }, { passive: false });
-
-  function pinch(moving, before, at) {
-    const other = [...fingers].find(([id]) => id !== moving)[1];
-    const apart = (point) => Math.hypot(point[0] - other[0], point[1] - other[1]);
-    view.zoom(apart(at) / Math.max(1, apart(before)), (at[0] + other[0]) / 2, (at[1] + other[1]) / 2);
-    view.pan((at[0] - before[0]) / 2, (at[1] - before[1]) / 2);
-    handlers.moved();
-  }
+    },
+    drop: () => handlers.dragged(null),
+    pinch(factor, middle, by) {
+      view.zoom(factor, ...middle);
+      view.pan(...by);
+      handlers.moved();
+    },
+    wheel(delta, at) {
+      view.zoom(Math.exp(-0.0015 * delta), ...at);
+      handlers.moved(false);
+    },
+  }, SLACK);
 
   let mark = null;
   const moves = { ArrowUp: [0, 1], ArrowDown: [0, -1], ArrowLeft: [-1, 0], ArrowRight: [1, 0] };

@@ -21,10 +21,15 @@ function read() {
 /** Calls `changed` when the colours change. */
 export function watchTheme(changed) {
   read();
-  dark.addEventListener("change", () => {
+  const look = () => {
+    const before = JSON.stringify(colours);
     read();
-    changed();
-  });
+    if (JSON.stringify(colours) !== before) changed();
+  };
+  dark.addEventListener("change", look);
+  // Browsers do not tell a tab in the background that the scheme changes.
+  document.addEventListener("visibilitychange", look);
+  addEventListener("focus", look);
 }
 
 /** The colour of a policy by its number in the palette; beyond the named ones, never the same twice. */

@@ -336,6 +336,7 @@
   });
   addEventListener("resize", redraw);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
+  document.addEventListener("visibilitychange", redraw);
   // On a phone the still pictures are closed: this shows the same, readable.
   if (innerWidth <= 640) for (const one of document.querySelectorAll("details.still")) one.open = false;
   show(0, end);
