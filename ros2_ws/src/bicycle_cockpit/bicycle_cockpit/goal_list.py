@@ -33,6 +33,11 @@ class GoalList:
         self._untaken: list[Point2D] | None = None
         self._echoes: deque[list[Point2D]] = deque(maxlen=MOST_ECHOES)
 
+    @property
+    def is_taken(self) -> bool:
+        """Return True if the controller has accepted what was sent last."""
+        return self._untaken is None
+
     def send(self, points: Sequence[Point2D]) -> None:
         """Take in a path, or one goal, that this cockpit sends; the topic returns it later."""
         self._echoes.append(list(points))

@@ -202,12 +202,11 @@ def _word(data: dict[str, Any], name: str, what: str, least: int = 1) -> str:
 
 
 def _set_up(number: int, data: dict[str, Any]) -> Request:
-    words: dict[str, str | float] = {
+    values: dict[str, str | float] = {
         name: _word(data, name, "a name", 0) for name in SETUP_WORDS if name in data
     }
-    numbers = {name: _number(data, name, FARTHEST) for name in SETUP_NUMBERS if name in data}
-    controller = _word(data, "controller", "the name of a controller", 0)
-    return SetUp(number, words | numbers, controller)
+    values.update((n, _number(data, n, FARTHEST)) for n in SETUP_NUMBERS if n in data)
+    return SetUp(number, values, _word(data, "controller", "the name of a controller", 0))
 
 
 _Maker = Callable[[int, dict[str, Any]], Request]

@@ -32,6 +32,11 @@ from bicycle_controller.control.arrival import approach
 
 PATIENCE = 10.0
 """Time limit of a service's answer (s)."""
+RESEND, MOST_RESENT = 2.0, 5
+"""Time after which a goal that no controller has taken is sent again (s), and how often.
+
+A controller that has just started may not hear the topic yet.
+"""
 GOAL_RATE, GOAL_BURST = 4.0, 12.0
 """Rate and burst of goals from all pages together."""
 
@@ -99,6 +104,8 @@ class RequestHandler:
         self.suits = Suits(choices, live)
         self._goal_bucket = RateLimiter(GOAL_RATE, GOAL_BURST)
         self._calls: list[_Call] = []
+        self._sent: tuple[list[Point2D], float | None] = ([], None)
+        self._resent, self._sent_at = 0, 0.0
         self._topics = advertise(node, topics.GOAL_POSE, topics.GOAL_PATH)
         services = (
             topics.PUSH,
@@ -117,6 +124,7 @@ class RequestHandler:
     def look(self) -> None:
         """Answer the calls that have ended or take too long."""
         now = time.monotonic()
+        self._send_again(now)
         for call in list(self._calls):
             if call.future.done():
                 self._calls.remove(call)
@@ -166,11 +174,8 @@ class RequestHandler:
         if self._node.count_publishers(topics.COMMAND.name) == 0:
             reply(False, "no controller runs: start ros2_ws/controller.sh")
             return
-        self._live.goals.send(points)
-        if len(points) == 1:
-            self._topics[topics.GOAL_POSE.name].publish(to_pose(points[0], heading))
-        else:
-            self._topics[topics.GOAL_PATH.name].publish(to_path(points, heading))
+        self._resent, self._sent = 0, (points, heading)
+        self._publish(points, heading)
         if not points:
             reply(True, "goals cleared")
             return
@@ -178,6 +183,22 @@ class RequestHandler:
         plural = "" if before == 1 else "s"
         many = f" by way of {before} point{plural}" if before else ""
         reply(True, f"goal ({x:.1f}, {y:.1f}) sent{many}{self._held_up()}")
+
+    def _publish(self, points: list[Point2D], heading: float | None) -> None:
+        self._sent_at = time.monotonic()
+        self._live.goals.send(points)
+        if len(points) == 1:
+            self._topics[topics.GOAL_POSE.name].publish(to_pose(points[0], heading))
+        else:
+            self._topics[topics.GOAL_PATH.name].publish(to_path(points, heading))
+
+    def _send_again(self, now: float) -> None:
+        """Send goals again that no controller has taken, while the bicycle waits for one."""
+        if self._live.goals.is_taken or self._live.mode != "held":
+            return
+        if self._resent < MOST_RESENT and now - self._sent_at > RESEND and self._sent[0]:
+            self._resent += 1
+            self._publish(*self._sent)
 
     def _held_up(self) -> str:
         """Return why the bicycle does not ride to a goal at once, as the end of a line."""

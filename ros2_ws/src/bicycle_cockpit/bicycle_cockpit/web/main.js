@@ -475,6 +475,13 @@ export function frame(time, camera, kind = "image/jpeg") {
 
 let last = 0;
 let lastStage = 0;
+
+/** One picture of all that is shown, at once; for measurements. */
+export function drawOnce() {
+  draw();
+  if (views.stage) drawStage(performance.now());
+}
+
 function picture(now) {
   requestAnimationFrame(picture);
   if (asked("film")) return;
