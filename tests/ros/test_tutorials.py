@@ -31,7 +31,7 @@ SHORTER = {
     r"bicycle learn \S+ --out": f"--updates 40 --set evaluation.every=20 {TRAINED}",
     "bicycle evaluate": "--episodes 4",
     "bicycle sensing": "--episodes 4 --duration 4 --bicycles browser-rider",
-    r"\./ros2_ws/ride.sh --minutes": "--minutes 3",
+    r"\./ros2_ws/ride.sh --minutes": "--minutes 2.2",
     r"\./ros2_ws/ride.sh --goals": "--goals 1 controller.policy:=lqr",
 }
 """Beginnings of commands, and the words that make them shorter; the last of an option holds."""
