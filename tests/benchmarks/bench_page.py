@@ -1,4 +1,4 @@
-"""How long the cockpit's page takes for a picture, in Chromium without a graphics card.
+"""Time that the cockpit's page takes for a picture, in Chromium without a graphics card.
 
 The script's share (scene, trail, marks, draw calls) is what an ordinary laptop has to do as well;
 the rest is SwiftShader, which draws in software what a graphics card would.

@@ -1,4 +1,4 @@
-"""What a page may choose of the ride, and the nodes' parameters that make it so."""
+"""Conditions of a ride that a page may choose, and the nodes' parameters that make it so."""
 
 from __future__ import annotations
 

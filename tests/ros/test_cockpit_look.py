@@ -1,4 +1,4 @@
-"""What is drawn where and in which colour, in a real browser over a real ride."""
+"""Places and colours of all that is drawn, in a real browser over a real ride."""
 
 from __future__ import annotations
 
