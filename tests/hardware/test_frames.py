@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import struct
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +12,7 @@ from hypothesis import strategies as st
 
 from bicycle_hardware.clock_offset import ClockOffset
 from bicycle_hardware.cobs import stuff, unstuff
-from bicycle_hardware.frames import Actuators, DriverState, Splitter, decode, encode
+from bicycle_hardware.frames import KINDS, Actuators, DriverState, Splitter, decode, encode
 
 
 def test_published_examples_of_the_stuffing() -> None:
@@ -59,6 +62,12 @@ def test_splitter_takes_any_portions_and_counts_losses() -> None:
         stream = stream[size:]
     assert [message.stamp_us for message in found] == [*range(5), *range(7, 20)]  # type: ignore[union-attr]
     assert (made.missing, made.bad) == (2, 1)
+
+
+def test_the_page_has_every_kind_with_its_size() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "wire.md").read_text()
+    for number, kind in KINDS.items():
+        assert f"| {number} | `{kind.__name__}` | {struct.calcsize(kind.layout)} |" in page
 
 
 def test_clock_is_known_from_the_quickest_answer_and_wraps() -> None:

@@ -31,7 +31,7 @@ class Setup:
     """In every command."""
     settings: ControllerSettings
     sensors: SensorSettings | None
-    """What its estimator listens to; None if it sees the truth."""
+    """Sensors of its estimator; None if it sees the truth."""
 
     def to_json(self) -> str:
         """Return everything as JSON; floats keep every bit."""

@@ -83,6 +83,8 @@ class SimulatedBoard:
     """Becomes a link to the pseudo-terminal; None makes none."""
     path: str = ""
     """Of the pseudo-terminal."""
+    age_us: int = 0
+    """us by a real clock from the end of the last period to the last `wait`'s answer."""
     _process: subprocess.Popen[str] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -136,8 +138,9 @@ class SimulatedBoard:
             OSError: if the process has ended.
         """
         answer = self._asked(f"wait {stamp_us & 0xFFFFFFFF} {asked} {milliseconds}\n").split()
-        if len(answer) != 2:
+        if len(answer) != 3:
             raise OSError("the simulated board has ended")
+        self.age_us = int(answer[2])
         return int(answer[0]), int(answer[1])
 
     def restart(self) -> None:

@@ -99,10 +99,14 @@ class Ride:
             RideError: if a process dies that cannot be replaced, or the bicycle stands still.
         """
         self._look_around()
-        self._crew.start()
+        # A microcontroller begins when its driver listens: by then all else must be recorded.
+        begun = [name for name in self._options.modules if name != "driver"]
+        self._crew.start(*begun)
         self._wait("simulator", lambda: self._rider.state is not None)
         self._wait("controller", self._rider.controller_listens)
         self._wait("recorder", lambda: self._rider.recorder_listens(self._recorder))
+        if self._options.bench:
+            self._crew.start("driver")
         self._order()
         self.begun = True
         self._stepped = time.monotonic()

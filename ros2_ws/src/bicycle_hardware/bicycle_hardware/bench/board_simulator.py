@@ -8,6 +8,7 @@ upright, until the microcontroller is armed; then it is pushed off.
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import replace
 from typing import Any
 
@@ -43,6 +44,8 @@ class BoardSimulator(Simulator):
         outputs: what the microcontroller last gave.
         stopped: True while the button for emergencies is pressed.
         held: True while the bicycle stands, before it is pushed off.
+        ages: s by a real clock from the end of a period to the command that answers it, at the
+            microcontroller; in lock-step only, since only there it waits.
     """
 
     def __init__(
@@ -78,6 +81,7 @@ class BoardSimulator(Simulator):
         quick = replace(plant.parameters, time_step=TICK, substeps=substeps)
         self._gear = float(np.max(plant.parameters.drive.gear))
         self._worn = sensors
+        self.ages: deque[float] = deque(maxlen=100_000)
         super().__init__(scenario, WhipplePlant(quick), seed)
 
     @property
@@ -123,7 +127,11 @@ class BoardSimulator(Simulator):
         stamp = self._now_us if ridden else NO_STAMP
         asked = NEVER_ASKED if ridden else self._asked
         answered, now_asked = self.board.wait(stamp, asked, milliseconds)
-        return answered == stamp if ridden else now_asked > self._asked
+        if not ridden:
+            return now_asked > self._asked
+        if answered == stamp and not self.held and lockstep:
+            self.ages.append(1e-6 * self.board.age_us)
+        return answered == stamp
 
     def step(self, command: Command | None, push: float = 0.0) -> BicycleState:
         """Let a control period pass; the first one is a single tick, with which the board begins.

@@ -4,8 +4,9 @@
  * it. Then, for each line "now_us imu_us steer_us wheel_us gx gy gz fx fy fz steer wheel battery stopped" of
  * standard input, takes what has come over the serial line, makes one tick and answers "torque drive mode reasons".
  * The line "wait stamp_us asked milliseconds" lets it listen, without a tick, until a command came that answers that
- * stamp, or more than that many questions for the time; it answers "stamp_us asked" of the last command and the number of questions for the time. The line
- * "restart" is a switch of its power. Ends with standard input.
+ * stamp, or more than that many questions for the time. It answers "stamp_us asked age_us": what the last command
+ * answers, the number of questions, and the real time since the last period ended. The line "restart" is a switch
+ * of its power. Ends with standard input.
  */
 #define _XOPEN_SOURCE 600
 #include <fcntl.h>
@@ -20,6 +21,14 @@
 #include "bicycle_core.h"
 
 static int serial;
+static struct timespec beat; /* when the last period ended */
+
+/* us since the last period ended, by a real clock. */
+static long since_beat(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (now.tv_sec - beat.tv_sec) * 1000000L + (now.tv_nsec - beat.tv_nsec) / 1000;
+}
 
 static void write_serial(void *context, const uint8_t *bytes, size_t count) {
     (void)context;
@@ -92,7 +101,7 @@ int main(int count, char **words) {
         int stopped, milliseconds;
         if (sscanf(text, "wait %u %u %d", &stamp, &asked, &milliseconds) == 3) {
             wait_for(&core, stamp, asked, milliseconds, now);
-            printf("%u %u\n", answered(&core), core.asked);
+            printf("%u %u %ld\n", answered(&core), core.asked, since_beat());
             fflush(stdout);
             continue;
         }
@@ -115,7 +124,9 @@ int main(int count, char **words) {
         in.wheel_us = wheel;
         in.stopped = stopped != 0;
         read_serial(&core, now);
+        uint32_t periods = core.period_number;
         core_tick(&core, &in, now);
+        if (core.period_number != periods) clock_gettime(CLOCK_MONOTONIC, &beat);
         printf("%.9g %.9g %d %d\n", (double)core.applied_torque, (double)core.applied_drive, (int)core.mode,
                (int)core.reasons);
         fflush(stdout);

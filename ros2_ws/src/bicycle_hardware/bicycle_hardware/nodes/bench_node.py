@@ -15,6 +15,7 @@ from rclpy.clock import Clock, ClockType
 from std_srvs.srv import SetBool
 
 from bicycle_common.nodes import topics
+from bicycle_common.nodes.diagnostics import percentiles
 from bicycle_common.nodes.runner import LOOP_EXECUTOR, UserError, run
 from bicycle_common.nodes.topics import serve
 from bicycle_common.parameters import describe, parameter
@@ -102,8 +103,15 @@ class BenchNode(SimNode):
             self.create_timer(LOOK, self._on_due, clock=steady)
 
     def close(self) -> None:
-        """Wait until the last state is received; switch the board off."""
+        """Wait until the last state is received; tell the commands' age; switch the board off."""
         super().close()
+        simulator = self._loop.simulator
+        if isinstance(simulator, BoardSimulator) and simulator.ages:
+            ages = percentiles(list(simulator.ages), "age")
+            self.get_logger().info(
+                f"age of {len(simulator.ages)} commands when they reached the board: median "
+                f"{ages['age p50 (ms)']:.2f} ms, 99 % {ages['age p99 (ms)']:.2f} ms"
+            )
         self._board.close()
 
 

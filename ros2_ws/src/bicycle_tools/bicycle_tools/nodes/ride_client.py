@@ -32,6 +32,8 @@ RECORDED = (
     topics.EPISODE,
     topics.GOAL_STATUS,
     topics.HAND_OVER,
+    topics.ESTIMATE,
+    topics.CONTROLLER_SETUP,
 )
 """Topics of a ride that a bag must contain from the beginning."""
 
