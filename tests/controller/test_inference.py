@@ -21,7 +21,7 @@ def kind(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> typ
     return request.param
 
 
-def made(kind: type, seed: int, norm: bool, halves: str = "no") -> Policy:
+def random_policy(kind: type, seed: int, norm: bool, halves: str = "no") -> Policy:
     """Return a policy of two hidden layers, whose second may be two halves."""
     drawn = make_policy(seed, (32, 24), norm=norm)
     weight = drawn.tensors["layer.1.weight"]
@@ -41,7 +41,7 @@ def test_set_up_has_built_it() -> None:
 @pytest.mark.parametrize("norm", [False, True])
 @pytest.mark.parametrize("halves", ["no", "different", "alike"])
 def test_one_is_a_row_of_many(kind: type, halves: str, norm: bool) -> None:
-    policy = made(kind, 5, norm, halves)
+    policy = random_policy(kind, 5, norm, halves)
     observations = np.random.default_rng(6).normal(size=(50, 6))
     rows = [policy.act(one[None])[0] for one in observations]
     np.testing.assert_allclose(rows, policy.act(observations), rtol=0, atol=1e-6)
@@ -49,7 +49,7 @@ def test_one_is_a_row_of_many(kind: type, halves: str, norm: bool) -> None:
 
 def test_halves_leave_their_zeros_out() -> None:
     for halves, blocks, share in (("no", 1, False), ("different", 2, False), ("alike", 2, True)):
-        forward = made(NativeForward, 5, False, halves)._one
+        forward = random_policy(NativeForward, 5, False, halves)._one
         assert isinstance(forward, NativeForward)
         weights = forward._keep[0][1]
         assert len(weights) == blocks
@@ -59,7 +59,7 @@ def test_halves_leave_their_zeros_out() -> None:
 @pytest.mark.parametrize("norm", [False, True])
 def test_it_sums_in_the_order_of_the_inputs(norm: bool) -> None:
     """Each product and each sum rounded to single precision: any processor gives these bits."""
-    policy = made(NativeForward, 7, norm)
+    policy = random_policy(NativeForward, 7, norm)
     f = np.float32
     epsilon = f(1e-5)
     for observation in np.random.default_rng(8).normal(size=(20, 6)):
@@ -86,7 +86,7 @@ def test_it_sums_in_the_order_of_the_inputs(norm: bool) -> None:
 
 
 def test_answers_are_not_overwritten_by_the_next(kind: type) -> None:
-    policy = made(kind, 1, False)
+    policy = random_policy(kind, 1, False)
     first = policy.act(np.zeros((1, 6)))
     kept = first.copy()
     policy.act(np.ones((1, 6)))
@@ -94,7 +94,7 @@ def test_answers_are_not_overwritten_by_the_next(kind: type) -> None:
 
 
 def test_a_policy_can_be_sent_to_another_process(kind: type) -> None:
-    policy = made(kind, 4, True, "alike")
+    policy = random_policy(kind, 4, True, "alike")
     copy = pickle.loads(pickle.dumps(policy))
     observation = np.ones((1, 6))
     assert copy.policy_id == policy.policy_id
@@ -103,7 +103,7 @@ def test_a_policy_can_be_sent_to_another_process(kind: type) -> None:
 
 @pytest.mark.parametrize("norm", [False, True])
 def test_nan_is_not_hidden(kind: type, norm: bool) -> None:
-    policy = made(kind, 2, norm)
+    policy = random_policy(kind, 2, norm)
     for place in range(6):
         observation = np.zeros((1, 6))
         observation[0, place] = np.nan
@@ -111,7 +111,7 @@ def test_nan_is_not_hidden(kind: type, norm: bool) -> None:
 
 
 def test_single_precision_strides_and_order_do_not_matter(kind: type) -> None:
-    policy = made(kind, 3, False)
+    policy = random_policy(kind, 3, False)
     whole = np.random.default_rng(9).normal(size=(12, 12)).astype(np.float32)
     plain = policy.act(np.ascontiguousarray(whole[:1, ::2]).astype(np.float64))
     np.testing.assert_array_equal(policy.act(whole[:1, ::2]), plain)

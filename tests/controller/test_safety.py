@@ -341,7 +341,7 @@ def driver(policy: object, **changes: object) -> tuple[ControlLoop, Simulator]:
     simulator.reset(InitialPose(0.0, 0.0, 0.0, 2.5))
     config = SafetyConfig(**changes)  # type: ignore[arg-type]
     limits = scenario.action_limits
-    made = ControlLoop(
+    loop = ControlLoop(
         "me",
         policy,  # type: ignore[arg-type]
         GoalTracker(),
@@ -349,17 +349,17 @@ def driver(policy: object, **changes: object) -> tuple[ControlLoop, Simulator]:
         fallback=fitting(limits, ChoiPlant()),
         safety=Safety(config),
     )
-    made.tracker.replace([(0.0, 60.0)])
-    return made, simulator
+    loop.tracker.replace([(0.0, 60.0)])
+    return loop, simulator
 
 
 def drive(
-    made: ControlLoop, simulator: Simulator, steps: int
+    loop: ControlLoop, simulator: Simulator, steps: int
 ) -> tuple[list[ControllerSwitch], list[Status]]:
     told, events = [], []
     for _ in range(steps):
         now = simulator.snapshot
-        answer = made.answer(now, now.step * 0.025, simulator.applied)
+        answer = loop.answer(now, now.step * 0.025, simulator.applied)
         events += [event.status for event in answer.events]
         if answer.hand_over is not None:
             told.append(answer.hand_over)
@@ -369,64 +369,64 @@ def drive(
 
 def test_each_change_of_hands_is_told_once_with_its_reason() -> None:
     policy = Faulty()
-    made, simulator = driver(policy)
-    assert drive(made, simulator, 40) == ([], [Status.ACTIVE])
+    loop, simulator = driver(policy)
+    assert drive(loop, simulator, 40) == ([], [Status.ACTIVE])
     policy.action = (2.0, 0.0, 0.0)
-    (taken,), _ = drive(made, simulator, 30)
+    (taken,), _ = drive(loop, simulator, 30)
     assert taken.reason is Reason.EXTRAPOLATED_LEAN
     assert "rad is beyond" in taken.message
-    assert taken.policy == made.driving == fitting(made.limits, ChoiPlant()).policy_id
+    assert taken.policy == loop.driving == fitting(loop.limits, ChoiPlant()).policy_id
     assert taken.step > 40
     policy.action = None
-    (given,), _ = drive(made, simulator, 200)
-    assert (given.reason, given.policy, made.driving) == (Reason.NONE, "faulty", "")
+    (given,), _ = drive(loop, simulator, 200)
+    assert (given.reason, given.policy, loop.driving) == (Reason.NONE, "faulty", "")
     assert given.count == 1
     assert not simulator.snapshot.fallen
 
 
 def test_a_policy_that_gives_no_number_is_told_once_and_tried_again() -> None:
-    made, simulator = driver(Faulty(math.nan, 0.0, 0.0))
-    told, _ = drive(made, simulator, 100)
+    loop, simulator = driver(Faulty(math.nan, 0.0, 0.0))
+    told, _ = drive(loop, simulator, 100)
     assert [one.reason for one in told] == [Reason.POLICY, Reason.NONE, Reason.POLICY][: len(told)]
     assert "not finite" in told[0].message
-    assert made.handed_over == 100, "no step went without the fallback's answer"
+    assert loop.handed_over == 100, "no step went without the fallback's answer"
 
 
 def test_a_commanded_stop_slows_down_and_waits_for_a_new_goal() -> None:
     policy = Faulty(2.0, 0.0, 0.0)
-    made, simulator = driver(policy, stop=True)
-    told, events = drive(made, simulator, 600)
+    loop, simulator = driver(policy, stop=True)
+    told, events = drive(loop, simulator, 600)
     assert [one.stop for one in told] == [True]
     assert "send a new goal" in told[0].message
     assert events == [Status.ACTIVE, Status.CANCELLED]
     assert simulator.snapshot.speed == pytest.approx(STOP_SPEED, abs=0.05)
     assert not simulator.snapshot.fallen
     policy.action = None
-    made.tracker.replace([(20.0, 80.0)])
-    (given,), _ = drive(made, simulator, 40)
+    loop.tracker.replace([(20.0, 80.0)])
+    (given,), _ = drive(loop, simulator, 40)
     assert (given.reason, given.stop) == (Reason.NONE, False)
 
 
 def test_a_new_policy_and_a_new_episode_are_trusted_at_once() -> None:
-    made, simulator = driver(Faulty(2.0, 0.0, 0.0))
-    drive(made, simulator, 30)
-    assert made.driving
-    made.policy = Faulty()
-    drive(made, simulator, 1)
-    assert not made.driving
-    made.policy = Faulty(2.0, 0.0, 0.0)
-    drive(made, simulator, 40)
+    loop, simulator = driver(Faulty(2.0, 0.0, 0.0))
+    drive(loop, simulator, 30)
+    assert loop.driving
+    loop.policy = Faulty()
+    drive(loop, simulator, 1)
+    assert not loop.driving
+    loop.policy = Faulty(2.0, 0.0, 0.0)
+    drive(loop, simulator, 40)
     simulator.reset(InitialPose(0.0, 0.0, 0.0, 2.5))
-    made.tracker.replace([(0.0, 60.0)])
-    drive(made, simulator, 1)
-    assert not made.driving
+    loop.tracker.replace([(0.0, 60.0)])
+    drive(loop, simulator, 1)
+    assert not loop.driving
 
 
 def test_a_step_without_command_is_stale() -> None:
-    made, simulator = driver(Faulty())
-    drive(made, simulator, 5)
+    loop, simulator = driver(Faulty())
+    drive(loop, simulator, 5)
     simulator.step(None)
     assert simulator.applied.source is CommandSource.ZERO
-    (taken,), _ = drive(made, simulator, 1)
+    (taken,), _ = drive(loop, simulator, 1)
     assert taken.reason is Reason.STALE
     assert taken.message.startswith("no command led to the state: lqr-")

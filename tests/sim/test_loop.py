@@ -54,31 +54,31 @@ def test_the_bicycle_is_held_until_the_first_command() -> None:
     assert [rider.tick() for _ in range(100)] == [None] * 100
     assert rider.loop.waiting
     assert rider.answer() is None, "in real time the step waits for its time"
-    made = rider.tick()
-    assert made is not None
-    assert (made.snapshot.step, made.applied.source) == (1, CommandSource.FRESH)
-    assert made.timing.lateness == 0.0
+    stepped = rider.tick()
+    assert stepped is not None
+    assert (stepped.snapshot.step, stepped.applied.source) == (1, CommandSource.FRESH)
+    assert stepped.timing.lateness == 0.0
     assert rider.loop.pacer.dropped == 0
 
 
 def test_the_newest_command_is_held_until_the_watchdog_lets_go() -> None:
     rider = Rider(watchdog_timeout=0.25)
     rider.answer()
-    sources = [made.applied.source for made in (rider.tick() for _ in range(13)) if made]
+    sources = [stepped.applied.source for stepped in (rider.tick() for _ in range(13)) if stepped]
     assert sources == [CommandSource.FRESH, *[CommandSource.HELD] * 8, *[CommandSource.ZERO] * 4]
     assert rider.loop.timed_out
     rider.answer()
-    made = rider.tick()
-    assert made is not None
-    assert made.applied.source is CommandSource.FRESH
+    stepped = rider.tick()
+    assert stepped is not None
+    assert stepped.applied.source is CommandSource.FRESH
     assert not rider.loop.timed_out
 
 
 def test_by_parameter_the_watchdog_holds_the_bicycle() -> None:
     rider = Rider(watchdog_timeout=0.25, on_timeout="pause")
     rider.answer()
-    made = [rider.tick() for _ in range(50)]
-    assert sum(one is not None for one in made) == 9
+    stepped = [rider.tick() for _ in range(50)]
+    assert sum(one is not None for one in stepped) == 9
     assert rider.loop.waiting
     rider.answer()
     again = rider.tick()
@@ -90,8 +90,8 @@ def test_by_parameter_the_watchdog_holds_the_bicycle() -> None:
 def test_without_watchdog_a_command_is_held_for_ever() -> None:
     rider = Rider(watchdog_timeout=0.0)
     rider.answer()
-    made = [rider.tick() for _ in range(40)]
-    assert {one.applied.source for one in made[1:] if one} == {CommandSource.HELD}
+    stepped = [rider.tick() for _ in range(40)]
+    assert {one.applied.source for one in stepped[1:] if one} == {CommandSource.HELD}
 
 
 def test_the_watchdog_counts_simulated_time() -> None:
@@ -99,19 +99,19 @@ def test_the_watchdog_counts_simulated_time() -> None:
     rider.answer()
     for _ in range(9):
         rider.clock.now += 250 * MS
-        made = rider.loop.tick()
-        assert made is not None
-        assert made.applied.source is not CommandSource.ZERO
+        stepped = rider.loop.tick()
+        assert stepped is not None
+        assert stepped.applied.source is not CommandSource.ZERO
 
 
 def test_lockstep_steps_at_each_answer_and_at_nothing_else() -> None:
     rider = Rider(pace="lockstep")
     for step in range(1, 20):
         rider.clock.now += 3600 * 1000 * MS
-        made = rider.answer()
-        assert made is not None
-        assert (made.snapshot.step, made.applied.source) == (step, CommandSource.FRESH)
-        assert math.isnan(made.timing.lateness)
+        stepped = rider.answer()
+        assert stepped is not None
+        assert (stepped.snapshot.step, stepped.applied.source) == (step, CommandSource.FRESH)
+        assert math.isnan(stepped.timing.lateness)
         repeated = Command(1, step - 1, 0.5, 0.0, 0.0, FAR, 1, "me")
         assert rider.loop.receive(repeated) == ("", None)
 
@@ -131,9 +131,9 @@ def test_an_old_answer_makes_no_step_in_lockstep() -> None:
     for step in (1, 2, 3):
         assert rider.loop.receive(late(step)) == ("", None)
         assert rider.loop.gate.newest == late(step), "it was let in, for what it is"
-    made = rider.answer()
-    assert made is not None
-    assert (made.snapshot.step, made.applied.source) == (5, CommandSource.FRESH)
+    stepped = rider.answer()
+    assert stepped is not None
+    assert (stepped.snapshot.step, stepped.applied.source) == (5, CommandSource.FRESH)
 
 
 def test_a_pause_makes_no_step_and_no_delay() -> None:
@@ -143,9 +143,9 @@ def test_a_pause_makes_no_step_and_no_delay() -> None:
     rider.loop.pause(True)
     assert [rider.tick() for _ in range(40)] == [None] * 40
     rider.loop.pause(False)
-    made = rider.tick()
-    assert made is not None
-    assert made.applied.source is CommandSource.HELD, "the pause is no silence"
+    stepped = rider.tick()
+    assert stepped is not None
+    assert stepped.applied.source is CommandSource.HELD, "the pause is no silence"
     assert rider.loop.pacer.dropped == 0
 
 
@@ -166,18 +166,18 @@ def test_lockstep_goes_on_after_a_pause_with_the_answer_that_came_meanwhile() ->
     rider = Rider(pace="lockstep")
     rider.loop.pause(True)
     assert rider.answer() is None
-    made = rider.loop.pause(False)
-    assert made is not None
-    assert made.snapshot.step == 1
+    stepped = rider.loop.pause(False)
+    assert stepped is not None
+    assert stepped.snapshot.step == 1
 
 
 def test_after_a_fall_nothing_moves_until_a_reset() -> None:
     rider = Rider(pace="lockstep")
-    made = None
+    stepped = None
     while not rider.loop.snapshot.fallen:
-        made = rider.answer(torque=2.0)
-    assert made is not None
-    assert made.snapshot.fallen
+        stepped = rider.answer(torque=2.0)
+    assert stepped is not None
+    assert stepped.snapshot.fallen
     assert rider.answer() is None
     rider.loop.reset(START, None)
     assert rider.answer() is not None
@@ -187,9 +187,9 @@ def test_latency_runs_from_the_last_publication() -> None:
     rider = Rider(pace="lockstep")
     rider.loop.published()
     rider.clock.now += 3 * MS
-    made = rider.answer()
-    assert made is not None
-    assert made.latency == pytest.approx(0.003)
+    stepped = rider.answer()
+    assert stepped is not None
+    assert stepped.latency == pytest.approx(0.003)
 
 
 def test_an_old_answer_tells_no_latency() -> None:
@@ -198,9 +198,9 @@ def test_an_old_answer_tells_no_latency() -> None:
     for _ in range(2):
         rider.tick()
     assert rider.loop.receive(late(1)) == ("", None)
-    made = rider.tick()
-    assert made is not None
-    assert math.isnan(made.latency)
+    stepped = rider.tick()
+    assert stepped is not None
+    assert math.isnan(stepped.latency)
 
 
 @pytest.mark.parametrize(

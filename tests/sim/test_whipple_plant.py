@@ -25,7 +25,7 @@ from bicycle_sim.plants.whipple.parameters import (
 from bicycle_sim.plants.whipple.plant import WhipplePlant, WhippleState
 
 
-def made(**parts: Any) -> WhipplePlant:
+def plant_with(**parts: Any) -> WhipplePlant:
     """Return the benchmark with something bolted to it."""
     return WhipplePlant(Parameters(benchmark(), **parts))
 
@@ -46,27 +46,31 @@ def torques(plant: WhipplePlant, commands: list[float]) -> list[float]:
 
 
 def test_a_perfect_motor_gives_what_is_wanted() -> None:
-    assert torques(made(), [3.0, -200.0]) == [3.0] * 10 + [-200.0] * 10
+    assert torques(plant_with(), [3.0, -200.0]) == [3.0] * 10 + [-200.0] * 10
 
 
 def test_motor_lag_is_first_order() -> None:
     times = 0.0025 * np.arange(1, 21)
     expected = 3.0 * (1.0 - np.exp(-times / 0.03))
     np.testing.assert_allclose(
-        torques(made(motor=Motor(lag=0.03)), [3.0, 3.0]), expected, rtol=1e-13
+        torques(plant_with(motor=Motor(lag=0.03)), [3.0, 3.0]), expected, rtol=1e-13
     )
 
 
 def test_motor_limit_rate_and_dead_band() -> None:
-    assert torques(made(motor=Motor(limit=7.0)), [20.0])[-1] == 7.0
-    assert torques(made(motor=Motor(dead_band=0.5)), [0.4, 2.0, -2.0])[9::10] == [0.0, 1.5, -1.5]
-    ramp = torques(made(motor=Motor(rate=100.0)), [3.0, 3.0])
+    assert torques(plant_with(motor=Motor(limit=7.0)), [20.0])[-1] == 7.0
+    assert torques(plant_with(motor=Motor(dead_band=0.5)), [0.4, 2.0, -2.0])[9::10] == [
+        0.0,
+        1.5,
+        -1.5,
+    ]
+    ramp = torques(plant_with(motor=Motor(rate=100.0)), [3.0, 3.0])
     np.testing.assert_allclose(ramp, np.minimum(0.25 * np.arange(1, 21), 3.0), rtol=1e-12)
 
 
 @pytest.mark.parametrize("delay", [0.0, 0.01, 0.025, 0.04, 0.06, 0.0625, 0.15])
 def test_delay_in_whole_substeps_is_exact(delay: float) -> None:
-    found = torques(made(delay=delay), [float(n) for n in range(1, 11)])
+    found = torques(plant_with(delay=delay), [float(n) for n in range(1, 11)])
     substep = round(delay / 0.0025)
     expected = [0.0] * substep + [float(n) for n in range(1, 11) for _ in range(10)]
     assert found == pytest.approx(expected[:100], abs=1e-9)
@@ -76,7 +80,7 @@ def test_delay_within_a_substep_keeps_the_impulse() -> None:
     """Between the responses to the delays of the substep's two ends, by its share of it."""
 
     def response(delay: float) -> np.ndarray:
-        plant = made(delay=delay)
+        plant = plant_with(delay=delay)
         state = coast(plant, riding(plant, 4.0), 1, torque=np.ones(1))
         state = coast(plant, state, 3)
         return np.array([state.steer_angle[0], state.lean_angle[0]])
@@ -104,7 +108,7 @@ def test_each_bicycle_has_its_own_delay() -> None:
 
 
 def test_friction_holds_the_steering_until_it_is_overcome() -> None:
-    plant = made(steering=Steering(friction=0.3, stiction=0.5))
+    plant = plant_with(steering=Steering(friction=0.3, stiction=0.5))
     zero = np.zeros(1)
     state = riding(plant, 4.0)
     state = coast(plant, state, 10, torque=zero + 0.49)
@@ -119,7 +123,7 @@ def test_friction_holds_the_steering_until_it_is_overcome() -> None:
 
 def test_friction_stops_the_steering_at_rest() -> None:
     """It brings a turning steering to rest exactly, never past it, and takes energy."""
-    plant = made(steering=Steering(friction=12.0))
+    plant = plant_with(steering=Steering(friction=12.0))
     state = riding(plant, 3.0)
     state = replace(state, steer_rate=np.array([0.8]))
     before = energy(plant, plant.pushed(state, 0.0))
@@ -135,7 +139,7 @@ def test_friction_stops_the_steering_at_rest() -> None:
 
 
 def test_viscous_friction_takes_its_power() -> None:
-    plant = made(steering=Steering(damping=0.5))
+    plant = plant_with(steering=Steering(damping=0.5))
     state = riding(plant, 4.6, 0.3)
     lost, begun = 0.0, energy(plant, state)
     for _ in range(40):
@@ -148,7 +152,7 @@ def test_viscous_friction_takes_its_power() -> None:
 
 
 def test_the_stop_stops() -> None:
-    plant = made(steering=Steering(stop=0.3))
+    plant = plant_with(steering=Steering(stop=0.3))
     state = riding(plant, 1.0)
     energies, angles = [], []
     for _ in range(12):
@@ -173,30 +177,32 @@ def test_gear_power_and_brake() -> None:
         state = coast(plant, riding(plant, speed), steps, pedal_force=np.array([pedal]))
         return float(state.speed[0]) - speed
 
-    assert gained(made(), 4.0, 100.0) == pytest.approx(20.0 / mass * 0.025, rel=1e-12)
-    assert gained(made(drive=Drive(gear=1.0)), 4.0, 100.0) == pytest.approx(2.5 / mass, rel=1e-9)
-    weak = made(drive=Drive(power=40.0))
+    assert gained(plant_with(), 4.0, 100.0) == pytest.approx(20.0 / mass * 0.025, rel=1e-12)
+    assert gained(plant_with(drive=Drive(gear=1.0)), 4.0, 100.0) == pytest.approx(
+        2.5 / mass, rel=1e-9
+    )
+    weak = plant_with(drive=Drive(power=40.0))
     assert gained(weak, 4.0, 100.0) == pytest.approx(10.0 / mass * 0.025, rel=1e-3)
-    assert gained(made(drive=Drive(brake=10.0)), 4.0, -100.0) == pytest.approx(
+    assert gained(plant_with(drive=Drive(brake=10.0)), 4.0, -100.0) == pytest.approx(
         -10.0 / mass * 0.025, rel=1e-9
     )
-    assert made().step(riding(made(), 4.0), *IDLE).speed[0] == 4.0
+    assert plant_with().step(riding(plant_with(), 4.0), *IDLE).speed[0] == 4.0
     # A brake ends at rest instead of driving backwards.
-    stopping = coast(made(), riding(made(), 0.5), 200, pedal_force=np.array([-2000.0]))
+    stopping = coast(plant_with(), riding(plant_with(), 0.5), 200, pedal_force=np.array([-2000.0]))
     assert 0.0 <= stopping.speed[0] < 1e-3
 
 
 def test_limits_hold_the_speed() -> None:
-    plant = made(resistance=Resistance(drag_area=0.6, rolling=0.006))
-    falling = riding(made(), 2.0, 0.6)
-    free = coast(made(), falling, 14)
-    held = coast(made(), falling, 14, speed_limits=(2.0, 2.0))
+    plant = plant_with(resistance=Resistance(drag_area=0.6, rolling=0.006))
+    falling = riding(plant_with(), 2.0, 0.6)
+    free = coast(plant_with(), falling, 14)
+    held = coast(plant_with(), falling, 14, speed_limits=(2.0, 2.0))
     assert free.speed[0] > 2.1
     assert held.speed[0] == pytest.approx(2.0, abs=0.1)
     assert held.speed[0] - 2.0 < 0.75 * (free.speed[0] - 2.0)
     cruising = coast(plant, riding(plant, 5.0), 200, speed_limits=(5.0, 5.0))
     assert cruising.speed[0] == pytest.approx(5.0, abs=0.05)
-    inside = coast(made(), riding(made(), 3.0), 4, speed_limits=(1.0, 5.0))
+    inside = coast(plant_with(), riding(plant_with(), 3.0), 4, speed_limits=(1.0, 5.0))
     assert inside.speed[0] == 3.0
 
 
@@ -205,7 +211,7 @@ def test_air_and_rolling_resistance_slow_it() -> None:
     mass = b.mass + b.IRyy / b.rR**2 + b.IFyy / b.rF**2
     air = Resistance(drag_area=0.5, air_density=1.2, rolling=0.005)
     headwind = Road(wind_y=-2.0)
-    state = coast(made(resistance=air, road=headwind), riding(made(), 5.0), 1)
+    state = coast(plant_with(resistance=air, road=headwind), riding(plant_with(), 5.0), 1)
     force = 0.5 * 1.2 * 0.5 * 7.0**2 + 0.005 * b.mass * 9.81
     assert state.speed[0] - 5.0 == pytest.approx(-force / mass * 0.025, rel=1e-3)
     assert state.lean_rate[0] == 0.0
@@ -214,12 +220,12 @@ def test_air_and_rolling_resistance_slow_it() -> None:
 def test_a_hill() -> None:
     b = benchmark()
     mass = b.mass + b.IRyy / b.rR**2 + b.IFyy / b.rF**2
-    plant = made(road=Road(grade_y=0.05))
+    plant = plant_with(road=Road(grade_y=0.05))
     state = coast(plant, riding(plant, 5.0), 1)
     along = 9.81 * 0.05 / math.sqrt(1.0 + 0.05**2)
     assert state.speed[0] - 5.0 == pytest.approx(-along * b.mass / mass * 0.025, rel=1e-9)
     # Across the hill it falls to the low side: heading +y, the road rises towards +x, the right.
-    tilted = made(road=Road(grade_x=0.05))
+    tilted = plant_with(road=Road(grade_x=0.05))
     assert coast(tilted, riding(tilted, 5.0), 4).lean_angle[0] > 1e-4
 
 
@@ -228,7 +234,7 @@ def test_the_hill_does_not_know_the_compass() -> None:
     ends = []
     for heading in (0.0, 1.0, -2.5):
         road = Road(grade_x=-0.05 * math.cos(heading), grade_y=-0.05 * math.sin(heading))
-        plant = made(road=road)
+        plant = plant_with(road=road)
         zero = np.zeros(1)
         state = plant.initial(zero, zero, zero + heading, zero + 4.0)
         ends.append(coast(plant, state, 20))
@@ -251,7 +257,7 @@ def test_a_push_is_a_torque_of_the_linear_bicycle() -> None:
 
 
 def test_side_wind_pushes_to_leeward() -> None:
-    plant = made(resistance=Resistance(side_area=0.8))
+    plant = plant_with(resistance=Resistance(side_area=0.8))
     gust = Loads(wind_x=8.0)
     state = coast(plant, riding(plant, 4.0), 4, loads=gust)
     assert state.lean_rate[0] < 0.0  # towards +x, the right
@@ -269,9 +275,9 @@ def test_the_rider_moves_the_centre_of_mass_by_what_is_wanted() -> None:
     # The bicycle begins to fall meanwhile, which the muscle does not foresee.
     assert arm * math.sin(state.rider_lean[0]) == pytest.approx(0.02, rel=0.15)
     with pytest.raises(ValueError, match="no leaning rider"):
-        made().step(riding(made(), 4.0), np.zeros(1), np.array([0.01]), np.zeros(1))
+        plant_with().step(riding(plant_with(), 4.0), np.zeros(1), np.array([0.01]), np.zeros(1))
     assert plant.input_names == ("torque", "displacement", "pedal_force")
-    assert made().input_names == ("torque", "pedal_force")
+    assert plant_with().input_names == ("torque", "pedal_force")
 
 
 WILD: dict[str, Callable[[int], np.ndarray]] = {
@@ -317,7 +323,7 @@ def test_beyond_88_degrees_of_steering_it_rests() -> None:
 
 
 def test_heading_stays_within_a_turn() -> None:
-    plant = made()
+    plant = plant_with()
     state = riding(plant, 2.0, count=1)
     state = replace(state, heading=np.array([3.1]))
     turned = 0.0
@@ -331,7 +337,7 @@ def test_heading_stays_within_a_turn() -> None:
 
 
 def test_position_follows_speed_and_heading() -> None:
-    plant = made()
+    plant = plant_with()
     state = riding(plant, 5.0, 0.4)
     trace = [state]
     for _ in range(20):
@@ -350,7 +356,7 @@ def test_position_follows_speed_and_heading() -> None:
 
 
 def test_lean_acceleration_is_the_mean_of_the_period() -> None:
-    plant = made()
+    plant = plant_with()
     state = riding(plant, 4.0, 0.2)
     after = coast(plant, state, 1, torque=np.array([1.0]))
     change = float(after.lean_rate[0] - state.lean_rate[0])
@@ -358,7 +364,7 @@ def test_lean_acceleration_is_the_mean_of_the_period() -> None:
 
 
 def test_mirrored_rides_are_mirror_images() -> None:
-    plant = made(motor=Motor(lag=0.02, dead_band=0.1), steering=Steering(friction=0.2))
+    plant = plant_with(motor=Motor(lag=0.02, dead_band=0.1), steering=Steering(friction=0.2))
     commands = np.random.default_rng(2).normal(size=40) * 2.0
     left, right = riding(plant, 4.0, 0.3), riding(plant, 4.0, -0.3)
     for command in commands:
