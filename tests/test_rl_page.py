@@ -2,7 +2,10 @@
 
 Wheels of our packages are built and installed by pip into a folder of their own; what they need
 (Gymnasium, torch, stable-baselines3) is this environment's, so that nothing is downloaded. ROS
-cannot be imported.
+cannot be imported. With FRESH_ENVIRONMENT=1 the page's two pip lines make an environment of their
+own instead, from the package index:
+
+    FRESH_ENVIRONMENT=1 python -m pytest tests/test_rl_page.py -k snippet
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ import shlex
 import shutil
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -40,6 +44,33 @@ QUICK += " --set evaluation.near_episodes=8"
 NO_ROS = "import sys\nfor name in ('rclpy', 'bicycle_msgs'): sys.modules[name] = None\n"
 
 
+@dataclass(frozen=True)
+class PipMade:
+    """What pip made."""
+
+    python: Path
+    path: str
+    """PYTHONPATH for it."""
+
+
+@pytest.fixture(scope="module")
+def pip_made(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> PipMade:
+    """Return an environment with the packages and without ROS."""
+    if not os.environ.get("FRESH_ENVIRONMENT"):
+        return PipMade(Path(sys.executable), str(request.getfixturevalue("site")))
+    folder = tmp_path_factory.mktemp("fresh")
+    subprocess.run([sys.executable, "-m", "venv", str(folder)], check=True)
+    python = folder / "bin" / "python"
+    lines = [line for block in blocks("sh") for line in block.splitlines()]
+    installs = [line for line in lines if line.startswith("pip install ")]
+    assert len(installs) == 2
+    environment = {**os.environ, "PYTHONPATH": ""}
+    for line in installs:
+        words = shlex.split(line.partition("#")[0])
+        subprocess.run([python, "-m", *words, "--quiet"], check=True, cwd=ROOT, env=environment)
+    return PipMade(python, "")
+
+
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a folder with the packages as pip installs their wheels."""
@@ -54,9 +85,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     environment = {**os.environ, "PYTHONPATH": ""}
     words = [*pip, "wheel", *alone, "--no-build-isolation", "--wheel-dir", str(wheels), *built]
     subprocess.run(words, check=True, env=environment)
-    made = sorted(wheels.glob("*.whl"))
-    assert len(made) == len(FOLDERS)
-    words = [*pip, "install", *alone, "--target", str(target), *map(str, made)]
+    files = sorted(wheels.glob("*.whl"))
+    assert len(files) == len(FOLDERS)
+    words = [*pip, "install", *alone, "--target", str(target), *map(str, files)]
     subprocess.run(words, check=True, env=environment)
     return target
 
@@ -72,20 +103,22 @@ def shorter(text: str) -> str:
     return text
 
 
-def run(words: list[str], site: Path, folder: Path) -> str:
-    environment = {**os.environ, "PYTHONPATH": str(site), "OMP_NUM_THREADS": "1"}
-    done = subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True)
+def run(words: list[str], pip_made: PipMade, folder: Path) -> str:
+    environment = {**os.environ, "PYTHONPATH": pip_made.path, "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [pip_made.python, *words], cwd=folder, env=environment, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
-def test_every_snippet_of_the_page_runs(site: Path, tmp_path: Path) -> None:
+def test_every_snippet_of_the_page_runs(pip_made: PipMade, tmp_path: Path) -> None:
     python = [shorter(block) for block in blocks("python")]
     assert len(python) == 3
     for code in python:
-        told = run([sys.executable, "-c", NO_ROS + code], site, tmp_path)
+        told = run(["-c", NO_ROS + code], pip_made, tmp_path)
         assert told.strip()
-    command = [sys.executable, "-m", "bicycle_controller.cli.main"]
+    command = ["-m", "bicycle_controller.cli.main"]
     lines = [line for block in blocks("sh") for line in shorter(block).splitlines()]
     ours = [line for line in lines if line.startswith("bicycle ")]
     assert len(ours) == 7
@@ -93,7 +126,7 @@ def test_every_snippet_of_the_page_runs(site: Path, tmp_path: Path) -> None:
     for line in ours:
         if line.startswith("bicycle train"):
             line += f" {QUICK}"
-        run([*command, *shlex.split(line)[1:]], site, tmp_path)
+        run([*command, *shlex.split(line)[1:]], pip_made, tmp_path)
     assert (tmp_path / "curves.png").is_file()
     assert (tmp_path / "log.csv").is_file()
     assert all(line.startswith(("bicycle ", "pip install './bicycle_")) for line in lines)
