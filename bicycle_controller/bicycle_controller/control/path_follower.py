@@ -26,6 +26,8 @@ PLANNED_LEAN, PLANNED_STEER, PLANNED_TORQUE = 0.7, 0.7, 0.6
 """Shares of the largest lean, steering and torque that a path may ask for: the rest corrects."""
 
 
+ALONG = 0.5
+"""rad of heading error up to which the path's curvature counts; at twice as much not."""
 STANLEY_GAIN = 0.4
 """1/s, of the cross-track error; 2.5 in the car."""
 STANLEY_SHARE = 0.3
@@ -87,6 +89,8 @@ class PathFollower:
         """
         row = self._row(speed)
         near = np.clip(2.0 - np.abs(place.cross_track) / self.config.near, 0.0, 1.0)
+        # What crosses the path, or comes along it the wrong way, does not meet its next turns.
+        near = near * np.clip(2.0 - np.abs(place.heading_error) / ALONG, 0.0, 1.0)
         planned = self._planned(row, speed, place, paths) * near
         # A place beside a turn is on a circle of another radius.
         there = place.curvature / np.maximum(0.3, 1.0 - place.curvature * place.cross_track)
