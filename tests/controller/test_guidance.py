@@ -129,7 +129,7 @@ def test_arrivals_within_10_degrees(plant: Any) -> None:
         yaw = float(rng.uniform(-math.pi, math.pi))
         ride.guidance.stop("a newer goal came")
         ride.loop.tracker.replace([goal])
-        assert ride.guidance.arrive(goal, yaw) == ""
+        assert ride.guidance.arrive([goal], yaw) == ""
         ride.events.clear()
         ride.until(lambda: any(one.status is Status.REACHED for one in ride.events))
         off.append(abs(float(wrap_angle(ride.yaw - yaw))))

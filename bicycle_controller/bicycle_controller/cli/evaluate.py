@@ -13,15 +13,19 @@ from typing import TYPE_CHECKING, Any
 from bicycle_common.validation import require
 from bicycle_controller.cli import options
 from bicycle_controller.config import loading
-from bicycle_controller.evaluation import course_score, kicks
+from bicycle_controller.control.followers import FOLLOWERS
+from bicycle_controller.control.guidance import GuidanceConfig
+from bicycle_controller.evaluation import arrivals, course_score, kicks
 from bicycle_controller.evaluation import evaluate as scoring
 from bicycle_controller.evaluation.rollouts import Disturbance
 from bicycle_controller.evaluation.table import as_text, comparison_as_text, kicks_as_text
 from bicycle_controller.policy.devices import actor_on
 from bicycle_controller.policy.policy import Policy, load_controller, write_atomically
 from bicycle_controller.policy.trained_for import unlike_training, warning
+from bicycle_controller.training.run_folder import origin
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
+from bicycle_sim.sensors import settings as sensors
 from bicycle_sim.task.scenario import Scenario, named
 
 if TYPE_CHECKING:
@@ -35,8 +39,9 @@ of a shipped policy, a policy file or the folder of a training run (its best); w
 --bicycle it is lqr by default.
 Starts, goals and start disturbances follow from the seed alone: every controller meets the same.
 
-With --course, CONTROLLER is a follower: preview (an LQR that sees the path's curvature ahead; the
-default) or stanley (the baseline). --course random rides one random road per episode.
+With --course or --arrivals, CONTROLLER is a follower: preview (an LQR that sees the path's
+curvature ahead; the default) or stanley (the baseline). --course random rides one random road per
+episode.
 
 examples:
   bicycle evaluate fixed-speed --episodes 10000 --against lqr --json
@@ -55,6 +60,8 @@ lqr_grid.py), with its weights and `share`, what CONTROLLER catches as a share o
     )
     + kicks.__doc__.rpartition("every speed:\n\n")[2]
     + course_score.__doc__.partition("\n\n")[2]
+    + "\n"
+    + arrivals.__doc__.partition("\n\n")[2]
 )
 
 
@@ -68,6 +75,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--course", metavar="NAME|FILE", help=text)
     text = "largest distance (m) and angle (degrees) from the course's start, for --episodes rides"
     add("--from", dest="start", nargs=2, type=float, metavar=("M", "DEG"), help=text)
+    text = f"with --course, see by an estimator and sensors: {', '.join(sensors.names())}, a file"
+    add("--sensors", metavar="PRESET|FILE", help=text)
+    text = "score arrivals at N random poses in the direction asked for, instead"
+    add("--arrivals", type=int, metavar="N", help=text)
     add("--picture", type=Path, metavar="FILE", help="with --course, draw the rides, PNG")
     add("--against", metavar="CONTROLLER", help="compare with this one on the same starts")
     add("--scenario", metavar="NAME", help="a scenario (default: the one it was trained on)")
@@ -156,8 +167,10 @@ def run_command(args: argparse.Namespace) -> int:
         args.out.parent.mkdir(parents=True, exist_ok=True)
     if args.course is not None:
         return _ride_courses(args)
-    if args.start is not None or args.picture is not None:
-        raise ValueError("--from and --picture belong to --course")
+    if args.arrivals is not None:
+        return _score_arrivals(args)
+    if args.start is not None or args.picture is not None or args.sensors is not None:
+        raise ValueError("--from, --picture and --sensors belong to --course")
     args.episodes = 1000 if args.episodes is None else args.episodes
     if args.controller is None:
         require(
@@ -256,15 +269,18 @@ def _ride_courses(args: argparse.Namespace) -> int:
         args.speed,
         limits,
         (away, math.radians(turned)),
+        None if args.sensors is None else sensors.load(args.sensors),
     )
     if args.picture is not None:
         args.picture.parent.mkdir(parents=True, exist_ok=True)
         title = f"{args.controller or 'preview'} on {plant.label}"
         course_score.draw(traces, title, args.picture)
     found = {
+        **_origin(),
         "physics": json.loads(plant.to_json()),
         "torque_limit": limits[0],
         "pedal_limit": limits[1],
+        "sensors": args.sensors or "none: the truth",
         "seed": args.seed,
         "courses": results,
     }
@@ -273,6 +289,38 @@ def _ride_courses(args: argparse.Namespace) -> int:
         write_atomically(args.out, written.encode() + b"\n")
     print(written if args.json else course_score.as_text(results), flush=True)
     return 0
+
+
+def _score_arrivals(args: argparse.Namespace) -> int:
+    """Score arrivals at random poses; return the exit status.
+
+    Raises:
+        ValueError: on a user's mistake.
+    """
+    plant = _plant(args) or registry.default()
+    scenario = named(args.scenario or "learned-speed").with_motor(plant.torque_limit)
+    scenario = loading.changed(scenario, args.overrides)
+    config = GuidanceConfig(follower=args.controller or "preview")
+    require(config.follower in FOLLOWERS, f"{config.follower!r} follows no path: name a follower")
+    result = arrivals.score(plant, scenario, args.arrivals, args.seed, config=config)
+    found = {
+        **_origin(),
+        "physics": json.loads(plant.to_json()),
+        "scenario": scenario.name,
+        "follower": config.follower,
+        **result,
+    }
+    written = json.dumps(found, indent=2)
+    if args.out is not None:
+        write_atomically(args.out, written.encode() + b"\n")
+    print(written if args.json else arrivals.as_text(result), flush=True)
+    return 0
+
+
+def _origin() -> dict[str, str]:
+    """Return what made a result: command, commit and processor."""
+    found = origin()
+    return {name: str(found[name]) for name in ("command", "commit", "processor")}
 
 
 def _plant(args: argparse.Namespace) -> Plant[Any] | None:

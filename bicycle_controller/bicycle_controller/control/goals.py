@@ -134,6 +134,8 @@ class GoalTracker:
         self.radius = radius
         self.timeout = timeout
         self.turns = turns
+        self.on_the_way = False
+        """True while the way leads past the active goal: it is not reached before it is over."""
         self._next_id = 1
         self._incoming: list[Goal] | None = None
         self._superseded: list[Goal] = []
@@ -282,9 +284,9 @@ class GoalTracker:
 
     def _verdict(self, way: _Pursuit) -> tuple[Status, str] | None:
         """Return status and reason if a pursuit is over; None if it is not."""
-        if way.distance <= self.radius:
+        if way.distance <= self.radius and not self.on_the_way:
             return Status.REACHED, f"reached after {way.elapsed:.1f} s and {way.path_length:.1f} m"
-        if abs(way.turned) >= 2.0 * math.pi * self.turns:
+        if abs(way.turned) >= 2.0 * math.pi * self.turns and not self.on_the_way:
             return Status.MISSED, f"orbits the goal at {way.distance:.1f} m: send it again"
         if 0 < self.timeout <= way.elapsed:
             return Status.GIVEN_UP, f"not reached in {self.timeout:g} s: see goal_timeout"

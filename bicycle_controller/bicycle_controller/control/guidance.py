@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import queue
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,7 +18,7 @@ import numpy as np
 from bicycle_common.geometry import heading_to_yaw
 from bicycle_common.types import BicycleState, Point2D
 from bicycle_controller.control import followers
-from bicycle_controller.control.arrival import arrival_path, circle_path
+from bicycle_controller.control.arrival import RUN_IN, arrival_path, circle_path
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.courses import Course
 from bicycle_controller.control.guide import PathEnd, PathReport
@@ -33,6 +33,8 @@ MakeCourse = Callable[[float], Course]
 """Returns a course for a bicycle that turns with a radius, m; it may raise ValueError."""
 RESERVE = 0.8
 """Share of the largest curvature that a path planned here uses."""
+ROOM = 0.5
+"""m before the circle around a goal from where on it counts as reached on the path to it."""
 STRAIGHT_ON = 2000.0
 """m of the straight path on which a bicycle slows down."""
 AFTER = ("hold", "circle", "slow")
@@ -59,13 +61,14 @@ class Guidance:
     """Guides of one bicycle.
 
     Attributes:
+        config: settings; may be replaced at any time, the follower alone stays.
         told: lines for the log that nobody has taken yet.
         followed: the path that has just begun; None if it was taken.
     """
 
     def __init__(self, loop: ControlLoop, config: GuidanceConfig) -> None:
         """Give `loop` guides; no follower is made before `ride`."""
-        self._loop, self._config = loop, config
+        self._loop, self.config = loop, config
         self._follower: PathFollower | None = None
         self._limits = np.full(3, np.inf)
         self._key: object = None
@@ -78,7 +81,8 @@ class Guidance:
         self._ticks = 0
         self._twist: TwistRide | None = None
         self._snapshot: BicycleState | None = None
-        self._last_goal: Point2D | None = None
+        self._arrival: tuple[Point2D, float] | None = None
+        self._arriving: tuple[PathRide, float] | None = None
         self._unable = ""
         self.others: dict[str, Mover] = {}
         """Other bicycles to keep clear of on paths, by name."""
@@ -101,7 +105,7 @@ class Guidance:
         def make() -> None:
             try:
                 with np.errstate(all="ignore"):
-                    made = followers.make(self._config.follower, plant, torque, pedal)
+                    made = followers.make(self.config.follower, plant, torque, pedal)
             except (ValueError, ArithmeticError, TypeError) as error:
                 text = f"this bicycle can follow no path: {error}"
                 self._ready.put(lambda: self._take_follower(key, None, text))
@@ -119,6 +123,11 @@ class Guidance:
             self._begin(*order)
 
     @property
+    def ready(self) -> bool:
+        """True once the follower's gains are computed, or it is known that there are none."""
+        return self._follower is not None or bool(self._unable)
+
+    @property
     def _pedals(self) -> bool:
         return bool(self._limits[2] > 0.0)
 
@@ -126,7 +135,7 @@ class Guidance:
         """Return the radius that a path may turn with, m."""
         assert self._follower is not None
         if self._pedals or self._snapshot is None:
-            return followers.tightest(self._follower, self._config.slowest)
+            return followers.tightest(self._follower, self.config.slowest)
         # Without a pedal the speed stays what it is.
         return 1.0 / float(self._follower.sharpest(np.array([self._snapshot.speed]))[0])
 
@@ -154,7 +163,7 @@ class Guidance:
         if self._follower is None:
             self._refuse(number, name, self._unable)
             return
-        follower, radius, slowest = self._follower, self._radius(), self._config.slowest
+        follower, radius, slowest = self._follower, self._radius(), self.config.slowest
 
         def work() -> None:
             try:
@@ -196,7 +205,8 @@ class Guidance:
 
     def stop(self, why: str, status: PathEnd = PathEnd.REPLACED) -> None:
         """End what guides, for a goal or because it is asked for."""
-        self._newest = 0
+        self._newest, self._arrival, self._arriving = 0, None, None
+        self._loop.tracker.on_the_way = False
         for number, name, *_ in self._waiting:
             nothing = (0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, math.nan, 0.0)
             self._reports.append(PathReport(number, name, status, *nothing, why))
@@ -209,34 +219,56 @@ class Guidance:
         if self._snapshot is not None and not self._loop.tracker.steers:
             self._loop.tracker.hold(self._snapshot.heading)
 
-    def arrive(self, goal: Point2D, yaw: float) -> str:
-        """Ride to a goal, which the tracker has, on a path that arrives in a direction.
+    def arrive(self, goals: Sequence[Point2D], yaw: float) -> str:
+        """Ride to goals, which the tracker has, and arrive at the last one in a direction.
 
         Returns:
             Why it cannot arrive so; empty if it can.
         """
-        if self._follower is None:
-            return self._unable or "the follower's gains are not computed yet"
-        if self._snapshot is None:
-            return "no state has come yet"
+        if self._unable:
+            return self._unable
+        if len(goals) > 1 or self._follower is None or self._snapshot is None:
+            self._arrival = goals[-1], yaw
+        else:
+            self._approach(goals[-1], yaw)
+        return ""
+
+    def _approach(self, goal: Point2D, yaw: float) -> None:
+        """Ride to a goal on a path that arrives in a direction."""
+        assert self._follower is not None
+        assert self._snapshot is not None
         now = self._snapshot
         here = now.rear_x, now.rear_y, float(heading_to_yaw(now.heading))
-        speed = max(self._config.speed if self._pedals else now.speed, self._config.slowest)
+        speed = max(self.config.speed if self._pedals else now.speed, self.config.slowest)
         radius = 1.0 / (RESERVE * float(self._follower.sharpest(np.array([speed]))[0]))
         path = arrival_path(here, (*goal, yaw), radius)
         course = Course("arrival", path, speed)
         number, self._next_id = self._next_id, self._next_id + 1
         self._newest = number
-        self._steer(PathRide(self._follower, course, number, from_start=True))
-        return ""
+        ride = PathRide(self._follower, course, number, from_start=True)
+        self._steer(ride)
+        self._arriving = ride, path.length - RUN_IN - self._loop.tracker.radius - ROOM
+        self._look_at_arrival()
+
+    def _look_at_arrival(self) -> None:
+        """Let the goal count as reached only near the end of the path that arrives at it."""
+        tracker = self._loop.tracker
+        if self._arriving is None:
+            tracker.on_the_way = False
+            return
+        ride, enough = self._arriving
+        on = self._loop.guide is ride and not ride.over and ride.along < enough
+        tracker.on_the_way = on
+        if not on:
+            self._arriving = None
 
     def after_goal(self, goal: Point2D) -> str:
         """Do what follows the last goal; return it in words, empty for nothing."""
-        after = self._config.after_goal
+        after = self.config.after_goal
         if after == "hold" or self._follower is None or self._snapshot is None:
             return "" if after == "hold" else "rides straight on: it can follow no path"
         now = self._snapshot
-        speed = self._config.slowest if self._pedals else max(now.speed, self._config.slowest)
+        speed = self.config.slowest if self._pedals else max(now.speed, self.config.slowest)
         if after == "circle":
             radius = 1.0 / (RESERVE * float(self._follower.sharpest(np.array([speed]))[0]))
             here = now.rear_x, now.rear_y
@@ -263,7 +295,7 @@ class Guidance:
         if self._follower is None:
             raise ValueError(self._unable or "the follower's gains are not computed yet")
         if self._twist is None or self._loop.guide is not self._twist:
-            made = TwistRide(self._follower, self._config.twist)
+            made = TwistRide(self._follower, self.config.twist)
             made.command(speed, yaw_rate)
             self._newest = 0
             self._finish()
@@ -271,6 +303,7 @@ class Guidance:
             self._loop.steer_by(made)
             self._twist, self._ride = made, None
             self.told.append("cmd_vel steers")
+        self._twist.limits = self.config.twist
         self._twist.command(speed, yaw_rate)
 
     # The loop.
@@ -280,6 +313,16 @@ class Guidance:
         self._snapshot = snapshot
         while not self._ready.empty():
             self._ready.get()()
+        self._look_at_arrival()
+        tracker = self._loop.tracker
+        if self._arrival is not None and tracker.has_goal and tracker.waiting == 0:
+            goal, yaw = self._arrival
+            if self._unable:
+                self._arrival = None
+                self.told.append(f"arrives in any direction: {self._unable}")
+            elif self._follower is not None:
+                self._arrival = None
+                self._approach(goal, yaw)
 
     def reports(self) -> list[PathReport]:
         """Return what is to be published after a state was answered."""

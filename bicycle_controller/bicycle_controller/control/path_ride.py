@@ -83,6 +83,11 @@ class PathRide:
         """True if the path has been ridden, or was given up."""
         return self.status is not PathEnd.ACTIVE
 
+    @property
+    def along(self) -> float:
+        """Distance along the path, m."""
+        return 0.0 if self._along is None else float(self._along[0])
+
     def end(self, status: PathEnd, why: str) -> None:
         """Stop following, unless it is over already."""
         if not self.over:

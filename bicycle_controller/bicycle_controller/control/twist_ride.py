@@ -41,7 +41,7 @@ class TwistRide:
     """A guide that holds the last commanded speed and yaw rate."""
 
     def __init__(self, follower: PathFollower, limits: TwistLimits) -> None:
-        self._follower, self._limits = follower, limits
+        self._follower, self.limits = follower, limits
         self._speed, self._yaw_rate = limits.slowest, 0.0
         self._heard: float | None = None
         self._fresh = False
@@ -61,7 +61,7 @@ class TwistRide:
             ValueError: if it is not finite.
         """
         require(math.isfinite(speed) and math.isfinite(yaw_rate), "a twist must be finite")
-        limits = self._limits
+        limits = self.limits
         self._speed = min(max(speed, limits.slowest), limits.fastest)
         self._yaw_rate = min(max(yaw_rate, -limits.yaw_rate), limits.yaw_rate)
         self._fresh = True
@@ -74,7 +74,7 @@ class TwistRide:
         """Return the action (3,) for a state; see `Guide.act`."""
         if self._fresh or self._heard is None or time < self._heard:
             self._heard, self._fresh = time, False
-        self.silent = time - self._heard > self._limits.timeout
+        self.silent = time - self._heard > self.limits.timeout
         yaw_rate = 0.0 if self.silent else self._yaw_rate
         speed = np.array([snapshot.speed])
         curvature = yaw_rate / np.maximum(speed, 0.5)

@@ -28,7 +28,9 @@ from bicycle_controller.control import courses, followers
 from bicycle_controller.control.courses import Course
 from bicycle_controller.control.path import Path, sampled
 from bicycle_controller.evaluation.course_rides import CourseRides, Start, Trace, ride_courses
+from bicycle_controller.evaluation.sensed_courses import ride_sensed
 from bicycle_sim.plants.base import Plant
+from bicycle_sim.sensors.settings import SensorSettings
 
 RANDOM = "random"
 """Name of as many random roads as there are rides."""
@@ -72,6 +74,7 @@ def score(
     speed: float | None = None,
     limits: tuple[float, float] = (2.0, 100.0),
     start: tuple[float, float] = (0.0, 0.0),
+    sensors: SensorSettings | None = None,
 ) -> tuple[list[dict[str, Any]], list[tuple[Course, Trace]]]:
     """Ride courses and return their results, and the trace of each course's first ride.
 
@@ -84,11 +87,16 @@ def score(
         speed: m/s instead of the course's.
         limits: N m and N, largest |T| and |F|.
         start: m and rad, largest distance from the path's start and from its direction.
+        sensors: on the bicycle, for an estimator that the follower sees; None is the truth.
 
     Raises:
         ValueError: on a number out of range, or a course that cannot be read or ridden.
     """
     require(1 <= rides <= 100_000, f"{rides} rides: choose 1 to 100,000")
+    plain = course_name != RANDOM and start == (0.0, 0.0)
+    require(
+        sensors is None or plain, "sensors ride courses from their start: no random, no --from"
+    )
     require(speed is None or 1.0 <= speed <= 8.0, f"a speed of {speed} m/s: choose 1 to 8")
     follower = followers.make(follower_name, plant, *limits)
     radius = followers.tightest(follower)
@@ -101,6 +109,13 @@ def score(
     results, traces = [], []
     for group in groups:
         count = len(group)
+        if sensors is not None:
+            sensed, trace = ride_sensed(
+                follower, plant, group[0], sensors, count, seed, speed, limits
+            )
+            results.append(_summary(group, follower.policy_id, sensed))
+            traces.append((group[0], trace))
+            continue
         left, turned = (rng.uniform(-most, most, count) for most in start)
         left[0] = turned[0] = 0.0
         found, told = ride_courses(
