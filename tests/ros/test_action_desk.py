@@ -90,6 +90,40 @@ def test_goals_courses_and_paths_by_action(bicycle: BicycleCommander, probe: Pro
     assert "did you mean 'slalom'" in bicycle.wait(timeout=PATIENCE).message
 
 
+def test_goals_in_order_with_a_direction_at_the_last(
+    bicycle: BicycleCommander, ros_domain: int
+) -> None:
+    ordered = Probe(ros_domain, topics.ORDERED_GOALS)
+    left: list[int] = []
+    bicycle.ride_through([(20.0, 0.0), (45.0, 10.0)], yaw=math.pi / 2)
+    outcome = bicycle.wait(lambda feedback: left.append(feedback.remaining), 120.0)
+    assert outcome.reached, outcome.message
+    assert abs(outcome.result.heading_error) < math.radians(10.0)
+    assert sorted(set(left), reverse=True) == [2, 1]
+    ordered.spin_until(lambda: bool(ordered[topics.ORDERED_GOALS]))
+    sent = ordered[topics.ORDERED_GOALS][-1].poses
+    assert [(one.pose.position.x, one.pose.position.y) for one in sent] == [(20, 0), (45, 10)]
+    ordered.close()
+
+    bicycle.ride_to(2000.0, 0.0, timeout=5.0)
+    late = bicycle.wait(timeout=120.0)
+    assert not late.reached
+    assert (late.result.status, late.message) == (Status.GIVEN_UP, "not reached within 5 s")
+
+
+def test_goal_sh_orders_by_action(
+    bicycle: BicycleCommander, start_node: StartNode, ros_domain: int
+) -> None:
+    ordered = Probe(ros_domain, topics.ORDERED_GOALS, topics.GOAL_POSE, topics.GOAL_PATH)
+    bicycle.ride_to(2000.0, 0.0)
+    sent = start_node("bicycle_tools.nodes.goal", ["12", "3", "--wait"])
+    assert sent.wait(120.0) == 0
+    assert not bicycle.wait(timeout=60.0).reached  # a newer order came
+    ordered.spin_until(lambda: len(ordered[topics.ORDERED_GOALS]) >= 1)
+    assert ordered[topics.GOAL_POSE] == ordered[topics.GOAL_PATH] == []
+    ordered.close()
+
+
 def test_an_order_can_be_cancelled_and_is_replaced_by_a_newer_one(
     bicycle: BicycleCommander, ros_domain: int
 ) -> None:

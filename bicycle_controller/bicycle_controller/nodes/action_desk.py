@@ -40,6 +40,9 @@ PERIOD = 0.1
 LAST = 1.0
 """Longest wait at the end for the thread (s)."""
 RUNNING = (Status.QUEUED, Status.ACTIVE)
+LATE = "not reached within"
+NEWER = "a newer order came"
+"""Reason of an order that another one replaces."""
 
 
 @dataclass
@@ -60,15 +63,19 @@ class Order:
     """Feedbacks that a cancelled order waits for the controller's word."""
     last: Event | PathReport | None = None
     reason: str = ""
+    note: str = ""
+    """What was not done as asked."""
+    timeout: float = math.inf
+    """s of simulated time."""
 
 
 @dataclass(frozen=True)
 class Orders:
     """Calls that the desk makes of the controller's node; each may be called from any thread."""
 
-    ride: Callable[[list[PoseStamped], str, float | None], list[int]]
-    """Takes poses, their frame and a yaw of arrival; returns the goals' numbers or raises
-    ValueError."""
+    ride: Callable[[list[PoseStamped], bool], tuple[list[int], str]]
+    """Takes poses and whether the last one's orientation is the direction of arrival; returns the
+    goals' numbers and why that is not kept, or raises ValueError."""
     follow: Callable[[Any, str, int, float, float], int]
     """Takes a path, a course's name, laps, speed and noise; returns the path's number or raises
     ValueError."""
@@ -84,7 +91,7 @@ class ActionDesk:
     def __init__(self, node: Node, orders: Orders) -> None:
         """Start to serve beside `node`, whose namespace holds."""
         self._orders = orders
-        self._events: queue.SimpleQueue[Event | PathReport] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[Event | PathReport | str] = queue.SimpleQueue()
         self._order: Order | None = None
         self._node = Node(
             f"{node.get_name()}_actions",
@@ -139,9 +146,14 @@ class ActionDesk:
         """Take a change of a goal or a path; called in the loop's thread."""
         self._events.put(event)
 
+    def end(self, why: str) -> None:
+        """End what has been ordered, for it is not ridden any more; called in any thread."""
+        self._events.put(why)
+
     async def _execute(self, kind: str, made: Any, handle: Any) -> Any:
         order = Order(handle, Future(), kind, [])
         order.began = self._orders.state()[1]
+        self._take_events()  # the previous one may have ended
         previous, self._order = self._order, order
         try:
             self._begin(order, handle.request)
@@ -150,8 +162,8 @@ class ActionDesk:
             self._order = previous
             handle.abort()
             return self._result(order, made.Result())
-        if previous is not None:
-            previous.reason = "a newer order came"
+        if previous is not None and not previous.done.done():
+            previous.reason = NEWER
             previous.done.set_result(None)
         await order.done
         if self._order is order:
@@ -177,22 +189,26 @@ class ActionDesk:
         poses = list(request.poses) if ending == "poses" else [request.pose]
         if not poses:
             raise ValueError("no pose is given")
-        asked = isinstance(request, RideToPose.Goal)
-        use = request.use_heading if asked else ending == "pose"
+        use = ending == "pose"
+        if isinstance(request, RideToPose.Goal):
+            poses, use = [*request.through, request.pose], request.use_heading
+            if not request.timeout >= 0.0:
+                raise ValueError(f"timeout is {request.timeout:g}: give 0 or more seconds")
+            order.timeout = request.timeout or math.inf
         order.yaw = convert.to_yaw(poses[-1].pose.orientation) if use else math.nan
-        frame = poses[0].header.frame_id
-        order.ids = self._orders.ride(poses, frame, order.yaw if use else None)
+        order.ids, order.note = self._orders.ride(poses, use)
         order.left = len(order.ids)
 
     def _on_timer(self) -> None:
         """Look at events and requests to cancel; publish feedback."""
+        self._take_events()
         order = self._order
-        while not self._events.empty():
-            event = self._events.get()
-            if order is not None:
-                self._look(order, event)
         if order is None or order.done.done():
             return
+        if self._orders.state()[1] - order.began > order.timeout and not order.cancelled:
+            order.reason = f"{LATE} {order.timeout:g} s"
+            order.cancelled = True
+            self._orders.cancel()
         if order.handle.is_cancel_requested and not order.cancelled:
             order.cancelled = True
             self._orders.cancel()
@@ -202,6 +218,18 @@ class ActionDesk:
                 order.done.set_result(None)
             return
         self._feed(order)
+
+    def _take_events(self) -> None:
+        """Look at the events that have come."""
+        while not self._events.empty():
+            event, order = self._events.get(), self._order
+            if order is None:
+                continue
+            if not isinstance(event, str):
+                self._look(order, event)
+            elif not order.done.done():
+                order.reason = event
+                order.done.set_result(None)
 
     def _look(self, order: Order, event: Event | PathReport) -> None:
         """Take one event; end the order if it is its last."""
@@ -241,8 +269,12 @@ class ActionDesk:
         last, message = order.last, order.reason
         if last is not None and not message:
             message = last.message
+        if order.note:
+            message = f"{message}; arrives in any direction: {order.note}".lstrip("; ")
         if isinstance(result, RideToPose.Result):
             result.status = int(last.status) if isinstance(last, Event) else int(Status.REJECTED)
+            if order.reason.startswith(LATE):
+                result.status = int(Status.GIVEN_UP)
             result.distance = float(last.distance) if isinstance(last, Event) else math.nan
             result.heading_error = _off(snapshot, order.yaw)
             result.elapsed = max(0.0, now - order.began)
@@ -252,7 +284,7 @@ class ActionDesk:
             result.rms = float(report.rms) if report else math.nan
             result.largest = float(report.largest) if report else math.nan
             result.elapsed = float(report.elapsed) if report else 0.0
-        if order.reason == "a newer order came" and hasattr(result, "status"):
+        if order.reason == NEWER and hasattr(result, "status"):
             ended = PathEnd.REPLACED if order.kind.endswith("path") else Status.REPLACED
             result.status = int(ended)
         for name in ("message", "error_msg"):
@@ -275,6 +307,7 @@ class ActionDesk:
                     speed=float(snapshot.speed),
                     lean=-float(snapshot.lean_angle),
                     elapsed=elapsed,
+                    remaining=max(0, order.left),
                 )
             )
         elif isinstance(request, FollowPath.Goal):

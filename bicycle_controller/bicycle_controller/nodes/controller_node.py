@@ -7,6 +7,7 @@ if __name__ == "__main__":
 
     run_module("bicycle_controller.nodes.controller_node")
 
+import contextlib
 import math
 import os
 import secrets
@@ -21,12 +22,12 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from std_msgs.msg import String
 from visualization_msgs.msg import Marker
 
 from bicycle_common.nodes import convert, topics
-from bicycle_common.nodes.declare_parameters import declare
+from bicycle_common.nodes.declare_parameters import declare, follow
 from bicycle_common.nodes.diagnostics import OK, WARN, percentiles, status
 from bicycle_common.nodes.realtime import Priority
 from bicycle_common.nodes.runner import LOOP_EXECUTOR, UserError, run
@@ -65,8 +66,12 @@ UNTURNED = (0.0, 0.0, 0.0, 1.0)
 """Orientation of a goal that asks for no direction of arrival."""
 
 
-class ControllerNode(Node):
-    """Answers every state of one bicycle with one command."""
+INACTIVE = "the controller is not active: ros2 lifecycle set it active"
+"""Why an order is refused."""
+
+
+class ControllerNode(LifecycleNode):
+    """Answers every state of one bicycle with one command, while it is active."""
 
     def __init__(self) -> None:
         """Load the policy and wait for states.
@@ -85,12 +90,14 @@ class ControllerNode(Node):
         self._unlike = ""
         self._bad_states = 0
         self._heard = time.monotonic()
+        self._active = False
         self._state_was_bad = False
         self._echoes: EchoPairing[BicycleState, CommandEcho] = EchoPairing()
         self._publishers_by_name = advertise(
             self,
             topics.COMMAND,
             topics.GOAL_STATUS,
+            topics.ORDERED_GOALS,
             topics.ACTIVE_GOAL,
             topics.GOAL_MARKER,
             topics.HAND_OVER,
@@ -100,10 +107,10 @@ class ControllerNode(Node):
             topics.CONTROLLER_SETUP,
         )
         self._guidance, self._guiding = self._make_guidance()
+        follow(self, self._settings, self._change)
         # Subscribe to episodes first, so a reset cancels only older goals.
         sensors = self._sensors()
-        setup = Setup(self._driver.name, self._settings, sensors)
-        self._publish(topics.CONTROLLER_SETUP, String(data=setup.to_json()))
+        self._tell_setup(sensors)
         self._estimator = None
         if sensors is not None:
             self._estimator = Estimator(self, sensors, self._settings.start(), self._on_state)
@@ -125,7 +132,38 @@ class ControllerNode(Node):
         self._warms_up = False
         self._warm_up = self.create_timer(SILENCE, self._on_warm_up, clock=steady)
         self._warm_up.cancel()
+        if self._settings.managed:
+            self.get_logger().info("waits to be configured and activated")
+        else:
+            self.trigger_configure()
+            self.trigger_activate()
+
+    # Managed states. The policy is loaded before, so that a bad one ends the process with a line.
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Answer states and take orders from now on."""
+        self._active = True
         self.get_logger().info(f"{self._driver.policy.policy_id} waits for a goal")
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Answer no state any more, which the simulator takes as silence."""
+        self._rest()
+        return super().on_deactivate(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Rest for good."""
+        self._rest()
+        return super().on_shutdown(state)
+
+    def _rest(self) -> None:
+        """End what is ridden, and answer no state."""
+        with self._in_use:
+            self._active = False
+            self._guidance.stop("the controller is no longer active", PathEnd.CANCELLED)
+            self._driver.tracker.cancel("the controller is no longer active")
+        self._desk.end("the controller is no longer active")
+        self.get_logger().info("answers no state until it is activated")
 
     def _make_driver(self) -> ControlLoop:
         settings = self._settings
@@ -153,7 +191,28 @@ class ControllerNode(Node):
         except ValueError as error:
             raise UserError(str(error)) from None
         guidance = Guidance(self._driver, config)
-        return guidance, Guiding(self, guidance, config, self._publish, others)
+        return guidance, Guiding(self, guidance, self._publish, others)
+
+    def _tell_setup(self, sensors: SensorSettings | None) -> None:
+        setup = Setup(self._driver.name, self._settings, sensors)
+        self._publish(topics.CONTROLLER_SETUP, String(data=setup.to_json()))
+
+    def _change(self, settings: ControllerSettings) -> None:
+        """Take settings that have changed while it runs.
+
+        Raises:
+            ValueError: if they do not go together.
+        """
+        config = settings.make_guidance()
+        with self._in_use:
+            tracker, before = self._driver.tracker, self._settings
+            self._settings = settings
+            self._guidance.config = config
+            tracker.timeout, tracker.turns = settings.goal_timeout, settings.orbit_turns
+            if settings.goal_radius != before.goal_radius:
+                own = self._ridden[1].goal_radius if self._ridden is not None else 1.0
+                tracker.radius = settings.goal_radius or own
+        self._tell_setup(self._sensors())
 
     def _sensors(self) -> SensorSettings | None:
         """Return the sensors whose estimates are answered; None where the truth is.
@@ -211,6 +270,8 @@ class ControllerNode(Node):
         stamp = message.header.stamp
         with self._in_use:
             self._newest = snapshot, stamp.sec + stamp.nanosec * 1e-9
+            if not self._active:
+                return
             self._guidance.poll(snapshot)
             answer = self._driver.answer(*self._newest, self._applied(message))
         if answer.command is not None:
@@ -326,26 +387,72 @@ class ControllerNode(Node):
             else:
                 self._driver.fallback = made
 
+    # Goals come by topic, or by action in another thread; both are the same order.
+
     def _on_goal_pose(self, message: PoseStamped) -> None:
-        if not self._take(message.header.frame_id, [message]):
-            return
         turn = message.pose.orientation
-        if self._settings.arrival == "heading" and (turn.x, turn.y, turn.z, turn.w) != UNTURNED:
-            self._arrive(message)
+        turned = (turn.x, turn.y, turn.z, turn.w) != UNTURNED
+        self._take([message], message.header.frame_id, turned)
 
-    # Orders of actions come in another thread.
+    def _on_goal_path(self, message: Path) -> None:
+        self._take(message.poses, message.header.frame_id, False)
 
-    def _order_ride(self, poses: list[PoseStamped], frame: str, yaw: float | None) -> list[int]:
-        points = to_points(Path(poses=poses), frame)
+    def _take(self, poses: list[PoseStamped], frame: str, use_heading: bool) -> None:
+        """Pursue goals of a topic, or refuse all of them."""
+        use_heading = use_heading and self._settings.arrival == "heading"
+        with contextlib.suppress(ValueError):  # it is told
+            self._ride(poses, frame, use_heading)
+
+    def _ride(
+        self, poses: list[PoseStamped], frame: str, use_heading: bool
+    ) -> tuple[list[int], str]:
+        """Pursue these poses instead of all previous goals, or refuse all of them.
+
+        Returns:
+            The goals' numbers, and why the last one is not reached in the direction of its
+            orientation, as `use_heading` asks; empty if it is.
+
+        Raises:
+            ValueError: if they are refused; the status of the first tells it, too.
+        """
+        points: list[Point2D] = []
+        try:
+            if not self._active:
+                raise ValueError(INACTIVE)
+            if len(poses) > MOST_WAYPOINTS:
+                raise ValueError(f"{len(poses)} waypoints are more than {MOST_WAYPOINTS}")
+            for pose in poses:
+                position = pose.pose.position
+                points.append(convert.to_goal(pose.header.frame_id or frame, position))
+        except ValueError as error:
+            self._warn(f"goal rejected: {error}")
+            self._publish(topics.GOAL_STATUS, self._rejection(poses, str(error)))
+            raise
+        yaw, why = math.nan, ""
+        if use_heading:
+            try:
+                yaw = convert.to_yaw(poses[-1].pose.orientation)
+            except ValueError as error:
+                why = str(error)
         with self._in_use:
-            self._guidance.stop("a newer order came")
+            self._guidance.stop("a newer goal came")
             ids = [goal.goal_id for goal in self._driver.tracker.replace(points)]
-            why = "" if yaw is None else self._guidance.arrive(points[-1], yaw)
+            if math.isfinite(yaw):
+                why = self._guidance.arrive(points, yaw)
         if why:
             self._warn(f"arrives in any direction: {why}")
-        return ids
+        return ids, why
+
+    def _order_ride(self, poses: list[PoseStamped], use_heading: bool) -> tuple[list[int], str]:
+        """Take an action's goals; see `_ride`."""
+        found = self._ride(poses, poses[0].header.frame_id, use_heading)
+        path = Path(header=convert.to_header(self.get_clock().now().nanoseconds), poses=poses)
+        self._publish(topics.ORDERED_GOALS, path)
+        return found
 
     def _order_path(self, path: Path, course: str, laps: int, speed: float, noise: float) -> int:
+        if not self._active:
+            raise ValueError(INACTIVE)
         if bool(course) == bool(path.poses):
             raise ValueError("give either a path or a course")
         good = all(math.isfinite(value) and value >= 0.0 for value in (speed, noise))
@@ -364,19 +471,6 @@ class ControllerNode(Node):
             self._guidance.stop("cancelled by the client of the action", PathEnd.CANCELLED)
             self._driver.tracker.cancel("cancelled by the client of the action")
 
-    def _arrive(self, message: PoseStamped) -> None:
-        """Arrive at a goal in the direction of its orientation, where that is possible."""
-        position = message.pose.position
-        try:
-            yaw = convert.to_yaw(message.pose.orientation)
-        except ValueError as error:
-            self._warn(f"arrives in any direction: {error}")
-            return
-        with self._in_use:
-            why = self._guidance.arrive((position.x, position.y), yaw)
-        if why:
-            self._warn(f"arrives in any direction: {why}")
-
     def _after_event(self, event: Event) -> None:
         """Do what follows the last goal."""
         if event.status is not Status.REACHED or self._driver.tracker.has_goal or event.remaining:
@@ -385,31 +479,6 @@ class ControllerNode(Node):
             told = self._guidance.after_goal(event.goal.point)
         if told:
             self.get_logger().info(f"after goal {event.goal.goal_id}: {told}")
-
-    def _on_goal_path(self, message: Path) -> None:
-        self._take(message.header.frame_id, message.poses)
-
-    def _take(self, frame: str, poses: list[PoseStamped]) -> bool:
-        """Pursue these poses instead of all previous goals, or refuse all of them.
-
-        Returns:
-            True if they are pursued.
-        """
-        points: list[Point2D] = []
-        try:
-            if len(poses) > MOST_WAYPOINTS:
-                raise ValueError(f"{len(poses)} waypoints are more than {MOST_WAYPOINTS}")
-            for pose in poses:
-                position = pose.pose.position
-                points.append(convert.to_goal(pose.header.frame_id or frame, position))
-        except ValueError as error:
-            self._warn(f"goal rejected: {error}")
-            self._publish(topics.GOAL_STATUS, self._rejection(poses, str(error)))
-            return False
-        with self._in_use:
-            self._guidance.stop("a newer goal came")
-            self._driver.tracker.replace(points)
-        return bool(points)
 
     def _rejection(self, poses: list[PoseStamped], why: str) -> GoalStatus:
         position = poses[0].pose.position
@@ -476,8 +545,10 @@ class ControllerNode(Node):
         other = driver.standby.other
         if other:
             text = f"stands by: {other} drives this bicycle"
+        if not self._active:
+            text = "is not active: it answers no state"
         bad = self._state_was_bad or driver.failing or bool(driver.driving or other)
-        bad = bad or silence > SILENCE or bool(self._unlike)
+        bad = bad or not self._active or silence > SILENCE or bool(self._unlike)
         name = f"{self.get_fully_qualified_name().lstrip('/')}: policy"
         values: dict[str, object] = {
             "policy": driver.policy.policy_id,

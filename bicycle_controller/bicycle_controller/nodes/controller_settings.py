@@ -36,6 +36,7 @@ class ControllerSettings:
         DEFAULT_POLICY,
         "what rides: a policy file or an ONNX file, a shipped policy's name, a Python class as "
         f"module:Class, the name of an installed one, or one of {', '.join(LQR)}",
+        fixed="the service bicycle/load_policy switches the policy",
     )
     state: str = parameter(
         "truth",
@@ -104,44 +105,75 @@ class ControllerSettings:
     exploration_theta: float = parameter(0.15, "pull of ou towards zero per step", 0.0, 1.0)
     seed: int = parameter(1, "of the exploration noise", 0, 2**62)
     goal_radius: float = parameter(
-        0.0, "m within which a goal is reached; 0 takes the simulator's", 0.0, 100.0
+        0.0,
+        "m within which a goal is reached; 0 takes the simulator's",
+        0.0,
+        100.0,
+        live=True,
     )
     goal_timeout: float = parameter(
-        300.0, "simulated s after which a goal is given up; 0 is never", 0.0, 1e6
+        300.0,
+        "simulated s after which a goal is given up; 0 is never",
+        0.0,
+        1e6,
+        live=True,
     )
     orbit_turns: float = parameter(
-        2.0, "full turns without an approach after which a goal is missed", 0.5, 100.0
+        2.0,
+        "full turns without an approach after which a goal is missed",
+        0.5,
+        100.0,
+        live=True,
     )
     follower: str = parameter(
         "preview",
         "what follows paths: an LQR with preview of the curvature, or the baseline",
         choices=tuple(FOLLOWERS),
     )
-    path_speed: float = parameter(3.0, "m/s on paths that name no speed", 1.0, 8.0)
+    path_speed: float = parameter(3.0, "m/s on paths that name no speed", 1.0, 8.0, live=True)
     path_slowest: float = parameter(
-        2.0, "m/s, lowest speed in turns, after a goal and under cmd_vel", 1.0, 8.0
+        2.0,
+        "m/s, lowest speed in turns, after a goal and under cmd_vel",
+        1.0,
+        8.0,
+        live=True,
     )
     arrival: str = parameter(
         "heading",
         "a goal's orientation is the direction of arrival, unless it is exactly (0, 0, 0, 1); "
         "or it is ignored",
         choices=("heading", "any"),
+        live=True,
     )
     after_goal: str = parameter(
         "hold",
         "after the last goal: ride straight on, circle it, or ride on at path_slowest",
         choices=AFTER,
+        live=True,
     )
-    cmd_vel_fastest: float = parameter(5.0, "m/s, highest speed under cmd_vel", 1.0, 8.0)
-    cmd_vel_yaw_rate: float = parameter(1.0, "rad/s, largest yaw rate under cmd_vel", 0.01, 10.0)
+    cmd_vel_fastest: float = parameter(
+        5.0, "m/s, highest speed under cmd_vel", 1.0, 8.0, live=True
+    )
+    cmd_vel_yaw_rate: float = parameter(
+        1.0, "rad/s, largest yaw rate under cmd_vel", 0.01, 10.0, live=True
+    )
     cmd_vel_timeout: float = parameter(
-        0.5, "simulated s after which a cmd_vel ends and the bicycle rides straight on", 0.05, 60.0
+        0.5,
+        "simulated s after which a cmd_vel ends and the bicycle rides straight on",
+        0.05,
+        60.0,
+        live=True,
     )
     keep_clear: str = parameter(
         "",
         "namespaces of other bicycles, as b2,b3, to keep clear of on paths; none by default",
     )
     take_over: bool = parameter(True, "ride on a bicycle that is found riding, to the goal it had")
+    managed: bool = parameter(
+        False,
+        "a managed node waits to be configured and activated by ros2 lifecycle; false does both "
+        "by itself",
+    )
     realtime_priority: int = priority_parameter()
     diagnostics_period: float = parameter(1.0, "s", 0.1, 3600.0)
 

@@ -20,7 +20,7 @@ from bicycle_common.nodes.topics import ODOM_FRAME, Topic, listen
 from bicycle_common.types import BicycleState, Point2D
 from bicycle_controller.control import courses
 from bicycle_controller.control.courses import Course
-from bicycle_controller.control.guidance import Guidance, GuidanceConfig, MakeCourse
+from bicycle_controller.control.guidance import Guidance, MakeCourse
 from bicycle_controller.control.guide import PathReport
 from bicycle_controller.control.keep_clear import Mover
 from bicycle_controller.control.path import Path
@@ -39,7 +39,6 @@ class Guiding:
         self,
         node: Node,
         guidance: Guidance,
-        config: GuidanceConfig,
         publish: Callable[[Topic, Any], None],
         others: Sequence[str] = (),
     ) -> None:
@@ -48,11 +47,10 @@ class Guiding:
         Args:
             node: of the controller.
             guidance: of its loop.
-            config: the same.
             publish: of the node.
             others: namespaces of the bicycles to keep clear of.
         """
-        self.guidance, self._config = guidance, config
+        self.guidance = guidance
         self._node, self._publish = node, publish
         self._twist_refused = False
         self.on_report: Callable[[PathReport], None] = lambda report: None
@@ -84,7 +82,7 @@ class Guiding:
         except ValueError as error:
             self._node.get_logger().warning(f"path rejected: {error}")
             return
-        self.guidance.follow("", course_of(points, self._config.speed))
+        self.guidance.follow("", course_of(points, self.guidance.config.speed))
 
     def _on_twist_stamped(self, message: TwistStamped) -> None:
         self._on_twist(message.twist)

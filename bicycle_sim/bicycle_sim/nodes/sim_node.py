@@ -26,7 +26,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from bicycle_common.conventions import mirror
 from bicycle_common.nodes import convert, topics
-from bicycle_common.nodes.declare_parameters import declare
+from bicycle_common.nodes.declare_parameters import declare, follow
 from bicycle_common.nodes.realtime import Priority
 from bicycle_common.nodes.runner import LOOP_EXECUTOR, UserError, run
 from bicycle_common.nodes.topics import STATE_PERIOD, Topic, advertise, listen, serve
@@ -90,6 +90,7 @@ class SimNode(Node):
         """
         super().__init__(NAME)
         self._settings = declare(self, self.settings_type)
+        follow(self, self._settings, self._change)
         self._loop = self._make_loop()
         plant = self._loop.simulator.plant
         self._geometry = plant.geometry
@@ -111,6 +112,10 @@ class SimNode(Node):
         if told:
             self.get_logger().info(told)
         self._begin(self._settings.make_start(), self._settings.seed)
+
+    def _change(self, settings: SimSettings) -> None:
+        """Take settings that have changed while it runs."""
+        self._settings = settings
 
     def _make_loop(self) -> Loop:
         """Create the bicycle and its schedule from the parameters."""

@@ -72,7 +72,11 @@ class SimSettings:
     start_yaw: float = parameter(0.0, "rad, counter-clockwise from +x", -1000.0, 1000.0)
     start_speed: float = parameter(-1.0, "m/s; negative takes the scenario's", -1.0, FASTEST_START)
     reset_after_fall: float = parameter(
-        0.0, "s by the clock until a fallen bicycle is reset; 0 waits for a reset", 0.0, 3600.0
+        0.0,
+        "s by the clock until a fallen bicycle is reset; 0 waits for a reset",
+        0.0,
+        3600.0,
+        live=True,
     )
     watchdog_timeout: float = parameter(
         0.25,
@@ -93,9 +97,13 @@ class SimSettings:
         1000.0,
     )
     marker_rate: float = parameter(
-        20.0, "Hz, markers for RViz and Foxglove; 0 is none", 0.0, 100.0
+        20.0,
+        "Hz, markers for RViz and Foxglove; 0 is none",
+        0.0,
+        100.0,
+        live=True,
     )
-    tf_rate: float = parameter(20.0, "Hz, transforms on /tf; 0 is none", 0.0, 100.0)
+    tf_rate: float = parameter(20.0, "Hz, transforms on /tf; 0 is none", 0.0, 100.0, live=True)
     publish_clock: bool = parameter(
         True, "publish /clock; false for all but one bicycle of a fleet"
     )

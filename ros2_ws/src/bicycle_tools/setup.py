@@ -43,6 +43,8 @@ setup(
             "bicycle_report = bicycle_tools.programs:report",
             "bicycle_foxglove = bicycle_tools.programs:foxglove",
             "bicycle_goal = bicycle_tools.programs:goal",
+            "bicycle_path = bicycle_tools.programs:path",
+            "bicycle_teleop = bicycle_tools.programs:teleop",
             "bicycle_topic = bicycle_tools.programs:topic",
             "bicycle_verify = bicycle_tools.programs:verify",
         ],

@@ -20,6 +20,10 @@ class Parameter:
     low: float | None = None
     high: float | None = None
     choices: tuple[str, ...] = ()
+    live: bool = False
+    """True if it may change while the node runs."""
+    fixed: str = "it is read at the start: restart the node with it"
+    """Why it may not, with the remedy."""
 
     def check(self, value: Value) -> None:
         """Check a value of the right type.
@@ -45,9 +49,12 @@ def parameter(
     low: float | None = None,
     high: float | None = None,
     choices: tuple[str, ...] = (),
+    live: bool = False,
+    fixed: str = Parameter.fixed,
 ) -> Any:
-    """Return a dataclass field that becomes a ROS parameter."""
+    """Return a dataclass field that becomes a ROS parameter, see `Parameter`."""
     facts = {"description": description, "low": low, "high": high, "choices": choices}
+    facts |= {"live": live, "fixed": fixed}
     return field(default=default, metadata=facts)
 
 

@@ -12,7 +12,6 @@ from nav_msgs.msg import Path
 
 from bicycle_cockpit.samples import ESTIMATED, REWARDED, Sample, plain, reward_columns
 from bicycle_common.geometry import wrap_angle
-from bicycle_common.nodes import convert, topics
 from bicycle_common.types import Point2D
 from bicycle_controller.policy.trained_for import UNLIKE
 from bicycle_sim.task.reward import RewardWeights
@@ -91,24 +90,6 @@ def bearing(state: BicycleState, echo: CommandEcho | None) -> tuple[float, float
         return math.nan, math.nan
     x, y = echo.command.goal.x - state.rear_contact.x, echo.command.goal.y - state.rear_contact.y
     return float(wrap_angle(math.atan2(y, x) - state.heading)), math.hypot(x, y)
-
-
-def to_pose(point: Point2D, heading: float | None = None) -> PoseStamped:
-    """Return a goal as RViz sends it."""
-    pose = PoseStamped()
-    pose.header.frame_id = topics.ODOM_FRAME
-    pose.pose.position = convert.to_point(point)
-    pose.pose.orientation = convert.to_quaternion(heading or 0.0)
-    return pose
-
-
-def to_path(points: list[Point2D], heading: float | None = None) -> Path:
-    """Return the points to ride to in order, the last one with a direction."""
-    poses = [to_pose(point) for point in points[:-1]]
-    poses += [to_pose(point, heading) for point in points[-1:]]
-    path = Path(poses=poses)
-    path.header.frame_id = topics.ODOM_FRAME
-    return path
 
 
 def points_of(message: PoseStamped | Path) -> list[Point2D]:

@@ -94,7 +94,7 @@ class Hearing:
         listen(node, topics.TRAINER, self._on_trainer)
         listen(node, topics.FOLLOWED_PATH, self._on_path)
         listen(node, topics.PATH_STATUS, self._on_path_status)
-        for topic in (topics.GOAL_POSE, topics.GOAL_PATH):
+        for topic in (topics.GOAL_POSE, topics.GOAL_PATH, topics.ORDERED_GOALS):
             listen(node, topic, lambda message: live.goals.sent(conversions.points_of(message)))
         topic = topics.GOAL_STATUS
         wanted = topic.subscribe

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
@@ -18,17 +19,16 @@ from std_srvs.srv import SetBool, Trigger
 
 from bicycle_cockpit import requests, ride_setup
 from bicycle_cockpit.fit import Suits
-from bicycle_cockpit.nodes.conversions import to_path, to_pose
 from bicycle_cockpit.nodes.recording import Recording
 from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_cockpit.rate_limiter import RateLimiter
 from bicycle_cockpit.ride_setup import RideSetup
 from bicycle_cockpit.ride_state import RideState
 from bicycle_common.nodes import topics
-from bicycle_common.nodes.topics import Service, advertise
+from bicycle_common.nodes.goal_orders import GoalOrders
+from bicycle_common.nodes.topics import Service
 from bicycle_common.types import Point2D
 from bicycle_controller.control import courses
-from bicycle_controller.control.arrival import approach
 
 PATIENCE = 10.0
 """Time limit of a service's answer (s)."""
@@ -106,7 +106,7 @@ class RequestHandler:
         self._calls: list[_Call] = []
         self._sent: tuple[list[Point2D], float | None] = ([], None)
         self._resent, self._sent_at = 0, 0.0
-        self._topics = advertise(node, topics.GOAL_POSE, topics.GOAL_PATH)
+        self._orders = GoalOrders(node)
         services = (
             topics.PUSH,
             topics.PAUSE,
@@ -147,12 +147,7 @@ class RequestHandler:
 
     @_do.register
     def _(self, request: requests.SendGoal, reply: Reply) -> None:
-        bicycle = self._live.position
-        if request.heading is None or bicycle is None:
-            self._send([request.point], None, reply)
-            return
-        points = approach(request.point, request.heading, bicycle)
-        self._send(points, request.heading, reply)
+        self._send([request.point], request.heading, reply)
 
     @_do.register
     def _(self, request: requests.AddWaypoints, reply: Reply) -> None:
@@ -167,7 +162,7 @@ class RequestHandler:
         self._send([], None, reply)
 
     def _send(self, points: list[Point2D], heading: float | None, reply: Reply) -> None:
-        """Publish points in place of all previous goals."""
+        """Order points in place of all previous goals."""
         if not self._goal_bucket.take():
             reply(False, "too many goals at once: wait a second")
             return
@@ -175,22 +170,21 @@ class RequestHandler:
             reply(False, "no controller runs: start ros2_ws/controller.sh")
             return
         self._resent, self._sent = 0, (points, heading)
-        self._publish(points, heading)
+        self._order(points, heading)
         if not points:
             reply(True, "goals cleared")
             return
         (x, y), before = points[-1], len(points) - 1
         plural = "" if before == 1 else "s"
         many = f" by way of {before} point{plural}" if before else ""
+        if heading is not None:
+            many += f" to arrive at {math.degrees(heading):.0f}°"
         reply(True, f"goal ({x:.1f}, {y:.1f}) sent{many}{self._held_up()}")
 
-    def _publish(self, points: list[Point2D], heading: float | None) -> None:
+    def _order(self, points: list[Point2D], heading: float | None) -> None:
         self._sent_at = time.monotonic()
         self._live.goals.send(points)
-        if len(points) == 1:
-            self._topics[topics.GOAL_POSE.name].publish(to_pose(points[0], heading))
-        else:
-            self._topics[topics.GOAL_PATH.name].publish(to_path(points, heading))
+        self._orders.send(points, heading)
 
     def _send_again(self, now: float) -> None:
         """Send goals again that no controller has taken, while the bicycle waits for one."""
@@ -198,7 +192,7 @@ class RequestHandler:
             return
         if self._resent < MOST_RESENT and now - self._sent_at > RESEND and self._sent[0]:
             self._resent += 1
-            self._publish(*self._sent)
+            self._order(*self._sent)
 
     def _held_up(self) -> str:
         """Return why the bicycle does not ride to a goal at once, as the end of a line."""

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, TypeVar
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.exceptions import (
     InvalidParameterTypeException,
     InvalidParameterValueException,
@@ -25,7 +32,10 @@ _FOREIGN = ("use_sim_time", "qos_overrides.", "start_type_description_service")
 
 
 def declare(node: Node, settings: type[Settings]) -> Settings:
-    """Declare every field of `settings` as a read-only parameter and read the given values.
+    """Declare every field of `settings` as a parameter and read the given values.
+
+    Those that are not `live` cannot be set while the node runs, and the answer says why;
+    `follow` has the others.
 
     Raises:
         UserError: on an unknown parameter, a wrong type, or a value out of range.
@@ -37,7 +47,49 @@ def declare(node: Node, settings: type[Settings]) -> Settings:
             raise UserError(
                 f"unknown parameter {name!r}{nearest(name, known)}; --help lists them all"
             )
-    return settings(**{item.name: _declare_one(node, item, given) for item in known.values()})
+    read = settings(**{item.name: _declare_one(node, item, given) for item in known.values()})
+
+    def refuse(changes: list[RosParameter]) -> SetParametersResult:
+        """Refuse changes of what is read once."""
+        for change in changes:
+            item = known.get(change.name)
+            if item is not None and not item.live and change.value != getattr(read, item.name):
+                return SetParametersResult(
+                    successful=False, reason=f"parameter {item.name} stays as it is: {item.fixed}"
+                )
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(refuse)
+    return read
+
+
+def follow(node: Node, settings: Settings, apply: Callable[[Settings], None]) -> None:
+    """Let the parameters of `settings` that are `live` change while the node runs.
+
+    Args:
+        node: it has declared them.
+        settings: values at the start.
+        apply: takes the settings after a change, in the node's thread; with a ValueError it
+            refuses them.
+    """
+    known = {item.name: item for item in parameters_of(type(settings))}
+    now = settings
+
+    def change(changes: list[RosParameter]) -> SetParametersResult:
+        nonlocal now
+        values = {one.name: one.value for one in changes if one.name in known}
+        try:
+            for name, value in values.items():
+                known[name].check(value)
+            new = replace(now, **values) if values else now  # type: ignore[type-var]
+            if new != now:
+                apply(new)
+        except (ValueError, TypeError) as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        now = new
+        return SetParametersResult(successful=True)
+
+    node.add_on_set_parameters_callback(change)
 
 
 def _declare_one(node: Node, item: Parameter, given: dict[str, RosParameter]) -> Any:
@@ -78,9 +130,11 @@ def _shown(given: RosParameter) -> str:
 
 def _descriptor(item: Parameter) -> ParameterDescriptor:
     """Return the descriptor that `ros2 param describe` shows."""
-    descriptor = ParameterDescriptor(description=item.description, read_only=True)
+    descriptor = ParameterDescriptor(description=item.description)
+    rules = [] if item.live else [f"not while it runs: {item.fixed}"]
     if item.choices:
-        descriptor.additional_constraints = "one of " + ", ".join(item.choices)
+        rules.insert(0, "one of " + ", ".join(item.choices))
+    descriptor.additional_constraints = "; ".join(rules)
     if item.low is None or item.high is None or isinstance(item.default, bool):
         return descriptor
     if isinstance(item.default, float):

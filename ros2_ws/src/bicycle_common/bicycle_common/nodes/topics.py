@@ -121,6 +121,8 @@ EPISODE = _topic(topic_names.EPISODE, EpisodeInfo, depth=1, latched=True)
 INITIAL_POSE = _topic(topic_names.INITIAL_POSE, PoseWithCovarianceStamped)
 GOAL_POSE = _topic(topic_names.GOAL_POSE, PoseStamped)
 GOAL_PATH = _topic(topic_names.GOAL_PATH, Path)
+ORDERED_GOALS = _topic(topic_names.ORDERED_GOALS, Path)
+"""Goals that came by action, as `GOAL_PATH` has the others."""
 FOLLOW_PATH = _topic(topic_names.FOLLOW_PATH, Path)
 FOLLOWED_PATH = _topic(topic_names.FOLLOWED_PATH, Path, depth=1, latched=True)
 PATH_STATUS = _topic(topic_names.PATH_STATUS, PathStatus, depth=10, latched=True)
@@ -168,6 +170,7 @@ TOPICS: tuple[Topic, ...] = (
     INITIAL_POSE,
     GOAL_POSE,
     GOAL_PATH,
+    ORDERED_GOALS,
     FOLLOW_PATH,
     FOLLOWED_PATH,
     PATH_STATUS,

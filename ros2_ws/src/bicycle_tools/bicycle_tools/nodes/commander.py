@@ -25,15 +25,15 @@ from typing import Any
 
 import rclpy
 from action_msgs.msg import GoalStatus as ActionStatus
-from bicycle_msgs.action import FollowPath, RideToPose
-from geometry_msgs.msg import PoseStamped
+from bicycle_msgs.action import FollowPath
 from nav_msgs.msg import Path
 from rclpy.action import ActionClient
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from bicycle_common.nodes import convert, topics
+from bicycle_common.nodes import topics
+from bicycle_common.nodes.goal_orders import to_order, to_pose
 from bicycle_common.nodes.topics import ODOM_FRAME
 from bicycle_common.types import Point2D
 
@@ -105,15 +105,29 @@ class BicycleCommander:
         if self._own:
             self._context.try_shutdown()
 
-    def ride_to(self, x: float, y: float, yaw: float | None = None) -> None:
+    def ride_to(self, x: float, y: float, yaw: float | None = None, timeout: float = 0.0) -> None:
         """Order a ride to a place, m, and to arrive in a direction, rad, if one is given.
+
+        Args:
+            x: m.
+            y: m.
+            yaw: rad; None for any.
+            timeout: s of simulated time after which it is given up; 0 takes the controller's.
 
         Raises:
             CommanderError: if nobody takes the order.
         """
-        goal = RideToPose.Goal(use_heading=yaw is not None)
-        goal.pose = _pose(x, y, yaw or 0.0)
-        self._send(topics.RIDE_TO_POSE, goal)
+        self._send(topics.RIDE_TO_POSE, to_order([(x, y)], yaw, timeout))
+
+    def ride_through(self, points: Sequence[Point2D], yaw: float | None = None) -> None:
+        """Order a ride to places, m, in order, and to arrive in a direction, rad, at the last.
+
+        Raises:
+            CommanderError: if nobody takes the order, or no place is given.
+        """
+        if not points:
+            raise CommanderError("no place is given: give at least one")
+        self._send(topics.RIDE_TO_POSE, to_order(points, yaw))
 
     def follow_course(self, course: str, laps: int = 0, speed: float = 0.0) -> None:
         """Order a course by its name, or by a file that the controller can read.
@@ -132,7 +146,7 @@ class BicycleCommander:
         Raises:
             CommanderError: if nobody takes the order.
         """
-        path = Path(poses=[_pose(x, y, 0.0) for x, y in points])
+        path = Path(poses=[to_pose(point) for point in points])
         path.header.frame_id = ODOM_FRAME
         goal = FollowPath.Goal(path=path, laps=int(laps), speed=float(speed), noise=float(noise))
         self._send(topics.FOLLOW_PATH_ACTION, goal)
@@ -201,11 +215,3 @@ class BicycleCommander:
             self._executor.spin_once(timeout_sec=0.1)
             if time.monotonic() > deadline:
                 raise CommanderError(f"no answer within {READY:g} s: see the controller's log")
-
-
-def _pose(x: float, y: float, yaw: float) -> PoseStamped:
-    pose = PoseStamped()
-    pose.header.frame_id = ODOM_FRAME
-    pose.pose.position = convert.to_point((x, y))
-    pose.pose.orientation = convert.to_quaternion(yaw)
-    return pose

@@ -12,14 +12,13 @@ from bicycle_msgs.action import FollowPath
 from bicycle_msgs.msg import BicycleState, GoalStatus, PathStatus
 from bicycle_msgs.srv import Reset
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Path
 from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from bicycle_common.nodes import convert, topics
-from bicycle_common.nodes.topics import Topic, advertise, listen
+from bicycle_common.nodes import topics
+from bicycle_common.nodes.goal_orders import GoalOrders
+from bicycle_common.nodes.topics import Topic, listen
 from bicycle_common.types import Point2D
 from bicycle_controller.policy.trained_for import UNLIKE
 
@@ -41,6 +40,8 @@ RECORDER = "bicycle_recorder"
 """Prefix of recorders' names."""
 
 
+SERVED = 1.0
+"""Longest wait for a controller's action before goals go by topic (s)."""
 STILL = 1.0
 """Time without a new step after which a bicycle counts as standing still (s)."""
 
@@ -67,7 +68,7 @@ class RideClient(Node):
         self.path: PathStatus | None = None
         self._dead: set[bytes] = set()
         self._heard = self._moved = time.monotonic()
-        self._goal_publishers = advertise(self, topics.GOAL_POSE, topics.GOAL_PATH)
+        self._orders = GoalOrders(self)
         listen(self, topics.STATE, self._on_state, depth=1)
         listen(self, topics.GOAL_STATUS, self._on_goal_status)
         listen(self, topics.PATH_STATUS, self._on_path)
@@ -139,6 +140,7 @@ class RideClient(Node):
     def close(self) -> None:
         """Leave the graph."""
         self._follow.destroy()
+        self._orders.close()
         self._executor.shutdown()
         self.destroy_node()
 
@@ -186,25 +188,16 @@ class RideClient(Node):
         )
 
     def send(self, goals: Sequence[Point2D], yaw: float | None = None) -> None:
-        """Publish one goal, or several in order, in place of all older ones.
+        """Order one goal, or several in order, in place of all older ones.
 
         Args:
             goals: m.
-            yaw: rad, direction of arrival at a single goal; None asks for none.
+            yaw: rad, direction of arrival at the last goal; None asks for none.
         """
-        poses = [_pose(goal) for goal in goals]
-        if yaw is not None:
-            # Exactly (0, 0, 0, 1) asks for no direction: a full turn more is east, too.
-            turned = convert.to_quaternion(yaw)
-            if turned.z == 0.0:
-                turned.w = -turned.w
-            poses[0].pose.orientation = turned
-        if len(poses) == 1:
-            self._goal_publishers[topics.GOAL_POSE.name].publish(poses[0])
-            return
-        path = Path(poses=poses)
-        path.header.frame_id = topics.ODOM_FRAME
-        self._goal_publishers[topics.GOAL_PATH.name].publish(path)
+        deadline = time.monotonic() + SERVED
+        while not self._orders.served and time.monotonic() < deadline:
+            self.spin()
+        self._orders.send(goals, yaw)
 
     def reset(self, timeout: float = 5.0) -> bool:
         """Ask the simulator for a new episode at the origin; return True if it complied."""
@@ -227,13 +220,3 @@ class RideClient(Node):
     @staticmethod
     def _names(endpoints: Sequence[Any]) -> list[str]:
         return [str(endpoint.node_name) for endpoint in endpoints]
-
-
-def _pose(goal: Point2D) -> PoseStamped:
-    """Return a goal as RViz sends it, without a direction of arrival."""
-    pose = PoseStamped()
-    pose.header.frame_id = topics.ODOM_FRAME
-    pose.pose.position.x = float(goal[0])
-    pose.pose.position.y = float(goal[1])
-    pose.pose.orientation.w = 1.0
-    return pose
