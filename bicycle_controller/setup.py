@@ -28,6 +28,7 @@ setup(
     package_data={
         NAME: [
             "py.typed",
+            "followers/*",
             "models/*",
             "presets/*.yaml",
             "courses/*",

@@ -11,9 +11,13 @@ from bicycle_controller.cli import options
 from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.evaluation import beside_lqr
-from bicycle_controller.training import imitation, online
+from bicycle_controller.training import imitation, online, path_following
 from bicycle_controller.training.run_folder import RunFolder
+from bicycle_sim.plants import registry
 from bicycle_sim.task.scenario import SCENARIOS
+
+PATHS = "path-following"
+"""Task of following paths."""
 
 EPILOG = f"""\
 scenarios: {", ".join(SCENARIOS)}
@@ -28,6 +32,7 @@ presets:
 example:
   bicycle train --preset fast --scenario learned-speed --seed 1 --out runs/mine
   bicycle plot runs/mine
+  bicycle train path-following --seed 1 --out runs/follower
 """
 
 
@@ -37,6 +42,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_run_folder(parser, "from its checkpoint", required=True)
     options.add_configuration(parser, presets, "fast")
     add = parser.add_argument
+    add(
+        "task",
+        nargs="?",
+        choices=("goals", PATHS),
+        default="goals",
+        metavar="TASK",
+        help=f"goals, or {PATHS}: to follow random roads (default: goals)",
+    )
+    add("--bicycle", metavar="NAME|FILE", help=f"of {PATHS} (default: browser-rider)")
     add("--scenario", metavar="NAME", help="where from and where to (default: the preset's)")
     options.add_seed(parser)
     options.add_device(parser)
@@ -79,6 +93,10 @@ def run_command(args: argparse.Namespace) -> int:
     Raises:
         ValueError: on a user's mistake; one line with the remedy.
     """
+    if args.task == PATHS:
+        return _follow(args)
+    if args.bicycle is not None:
+        raise ValueError(f"--bicycle belongs to {PATHS}: goals take --set plant=...")
     progress = options.progress_of(args)
     if args.resume:
         if args.config is not None or args.preset is not None:
@@ -101,6 +119,44 @@ def run_command(args: argparse.Namespace) -> int:
         if worse := beside_lqr.warning(result.best, beside_lqr.lqr_score(config)):
             print(f"bicycle: warning: {worse}", file=sys.stderr)
     return 128 + result.signal if result.signal else 0
+
+
+def _follow(args: argparse.Namespace) -> int:
+    """Train a follower of paths; return the exit status.
+
+    Raises:
+        ValueError: on a user's mistake.
+    """
+    given = {
+        "--preset": args.preset,
+        "--config": args.config,
+        "--scenario": args.scenario,
+        "--resume": args.resume,
+        "--set": args.overrides,
+    }
+    wrong = [name for name, value in given.items() if value]
+    if wrong:
+        raise ValueError(f"{wrong[0]} does not go with {PATHS}")
+    plant = registry.named(plant="whipple", bicycle=args.bicycle or "browser-rider")
+    steps = 200_000 if args.steps is None else args.steps
+    seed = 1 if args.seed is None else args.seed
+
+    def tell(line: str) -> None:
+        if not args.quiet:
+            print(line, file=sys.stderr, flush=True)
+
+    best = path_following.run(plant, args.out, seed, steps, tell)
+    file = args.out / path_following.NAME
+    if args.json:
+        print(json.dumps({"out": str(args.out), "follower": str(file), **asdict(best)}))
+    else:
+        print(
+            f"best follower: {file}: {best.rms:.3f} m rms and {best.largest:.2f} m at most off "
+            f"{path_following.ROADS} random roads, {best.lost} lost\n"
+            f"its courses: bicycle evaluate {file} --course all --bicycle "
+            f"{args.bicycle or 'browser-rider'}"
+        )
+    return 0
 
 
 def told(result: online.Result, args: argparse.Namespace) -> str:
