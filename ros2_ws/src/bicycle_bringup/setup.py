@@ -48,6 +48,7 @@ setup(
     entry_points={
         "console_scripts": [
             "bicycle_ride = bicycle_bringup.programs:ride",
+            "bicycle_fleet = bicycle_bringup.programs:fleet",
         ],
     },
 )

@@ -1,0 +1,107 @@
+"""Result of a fleet's ride: what each bicycle did, how near they came, how punctual all were."""
+
+from __future__ import annotations
+
+import math
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+@dataclass
+class Rider:
+    """Record of one bicycle of a fleet.
+
+    Attributes:
+        lateness: s after which steps began that were due.
+        latency: s from publishing a state to receiving its command.
+        late: steps that began later than half a period.
+        dropped: whole periods that were skipped.
+    """
+
+    name: str
+    outcome: str = "not ended"
+    finished: bool = False
+    rms: float = math.nan
+    largest: float = math.nan
+    late: int = 0
+    dropped: int = 0
+    lateness: list[float] = field(default_factory=list)
+    latency: list[float] = field(default_factory=list)
+
+    def facts(self) -> dict[str, Any]:
+        """Return the keys of one bicycle in `fleet.json`."""
+        return {
+            "finished": self.finished,
+            "outcome": self.outcome,
+            "rms_m": _plain(self.rms),
+            "largest_m": _plain(self.largest),
+            "steps": len(self.lateness),
+            "lateness_p99_ms": _p99(self.lateness),
+            "latency_p99_ms": _p99(self.latency),
+            "late_steps": self.late,
+            "dropped_steps": self.dropped,
+        }
+
+
+def facts(riders: Sequence[Rider], nearest: Mapping[tuple[str, str], float]) -> dict[str, Any]:
+    """Return what `fleet.json` holds; `nearest` is the least distance of each pair, m."""
+    pair = min(nearest, key=lambda key: nearest[key], default=None)
+    every = [value for one in riders for value in one.lateness]
+    answers = [value for one in riders for value in one.latency]
+    return {
+        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
+        "processor": _processor(),
+        "bicycles": {one.name: one.facts() for one in riders},
+        "finished": sum(one.finished for one in riders),
+        "nearest_m": None if pair is None else _plain(nearest[pair]),
+        "nearest_pair": None if pair is None else list(pair),
+        "lateness_p99_ms": _p99(every),
+        "latency_p99_ms": _p99(answers),
+    }
+
+
+def as_text(found: Mapping[str, Any]) -> str:
+    """Return a table, one bicycle a line, and a line about all."""
+    lines = [f"{'':6} {'off its route':>22} {'late p99':>10} {'answer p99':>11}  end"]
+    for name, one in found["bicycles"].items():
+        off = f"{_shown(one['rms_m'], 2)} rms, {_shown(one['largest_m'], 2)} m"
+        lines.append(
+            f"{name:6} {off:>22} {_shown(one['lateness_p99_ms'], 1):>7} ms "
+            f"{_shown(one['latency_p99_ms'], 1):>8} ms  {one['outcome']}"
+        )
+    total = len(found["bicycles"])
+    near = _shown(found["nearest_m"], 2)
+    pair = " and ".join(found["nearest_pair"] or ())
+    lines.append(
+        f"{found['finished']} of {total} rode their routes to the end; nearest {near} m ({pair}); "
+        f"steps late by {_shown(found['lateness_p99_ms'], 1)} ms (p99), answered after "
+        f"{_shown(found['latency_p99_ms'], 1)} ms (p99)"
+    )
+    return "\n".join(lines)
+
+
+def _p99(values: Sequence[float]) -> float | None:
+    """Return the 99th percentile in ms; None without values."""
+    good = [value for value in values if math.isfinite(value)]
+    return 1e3 * float(np.quantile(good, 0.99)) if good else None
+
+
+def _plain(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _shown(value: float | None, digits: int) -> str:
+    return "–" if value is None else f"{value:.{digits}f}"
+
+
+def _processor() -> str:
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else "unknown"

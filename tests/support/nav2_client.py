@@ -1,0 +1,59 @@
+"""Orders by Nav2's actions, as a program of Nav2 would; prints what came of each."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import sys
+from typing import Any
+
+import rclpy
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from rclpy.action import ActionClient
+from rclpy.node import Node
+
+
+def pose(x: float, y: float, yaw: float = 0.0) -> PoseStamped:
+    made = PoseStamped()
+    made.header.frame_id = "map"
+    made.pose.position.x, made.pose.position.y = x, y
+    made.pose.orientation.z, made.pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+    return made
+
+
+def order(node: Node, kind: Any, name: str, goal: Any) -> str:
+    """Send one goal and wait; return its name, status, error code, and the last feedback."""
+    client = ActionClient(node, kind, name)
+    assert client.wait_for_server(60.0)
+    heard: list[Any] = []
+    sent = client.send_goal_async(goal, lambda message: heard.append(message.feedback))
+    rclpy.spin_until_future_complete(node, sent)
+    found = sent.result().get_result_async()
+    rclpy.spin_until_future_complete(node, found)
+    answer = found.result()
+    last = heard[-1]
+    left = getattr(last, "distance_remaining", getattr(last, "distance_to_goal", math.nan))
+    client.destroy()
+    return f"{name}: {answer.status} {answer.result.error_code} {left:.1f} {len(heard)}"
+
+
+def main() -> None:
+    """Ride to a pose, through poses, and along a path."""
+    actions = importlib.import_module("nav2_msgs.action")
+    rclpy.init(args=sys.argv)
+    node = Node("nav2_client")
+    to = actions.NavigateToPose.Goal(pose=pose(30.0, 5.0, math.pi / 2))
+    print(order(node, actions.NavigateToPose, "navigate_to_pose", to))
+    through = actions.NavigateThroughPoses.Goal(poses=[pose(30.0, 40.0), pose(0.0, 50.0)])
+    print(order(node, actions.NavigateThroughPoses, "navigate_through_poses", through))
+    path = Path(poses=[pose(0.0, 50.0), pose(-20.0, 50.0), pose(-40.0, 40.0)])
+    path.header.frame_id = "map"
+    follow = actions.FollowPath.Goal(path=path, controller_id="FollowPath")
+    print(order(node, actions.FollowPath, "follow_path", follow))
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+if __name__ == "__main__":
+    main()
