@@ -87,9 +87,10 @@ class Network:
 
     def save(self, file: FilePath) -> None:
         """Write it."""
-        arrays = {f"weight_{i}": value for i, value in enumerate(self.weights)}
-        arrays |= {f"bias_{i}": value for i, value in enumerate(self.biases)}
-        np.savez(file, plant=np.array(self.plant), about=np.array(self.about), **arrays)
+        held: dict[str, Any] = {f"weight_{i}": value for i, value in enumerate(self.weights)}
+        held |= {f"bias_{i}": value for i, value in enumerate(self.biases)}
+        held |= {"plant": np.array(self.plant), "about": np.array(self.about)}
+        np.savez(file, **held)
 
     @classmethod
     def load(cls, file: FilePath) -> Network:

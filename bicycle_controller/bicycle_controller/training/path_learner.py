@@ -92,7 +92,8 @@ class PathLearner:
         self.config = config
         self.actor = Actor(config.hidden)
         self.critics = nn.ModuleList(_critic(config.hidden) for _ in range(2))
-        self.slow = copy.deepcopy(nn.ModuleList([self.actor, self.critics])).requires_grad_(False)
+        self.slow_actor = copy.deepcopy(self.actor).requires_grad_(False)
+        self.slow_critics = copy.deepcopy(self.critics).requires_grad_(False)
         self._actor_step = torch.optim.Adam(self.actor.parameters(), config.rate)
         self._critic_step = torch.optim.Adam(self.critics.parameters(), config.rate)
         self._rng = np.random.default_rng(seed)
@@ -139,11 +140,12 @@ class PathLearner:
         """Make one update of the critics, and of the actor every other time."""
         c = self.config
         seen, action, teacher, reward, then, lost = self._draw()
-        slow_actor, slow_critics = self.slow
         with torch.no_grad():
-            next_action = (slow_actor(then) + 0.02 * torch.randn(len(then), 1)).clamp(-1.0, 1.0)
+            next_action = (self.slow_actor(then) + 0.02 * torch.randn(len(then), 1)).clamp(
+                -1.0, 1.0
+            )
             both = torch.cat([then, next_action], dim=1)
-            values = [one(both) for one in slow_critics]  # type: ignore[union-attr]
+            values = [one(both) for one in self.slow_critics]
             target = reward + c.discount * (1.0 - lost) * torch.minimum(*values)
         both = torch.cat([seen, action], dim=1)
         losses = [functional.smooth_l1_loss(one(both), target) for one in self.critics]
@@ -154,7 +156,8 @@ class PathLearner:
         if self.updates % 2 == 0:
             if actor_too:
                 self._improve_actor(seen, teacher)
-            _follow(self.slow, nn.ModuleList([self.actor, self.critics]), c.tau)
+            _follow(self.slow_actor, self.actor, c.tau)
+            _follow(self.slow_critics, self.critics, c.tau)
 
     def _improve_actor(self, seen: Tensor, teacher: Tensor) -> None:
         chosen = self.actor(seen)
