@@ -24,6 +24,7 @@ from bicycle_bag.writer import BagWriter
 from bicycle_common.nodes import convert
 from bicycle_common.nodes.topics import COMMAND, COMMAND_ECHO, EPISODE, PUSHED, STATE
 from bicycle_common.types import Push
+from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_tools.nodes import verify
 
@@ -145,7 +146,8 @@ def test_a_number_that_is_not_so_is_found(
     assert verdict.difference.startswith("step 21 of episode 1: ")
     name = f"{field} was" if topic == STATES else " was "
     assert name in verdict.difference
-    assert "apart" in verdict.difference
+    apart = verdict.difference.rpartition(", ")[2]
+    assert apart == "0.001 apart" if topic == STATES else apart.endswith(" apart")
     assert str(verdict) == f"not the same after 20 equal states: {verdict.difference}"
 
 
@@ -192,6 +194,15 @@ def test_rounding_is_told_and_goes_on_from_the_recorded_state(
         "60 states came out again, bit for bit but for 1 that differ by 2e-13 at most, as another "
         "kind of processor rounds"
     )
+
+
+def test_each_rounded_state_counts(ride: list[Message], tmp_path: Path) -> None:
+    rounded = ride
+    for step in (21, 31, 41):
+        change = with_field(STATES, step, "lean_acceleration", lambda old: old + 2e-13)
+        rounded = changed(rounded, change)
+    verdict = judged(tmp_path / "bag", rounded)
+    assert (verdict.checked, verdict.rounded) == (STEPS, 3)
 
 
 @pytest.mark.parametrize(("apart", "same"), [(0.98e-9, True), (1.02e-9, False), (2e-9, False)])
@@ -318,6 +329,38 @@ def episodes(*seeds: int) -> list[Message]:
     ]
 
 
+def test_episodes_are_told_apart_by_their_numbers_however_large(
+    ride: list[Message], tmp_path: Path
+) -> None:
+    # Python keeps one object of each small number only: from 257 on, equal is not identical.
+    def numbered(name: str, message: Any) -> Iterator[tuple[str, Any]]:
+        message.episode += 1000
+        if name == ECHOES and message.step > 0:
+            message.command.episode += 1000
+        yield name, message
+
+    verdict = judged(tmp_path / "bag", changed(ride, numbered))
+    assert (verdict.checked, verdict.begun) == (STEPS, 1)
+    assert verdict.proved
+
+
+def test_the_settings_of_a_simulator_that_was_started_again_with_others_hold(
+    tmp_path: Path,
+) -> None:
+    """The same episode and steps, ridden on another bicycle before and after."""
+    made, plants = [], (ChoiPlant(), ChoiPlant.named("corrected"), ChoiPlant())
+    for number, plant in enumerate(plants):
+        late = 100 * number * PERIOD_NS
+        ridden = held({}, lambda step: step % 2 == 0, plant)
+        made += [(name, message, time + late) for name, message, time in ridden]
+    verdict = judged(tmp_path / "bag", made)
+    assert (verdict.checked, verdict.begun) == (90, 3)
+    assert verdict.proved, verdict
+    one, other = ([m for n, m, _ in made if n == STATES][index] for index in (30, 61))
+    assert one.step == other.step == 30
+    assert one.lean_angle != other.lean_angle
+
+
 def test_a_simulator_that_was_started_again_begins_again(tmp_path: Path) -> None:
     """The same episode and steps with other settings: the nearest in the recording hold."""
     verdict = judged(tmp_path / "bag", episodes(3, 4, 5))
@@ -336,9 +379,11 @@ def test_another_episode_begins_again(tmp_path: Path) -> None:
     assert verdict.proved
 
 
-def held(pushes: dict[int, float], answered: Callable[[int], bool]) -> Iterator[Message]:
+def held(
+    pushes: dict[int, float], answered: Callable[[int], bool], plant: ChoiPlant | None = None
+) -> Iterator[Message]:
     """Ride under commands that come at some steps only, and are held in between, with pushes."""
-    simulator = Simulator(Rider().scenario, seed=8)
+    simulator = Simulator(Rider().scenario, plant, seed=8)
     simulator.reset(None)
     yield (
         EPISODES,

@@ -22,8 +22,8 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 BAG = "ros2_ws/src/bicycle_bag/bicycle_bag"
 BAG_TESTS = (
-    "tests/bag/test_writer.py tests/bag/test_reader.py tests/bag/test_bag_round_trip.py"
-    " tests/bag/test_bag_metadata.py"
+    "tests/bag/test_writer.py tests/bag/test_reader.py tests/bag/test_container.py"
+    " tests/bag/test_bag_round_trip.py tests/bag/test_bag_metadata.py"
     " tests/bag/test_bag_syncing.py tests/bag/test_bag_flips.py"
     " tests/bag/test_bag_foreign_repair.py"
     " tests/bag --ignore=tests/bag/test_bag_fuzz.py"
