@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 
-from bicycle_bag.cutting import FEWEST, MOST, SECOND_NS, SourceClock
+from bicycle_bag.cutting import FEWEST, MOST, SECOND_NS, Cut, SetBack, SourceClock
 
 MS = 1_000_000
 HOUR = 3600 * SECOND_NS
@@ -66,3 +68,40 @@ def test_another_clock_is_believed_after_a_while() -> None:
     for second in range(MOST, 2 * MOST):
         heard(clock, second, 0, MS)
     assert clock.here(8) == 8
+
+
+@pytest.mark.parametrize(
+    ("late", "set_back", "left_out"),
+    [
+        (-HOUR, 0, False),
+        (0, 0, False),
+        (1, 0, True),
+        (HOUR, 0, True),
+        (1, HOUR, True),
+        (5 * SECOND_NS, HOUR, True),
+        (6 * SECOND_NS, HOUR, False),
+        (HOUR, HOUR, False),
+        (HOUR + 1, HOUR, True),
+        (4 * SECOND_NS, 4 * SECOND_NS, True),
+    ],
+)
+def test_what_was_sent_before_the_clock_was_set_back_was_sent_before_the_end(
+    late: int, set_back: int, left_out: bool
+) -> None:
+    assert Cut(10 * HOUR, set_back).is_before(10 * HOUR + late) == left_out
+
+
+def test_a_clock_that_is_set_back_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    wall, steady = [10 * HOUR], [0]
+    monkeypatch.setattr(time, "time_ns", lambda: wall[0])
+    monkeypatch.setattr(time, "monotonic_ns", lambda: steady[0])
+    seen = SetBack()
+    for passed, jump, found in (
+        (7, 0, 0),
+        (5, -HOUR, HOUR),
+        (9, HOUR // 2, HOUR // 2),
+        (1, HOUR, 0),
+    ):
+        steady[0] += passed
+        wall[0] += passed + jump
+        assert seen.look() == found

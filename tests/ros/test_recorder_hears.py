@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 import re
 import signal
+import struct
+import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -15,6 +17,7 @@ import numpy as np
 import pytest
 from node_process import NodeProcess
 from probe import Probe, goal
+from waiting import PATIENCE
 
 from bicycle_bag import columns
 from bicycle_bag.reader import BagReader
@@ -23,6 +26,7 @@ from bicycle_common.nodes.topics import COMMAND, COMMAND_ECHO, GOAL_POSE, STATE,
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 
 SPEAKER = Path(__file__).parents[1] / "support" / "speaker.py"
+CLOCK_JUMP = SPEAKER.with_name("clock_jump.c")
 RECORDER = "bicycle_bag.nodes.recorder_node"
 # A recorder that is late: until it ends it takes only what the executor hands over.
 LATE = f"""
@@ -40,7 +44,7 @@ STANDING = LATE.replace(
     "Recorder.drain = drain",
     "Recorder.drain = lambda self: (setattr(Recorder, 'drain', drain), time.sleep(1.0))",
 ).replace("import sys", "import sys, time")
-LONG = 60.0
+LONG = PATIENCE
 Start = Callable[..., NodeProcess]
 
 
@@ -90,6 +94,27 @@ def test_what_was_sent_before_the_end_is_recorded_however_late_it_is_heard(
     recorder.send_signal(signal.SIGCONT)
     assert recorder.wait(LONG) == 0, recorder.output
     assert numbers(tmp_path / "bag", "/said") == list(range(2000))
+
+
+@pytest.mark.parametrize("jump", [-3600, 3600])
+def test_what_waits_when_the_clock_is_set_is_recorded(
+    start_node: Start, tmp_path: Path, jump: int
+) -> None:
+    """By an hour, while a recorder that is late has messages unheard; then it ends."""
+    moved, library = tmp_path / "moved", tmp_path / "clock_jump.so"
+    moved.write_bytes(struct.pack("q", 0))
+    build = ["g++", "-x", "c", "-shared", "-fPIC", str(CLOCK_JUMP), "-o", str(library)]
+    subprocess.run(build, check=True)
+    env = {"LD_PRELOAD": str(library), "CLOCK_JUMP": str(moved)}
+    words = ["-c", LATE, "--output", tmp_path / "bag", "--topics", "/said"]
+    recorder = start_node(sys.executable, words, env)
+    recorder.wait_for_line("recording into", LONG)
+    talk = start_node(sys.executable, [SPEAKER, "/said", "--count", 5000, "--hz", 0], env)
+    assert talk.wait(LONG) == 0
+    with moved.open("r+b") as file:
+        file.write(struct.pack("q", jump))
+    assert recorder.stop(timeout=LONG) == 0, recorder.output
+    assert numbers(tmp_path / "bag", "/said") == list(range(5000))
 
 
 def test_the_last_drain_takes_what_waits_for_a_recorder_that_is_late(

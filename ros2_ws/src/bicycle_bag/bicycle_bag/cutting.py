@@ -3,13 +3,49 @@
 from __future__ import annotations
 
 import statistics
+import time
 from collections import deque
+from typing import NamedTuple
 
 LEAST_SKEW_NS = 50_000_000
 """Less than this between sending and receiving is the way's, not another clock's."""
 FEWEST, MOST = 5, 60
 """Seconds with messages by which a clock is judged."""
 SECOND_NS = 1_000_000_000
+LONGEST_END = 5.0
+"""Longest wait for messages from before the end (s)."""
+LONGEST_END_NS = int(1e9 * LONGEST_END)
+
+
+class Cut(NamedTuple):
+    """The moment at which a recording ends."""
+
+    time_ns: int
+    """On this host's clock, as it is set now."""
+    set_back_ns: int = 0
+    """Time by which that clock was set back while the recording ran; see `SetBack`."""
+
+    def is_before(self, sent_ns: int) -> bool:
+        """Return True for the time of a message that was sent after the end.
+
+        What waits to be heard when the clock is set back has a time far beyond the end, though it
+        was sent before: as far as the clock was set back, and further than the end can last.
+        """
+        late = sent_ns - self.time_ns
+        return late > 0 and not LONGEST_END_NS < late <= self.set_back_ns
+
+
+class SetBack:
+    """How far this host's clock was set back, seen by a clock that nobody sets."""
+
+    def __init__(self) -> None:
+        self._furthest = time.time_ns() - time.monotonic_ns()
+
+    def look(self) -> int:
+        """Return how far the clock is behind where it was at most at earlier looks, ns."""
+        ahead = time.time_ns() - time.monotonic_ns()
+        self._furthest = max(self._furthest, ahead)
+        return self._furthest - ahead
 
 
 class SourceClock:

@@ -11,7 +11,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from bicycle_bag.cutting import SourceClock
+from bicycle_bag.cutting import Cut, SourceClock
 from bicycle_bag.metadata import Topic
 from bicycle_bag.nodes.session import message_class, overridden_profile, subscription_profile
 from bicycle_bag.ordering import Reorder
@@ -109,7 +109,7 @@ class RecordedTopic:
         self.topic = topic
         self.lost = self.missed = 0
         self.passed = self.flowed = False
-        self._cut_ns: int | None = None
+        self._cut: Cut | None = None
         self._lately: deque[float] = deque(maxlen=FLOW)
         self.heard = 0.0
         self._node = node
@@ -138,9 +138,9 @@ class RecordedTopic:
             self._listen(quality, subscription_profile(*quality, QUEUE))
         return bool(new)
 
-    def cut(self, time_ns: int) -> None:
+    def cut(self, moment: Cut) -> None:
         """End the recording: what was sent later than this is left out from now on."""
-        self._cut_ns = time_ns
+        self._cut = moment
         often = len(self._lately) == FLOW and time.monotonic() - self._lately[0] < FLOW_SECONDS
         self.flowed = often and any(ear.publishers for ear in self._ears.values())
 
@@ -160,7 +160,7 @@ class RecordedTopic:
         received, sent = info["received_timestamp"], info["source_timestamp"]
         sequence = info["publication_sequence_number"]
         self._clock.add(received, sent, time.monotonic_ns())
-        if self._cut_ns is not None and self._clock.here(sent) > self._cut_ns:
+        if self._cut is not None and self._cut.is_before(self._clock.here(sent)):
             self.passed = True
             return
         self._count(ear, sequence)

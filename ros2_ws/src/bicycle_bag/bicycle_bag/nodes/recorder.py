@@ -9,6 +9,7 @@ from datetime import datetime, timezone
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from bicycle_bag.cutting import LONGEST_END, Cut, SetBack
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import Topic
 from bicycle_bag.nodes.recorded_topic import RecordedTopic
@@ -31,8 +32,6 @@ middleware keeps their receive time."""
 QUIET = 0.5
 """Time without a message from before the end after which none is missing (s): on a busy machine
 some arrive late, and lost packets are sent again after 10 ms."""
-LONGEST_END = 5.0
-"""Longest wait for messages from before the end (s)."""
 STANDSTILL = 3.0
 """Shortest gap between two spins that is reported (s)."""
 
@@ -67,6 +66,7 @@ class Recorder:
         self._begun: set[str] = set()
         self._polls = 0
         self._turned = time.clock_gettime(time.CLOCK_BOOTTIME)
+        self._set_back = SetBack()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(DISCOVERY_SECONDS, self.poll, clock=steady)
         self.poll()
@@ -100,6 +100,7 @@ class Recorder:
 
     def notice_standstill(self) -> None:
         """Warn where this process has not run for a while; to be called in each turn."""
+        self._set_back.look()
         # Unlike other clocks this one goes on while the machine sleeps.
         now = time.clock_gettime(time.CLOCK_BOOTTIME)
         still, self._turned = now - self._turned, now
@@ -116,7 +117,7 @@ class Recorder:
         Else a state could be in the bag without the command that led to it, which was sent before
         and comes after.
         """
-        cut, began = time.time_ns(), time.monotonic()
+        cut, began = Cut(time.time_ns(), self._set_back.look()), time.monotonic()
         for topic in self.topics.values():
             topic.cut(cut)
         while True:
@@ -132,7 +133,7 @@ class Recorder:
             time.sleep(REST)
         self._write(self._order.rest())
         self._tell()
-        ended = datetime.fromtimestamp(cut * 1e-9, timezone.utc)
+        ended = datetime.fromtimestamp(cut.time_ns * 1e-9, timezone.utc)
         self._writer.custom_data["ended"] = ended.isoformat(timespec="milliseconds")
         self._writer.custom_data["lost_messages"] = str(self.lost)
 
