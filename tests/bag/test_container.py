@@ -230,7 +230,7 @@ def test_an_index_has_time_and_place_of_each_message_of_a_channel() -> None:
 
 def test_a_registry_knows_types_and_definitions_of_ros_only() -> None:
     registry = Registry()
-    assert registry.channels == registry.schemas == {}
+    assert (registry.channels, registry.schemas) == ({}, {})
     registry.schemas[1] = Schema(1, b"int8 a \xff\n", "ros2msg", "x/msg/A")
     registry.schemas[2] = Schema(2, b"{}", "jsonschema", "plot")
     ours = Channel(5, "/a", "cdr", {"topic_type_hash": "RIHS01_1"}, 1)
