@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 from cockpit_page import COCKPIT, Page, address_of
 from node_process import NodeProcess
+from waiting import PATIENCE
 
 from bicycle_bag import columns
 from bicycle_bag.reader import BagReader
@@ -25,7 +26,7 @@ RECORDER = "bicycle_bag.nodes.recorder_node"
 STATE = "/bicycle/state"
 RIDE = ("--goals", "1", "--field", "20", "--seed", "1", "controller.policy:=lqr")
 LOCKSTEP = "simulator.pace:=lockstep"
-LONG = 90.0
+LONG = PATIENCE
 Start = Callable[..., NodeProcess]
 
 

@@ -295,3 +295,14 @@ def test_eigenvalues_at_rest_are_those_of_a_pendulum() -> None:
     pole = math.sqrt(K.mass * K.mass_height * K.gravity / K.lean_inertia)
     found = eigenvalues(1e-9, FAITHFUL)
     np.testing.assert_allclose(sorted(found.real), [-pole, 0.0, 0.0, pole], atol=1e-6)
+
+
+@pytest.mark.parametrize("curvature", [0.1, 0.5])
+def test_rolling_backward_turns_the_other_way_on_the_same_circle(curvature: float) -> None:
+    """Half the angle of an arc is odd in its length, and a quarter turn at most."""
+    lengths = np.array([0.5, 1.0, 2.0, 5.0])
+    ahead = dynamics._half_chord(lengths, np.full(4, curvature), np)
+    back = dynamics._half_chord(-lengths, np.full(4, curvature), np)
+    np.testing.assert_array_equal(back, -ahead)
+    assert ahead[0] == pytest.approx(math.asin(0.5 * curvature))
+    assert dynamics._half_chord(np.array([1e3]), np.array([1.0]), np)[0] == math.pi / 2
