@@ -31,20 +31,28 @@ while (($#)); do
     --updates) updates=$2 ;;
     --goals) goals=$2 ;;
     --seed) seed=$2 ;;
-    --output) folder=$2 ;;
+    --output)
+      folder=$2
+      [[ -n $folder ]] || die 2 "--output is empty: name a folder."
+      ;;
     *) die 2 "unknown option '$1'; see record_and_learn.sh --help." ;;
   esac
   shift 2
 done
-[[ $minutes =~ ^[0-9]+(\.[0-9]+)?$ ]] || die 2 "--minutes is '$minutes': give a number."
-for word in $updates $goals $seed; do
-  [[ $word =~ ^[0-9]+$ ]] || die 2 "'$word' is not a whole number; see record_and_learn.sh --help."
+number='^[0-9]{1,6}(\.[0-9]{1,9})?$' whole='^[0-9]{1,9}$' above='[1-9]'
+[[ -n $policy ]] || die 2 "--policy is empty: name a policy."
+[[ $minutes =~ $number && $minutes =~ $above ]] || die 2 "--minutes is '$minutes': give a number above 0."
+for name in updates goals seed; do
+  [[ ${!name} =~ $whole ]] || die 2 "--$name is '${!name}': give a whole number."
+  [[ $name == seed || ${!name} =~ $above ]] || die 2 "--$name is '${!name}': give 1 or more."
 done
-for sigma in $sigmas; do
-  [[ $sigma =~ ^[0-9]+(\.[0-9]+)?$ ]] || die 2 "--sigmas holds '$sigma': give numbers."
+IFS=$' \t' read -ra sizes <<<"${sigmas//[[:cntrl:]]/ }"
+((${#sizes[@]})) || die 2 "--sigmas is '$sigmas': give numbers."
+for sigma in "${sizes[@]}"; do
+  [[ $sigma =~ $number ]] || die 2 "--sigmas holds '$sigma': give numbers."
 done
 folder=${folder:-$ws/runs/record-and-learn-$(date +%Y-%m-%d-%H%M%S)}
-[[ ! -e $folder ]] || die 2 "$folder is there already; name another --output."
+[[ ! -e $folder && ! -L $folder ]] || die 2 "$folder is there already; name another --output."
 
 "$ws/setup.sh" --quiet
 enter_workspace
@@ -61,7 +69,6 @@ ride() { # FOLDER ARGUMENT...: a ride in lock-step; falls and missed goals are d
 echo "== 1 of 5: before: $policy rides to $goals goals"
 ride "$folder/before" --goals "$goals" --seed "$seed" "controller.policy:=$policy"
 
-read -ra sizes <<<"$sigmas"
 each=$(awk "BEGIN { print $minutes / ${#sizes[@]} }")
 echo "== 2 of 5: $policy rides and explores, $each minutes each with noise of ${sizes[*]}"
 for sigma in "${sizes[@]}"; do

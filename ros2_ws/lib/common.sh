@@ -9,7 +9,9 @@ end_on_signals() { # Without it, a signal is lost that comes while another progr
 end_on_signals
 
 die() { # STATUS MESSAGE: one line for a person, then out
-  printf '%s: %s\n' "$(basename "$0")" "$2" >&2
+  local line=${2//[[:cntrl:]]/ }
+  ((${#line} <= 1000)) || line="${line:0:500} ... ${line: -200}"
+  printf '%s: %s\n' "$(basename "$0")" "$line" >&2
   exit "$1"
 }
 

@@ -173,6 +173,50 @@ def test_a_mistake_is_one_line_with_a_status(
     assert done.stderr.count("\n") == 1, done.stderr
 
 
+ODD = ("", " ", "-1", "nan", "1e3", "0x1", "1 2", "a\nb", "x" * 5000, "\udcff", "1;id", "9" * 400)
+"""Values that no number is, nor a name of what there is."""
+
+
+@pytest.mark.parametrize("option", ["minutes", "updates", "goals", "seed", "sigmas"])
+@pytest.mark.parametrize("value", [*ODD, "0"], ids=lambda value: repr(value[:9]))
+def test_a_number_of_record_and_learn_that_is_none_is_one_line(option: str, value: str) -> None:
+    if (option, value) in (("seed", "0"), ("sigmas", "0"), ("sigmas", "1 2")):
+        value = f"{value} x"
+    mistaken("record_and_learn", f"--{option}", value)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        *(("setup", "--with", value) for value in ODD),
+        *(("setup", value) for value in ODD),
+        *(("stop", value) for value in ODD if not value.isalpha()),
+        *(("record_and_learn", value) for value in ODD),
+        *(("record_and_learn", value, "1") for value in ODD),
+        ("record_and_learn", "--policy", ""),
+        ("record_and_learn", "--output", ""),
+        ("record_and_learn", "--output", "/"),
+        ("record_and_learn", "--seed"),
+        ("setup", "--with"),
+    ],
+    ids=lambda words: repr(" ".join(words)[:30]),
+)
+def test_a_word_that_a_script_does_not_know_is_one_line(words: tuple[str, ...]) -> None:
+    mistaken(*words)
+
+
+def mistaken(name: str, *words: str) -> None:
+    """Assert that a script tells a mistake in one line, with status 2."""
+    given = [os.fsencode(word) for word in words]
+    done = subprocess.run(
+        [os.fsencode(WORKSPACE / f"{name}.sh"), *given], capture_output=True, timeout=PATIENCE
+    )
+    assert (done.returncode, done.stdout) == (2, b""), done
+    assert done.stderr.startswith(f"{name}.sh: ".encode())
+    assert done.stderr.count(b"\n") == 1
+    assert len(done.stderr) < 1200
+
+
 def test_a_script_of_another_name_tells_the_new_one() -> None:
     done = script("circle", "--help")
     assert (done.returncode, done.stderr) == (0, "circle.sh is called record_and_learn.sh now\n")
