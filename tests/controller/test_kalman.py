@@ -170,6 +170,22 @@ def test_late_reading_corrects_its_own_time() -> None:
     assert abs(errors[1] - errors[0]) < math.radians(0.2)
 
 
+def test_a_roll_gyro_alone_is_enough_of_an_imu() -> None:
+    batches, states, plant, given = single_ride(preset="mpu6050")
+    found = Filter(plant, given)
+    for batch in batches:
+        for reading, mask in batch:
+            one = reading
+            if reading.sensor == "imu":
+                values = reading.values.copy()
+                values[:, 1:] = np.nan
+                one = replace(reading, values=values)
+            found.take(one, mask)
+    last = found.estimate(given.rest + len(states) * PERIOD)
+    assert abs(last.lean_angle - states[-1].lean_angle)[0] < math.radians(1.0)
+    assert abs(last.lean_rate - states[-1].lean_rate)[0] < 0.1
+
+
 def test_not_a_number_is_not_taken() -> None:
     batches, _, plant, given = single_ride(40)
     result = Filter(plant, given)

@@ -212,19 +212,29 @@ class Filter:
         if reading.stamp < self.time - MEMORY:
             return
         mask = np.ones(self.count, dtype=bool) if mask is None else mask
-        mask = mask & np.isfinite(reading.values).all(axis=1)
-        values = np.where(mask[:, None], reading.values, 0.0)
+        known = np.isfinite(reading.values)
         if reading.sensor == "imu":
-            self._take_imu(reading.stamp - self.sensors.imu.age, values, mask)
-        elif reading.sensor == "steer":
+            values = np.where(mask[:, None] & known, reading.values, 0.0)
+            self._take_imu(reading.stamp - self.sensors.imu.age, values, known & mask[:, None])
+            return
+        mask = mask & known.all(axis=1)
+        values = np.where(mask[:, None], reading.values, 0.0)
+        if reading.sensor == "steer":
             self._take_steer(reading.stamp - self.sensors.steer.age, values, mask)
         elif reading.sensor == "wheel":
             self._take_wheel(reading.stamp - self.sensors.wheel.age, values, mask)
         else:
             self._take_gnss(reading.stamp - self.sensors.gnss.age, values, mask)
 
-    def _take_imu(self, time: float, values: np.ndarray, mask: np.ndarray) -> None:
+    def _take_imu(self, time: float, values: np.ndarray, known: np.ndarray) -> None:
+        """Take an IMU's reading; `known` (N, 6) tells which of its values there are.
+
+        An IMU may lack the yaw gyro or the accelerometers; without a roll gyro it says nothing.
+        """
         imu, s = self.sensors.imu, self.settings
+        mask = known[:, 0]
+        turns: np.ndarray = np.all(known[:, :3], axis=1)
+        feels: np.ndarray = np.all(known[:, [0, 3, 4, 5]], axis=1)
         turn, force = values[:, :3] @ self._mounting.T, values[:, 3:] @ self._mounting.T
         noise = imu.gyro_noise**2 * imu.rate + imu.gyro_step**2 / 12.0 + 1e-8
         then = self._history.at(time)
@@ -254,8 +264,8 @@ class Filter:
             (YAW_BIAS, 1.0),
         )
         loose = noise + (s.model_turn**2 + (0.05 * rates[:, 2]) ** 2) * moving
-        self._correct(time, turn[:, 2] - expected, axes, loose, mask)
-        self._take_force(time, force[:, 1], mask)
+        self._correct(time, turn[:, 2] - expected, axes, loose, turns)
+        self._take_force(time, force[:, 1], feels)
 
     def _take_force(self, time: float, side: np.ndarray, mask: np.ndarray) -> None:
         """The accelerometer across the frame, m/s^2 to the left."""
