@@ -57,13 +57,15 @@ def test_motor_lag_is_first_order() -> None:
     )
 
 
-def test_motor_limit_rate_and_dead_band() -> None:
+def test_motor_limit_rate_dead_band_and_digits() -> None:
     assert torques(plant_with(motor=Motor(limit=7.0)), [20.0])[-1] == 7.0
     assert torques(plant_with(motor=Motor(dead_band=0.5)), [0.4, 2.0, -2.0])[9::10] == [
         0.0,
         1.5,
         -1.5,
     ]
+    stepped = torques(plant_with(motor=Motor(step=0.25)), [0.1, 0.2, -1.3])[9::10]
+    assert stepped == [0.0, 0.25, -1.25]
     ramp = torques(plant_with(motor=Motor(rate=100.0)), [3.0, 3.0])
     np.testing.assert_allclose(ramp, np.minimum(0.25 * np.arange(1, 21), 3.0), rtol=1e-12)
 

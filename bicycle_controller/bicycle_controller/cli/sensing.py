@@ -52,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         ("delay", "S", "from a command to the motor"),
         ("motor-lag", "S", "time constant of the motor"),
         ("torque-limit", "N_M", "of the motor"),
+        ("torque-step", "N_M", "one digit of the motor's torque"),
         ("friction", "N_M", "of the steering"),
         ("wind", "M_S", "gusts from the side, standard deviation"),
         ("duration", "S", "of a ride"),
@@ -95,6 +96,7 @@ def run_command(args: argparse.Namespace) -> int:
         delay=args.delay,
         motor_lag=args.motor_lag,
         torque_limit=args.torque_limit,
+        torque_step=args.torque_step,
         friction=args.friction,
         wind=args.wind,
         speeds=args.speeds,
@@ -166,8 +168,8 @@ def _cases(all_of_it: Conditions, costs: bool) -> list[tuple[str, Conditions]]:
     """Return named conditions: everything, and each imperfection alone if asked for."""
     if not costs:
         return [("everything", all_of_it)]
-    none = replace(all_of_it, sensors=None, delay=0.0, motor_lag=0.0, friction=0.0, wind=0.0)
-    alone = ("sensors", "delay", "motor_lag", "friction", "wind")
+    alone = ("sensors", "delay", "motor_lag", "torque_step", "friction", "wind")
+    none = replace(all_of_it, **{name: getattr(Conditions(), name) for name in alone})
     return [
         ("nothing", none),
         *(

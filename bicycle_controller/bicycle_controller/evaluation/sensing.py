@@ -52,6 +52,8 @@ class Conditions:
     """s."""
     torque_limit: float = 7.0
     """N m."""
+    torque_step: float = 0.0
+    """N m of one digit of the motor's torque."""
     friction: float = 0.0
     """N m of Coulomb friction of the steering."""
     wind: float = 0.0
@@ -69,6 +71,7 @@ class Conditions:
         for name, most in (
             ("delay", 0.5),
             ("motor_lag", 1.0),
+            ("torque_step", 5.0),
             ("friction", 20.0),
             ("wind", 20.0),
             ("start_tilt", 0.5),
@@ -95,7 +98,9 @@ class Conditions:
             replace(
                 p,
                 delay=self.delay,
-                motor=replace(p.motor, limit=self.torque_limit, lag=self.motor_lag),
+                motor=replace(
+                    p.motor, limit=self.torque_limit, lag=self.motor_lag, step=self.torque_step
+                ),
                 steering=replace(p.steering, friction=self.friction, stiction=self.friction),
             )
         )

@@ -242,7 +242,7 @@ class MujocoPlant(Plant[MujocoState]):
         share = 1.0 - np.exp(-model.STEP / motor.lag) if motor.lag > 0.0 else 1.0
         most = motor.rate * model.STEP if motor.rate > 0.0 else np.inf
         for index in range(steps):
-            asked = (before if index < late else new)[:, 0]
+            asked = motor.rounded((before if index < late else new)[:, 0])
             asked = asked - np.clip(asked, -motor.dead_band, motor.dead_band)
             asked = np.clip(asked, -limit, limit)
             now = now + np.clip(share * (asked - now), -most, most)

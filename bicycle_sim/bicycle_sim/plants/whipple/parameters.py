@@ -261,10 +261,22 @@ class Motor:
     """N m/s, the fastest change; zero is no limit."""
     dead_band: Array = 0.0
     """N m of a wanted torque that are lost."""
+    step: Array = 0.0
+    """N m of one digit of the wanted torque, which is rounded to whole ones; zero is none."""
 
     def __post_init__(self) -> None:
         _finite(self)
-        _check(self, "limit lag rate dead_band", 0.0, True, "zero or more")
+        _check(self, "limit lag rate dead_band step", 0.0, True, "zero or more")
+
+    def rounded(self, torque: np.ndarray) -> np.ndarray:
+        """Return wanted torques (N,) in whole digits, N m."""
+        if not np.any(self.step):
+            return torque
+        digit = np.where(np.equal(self.step, 0.0), 1.0, self.step)
+        found: np.ndarray = np.where(
+            np.equal(self.step, 0.0), torque, digit * np.rint(torque / digit)
+        )
+        return found
 
 
 @dataclass(frozen=True)

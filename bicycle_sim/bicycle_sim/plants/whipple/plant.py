@@ -294,6 +294,7 @@ class WhipplePlant(Plant[WhippleState]):
                 "one with a rider who leans"
             )
         wait = state.commands
+        torque = self.parameters.motor.rounded(torque)
         new = before = torque, displacement, pedal_force
         if self._memory:
             # The newest command first; each bicycle takes the one that is as old as its delay.
