@@ -47,7 +47,7 @@ def rates(*changes: str) -> tuple[np.ndarray, np.ndarray]:
             "warm_up=0",
             "noise.sigma=0",
             "noise.sigma_max=0",
-            "starts.hard_share=1",
+            "starts.one_hardship=false",
             *changes,
         ],
     )
@@ -73,16 +73,16 @@ def test_kicks_come_at_their_rate() -> None:
     assert calm.max() < 0.15
 
 
-def test_a_share_of_the_episodes_is_hard() -> None:
-    speed = rates("starts.hard_share=0.5", "bicycles=200")[1]
-    ordinary = np.isclose(speed, TEN_KM_H)
-    assert 0.3 < ordinary.mean() < 0.7
-    config = loading.preset("sure", [*SMALL, "bicycles=1000", "starts.hard_share=0.5"])
+def test_an_episode_has_one_hardship_or_none() -> None:
+    config = loading.preset("sure", [*SMALL, "bicycles=2000"])
     collector = make_collector(config, make_memory(config, "cpu"), "cpu")
     states = collector.state_dict()
-    kicked, noise = states["hardships"]
-    for some in (kicked, noise > 0, states["late"]["delays"] > 0):
-        assert 0.35 < some.mean() < 0.55
+    fast = ~np.isclose(collector.task.state.speed, TEN_KM_H, atol=1e-3)
+    kind, noise = states["hardships"]["kind"], states["hardships"]["noise"]
+    masks = [fast, states["late"]["delays"] > 0, kind == 2, noise > 0]
+    for some in masks:
+        assert 0.12 < some.mean() < 0.25
+    assert np.sum(masks, axis=0).max() == 1
     assert 0.0 < noise.max() <= config.starts.noise
 
 

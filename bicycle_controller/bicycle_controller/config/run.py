@@ -84,9 +84,9 @@ class StartsConfig:
     noise: float = 0.0
     """Largest standard deviation of noise on each observation, in its unit; each episode has its
     own."""
-    hard_share: float = 1.0
-    """Share of the episodes with such kicks; as many have late actions, noise or a start speed of
-    `speeds`, each independently of the others."""
+    one_hardship: bool = False
+    """True if an episode has only one of `speeds`, `delay`, `kick` and `noise`, or none, each as
+    often; False if it has all of them."""
 
     def __post_init__(self) -> None:
         if self.speeds is not None:
@@ -100,7 +100,7 @@ class StartsConfig:
         for name in ("kick", "noise"):
             require_between(f"starts.{name}", getattr(self, name), 0.0, math.inf)
         require_positive("starts.kick_every", self.kick_every)
-        for name in ("near_share", "ride_on", "hard_share"):
+        for name in ("near_share", "ride_on"):
             require_between(f"starts.{name}", getattr(self, name), 0.0, 1.0)
         for name in ("tilt", "tilt_rate", "steer", "steer_rate", "max_steps"):
             require_between(f"starts.{name}", getattr(self, name), 0.0, math.inf)

@@ -18,6 +18,7 @@ from bicycle_controller.data.replay_buffer import NStepAccumulator, RewardShapin
 from bicycle_controller.policy.inputs import Inputs
 from bicycle_controller.policy.policy import load_controller
 from bicycle_controller.training.episode_log import EpisodeLog
+from bicycle_controller.training.hardships import Hardships
 from bicycle_controller.training.late_actions import LateActions
 from bicycle_controller.training.mixed_plant import MixedPlant
 from bicycle_controller.training.starts import restart, ride_on, training_scenario
@@ -76,9 +77,8 @@ class Collector:
             every_second = np.arange(config.bicycles) % 2 == 1
             plant = MixedPlant(config.physics, config.physics_too, every_second)
         self.task = BicycleTask(scenario, plant, config.bicycles, task_rng)
-        self._late = LateActions(
-            config.bicycles, config.starts.delay, task_rng, config.starts.hard_share
-        )
+        self._hard = Hardships(config.bicycles, config.starts, task_rng)
+        self._late = LateActions(config.bicycles, config.starts.delay, task_rng)
         self.limits = self.task.scenario.action_limits
         self.driven = driven(self.limits)
         self._spread = self.limits[self.driven]
@@ -107,11 +107,10 @@ class Collector:
         self.episode_return = np.zeros(config.bicycles)
         self.totals = {"episodes": 0.0, "return": 0.0, "goals": 0.0, "falls": 0.0}
         everyone = np.ones(config.bicycles, dtype=bool)
-        restart(self.task, everyone, config.starts)
+        self._late.reset(everyone, self._hard.has("delay"))
+        restart(self.task, everyone, config.starts, self._hard.has("speeds"))
         self._inputs = Inputs(_inputs(learner))
         self._past = Past(config.bicycles, self._inputs.memory)
-        self._kicked, self._noise_of = everyone.copy(), np.zeros(config.bicycles)
-        self._draw_hardships(everyone)
         self.observation = self._noisy(self.task.observation())
         self._past.fill(everyone, self.observation, self.task.state.speed)
         record = config.record
@@ -173,21 +172,12 @@ class Collector:
         }
         return np.column_stack([shown, *(values[name] for name in extras)])
 
-    def _draw_hardships(self, mask: np.ndarray) -> None:
-        """Draw which of the episodes of `mask` (N,) have kicks, and how much noise each has."""
-        starts, rng, count = self.config.starts, self.task.rng, int(mask.sum())
-        if starts.hard_share < 1.0 and starts.kick > 0:
-            self._kicked[mask] = rng.random(count) < starts.hard_share
-        if starts.noise > 0:
-            some = rng.random(count) < starts.hard_share
-            self._noise_of[mask] = some * rng.uniform(0.0, starts.noise, count)
-
     def _noisy(self, observation: np.ndarray) -> np.ndarray:
         """Return the observation (N, 6) with each bicycle's noise."""
         if self.config.starts.noise == 0.0:
             return observation
         noise: np.ndarray = self.task.rng.normal(size=observation.shape)
-        return observation + noise * self._noise_of[:, None]
+        return observation + noise * self._hard.noise[:, None]
 
     def _spared(self, step: Step) -> np.ndarray | float:
         """Return the part of equation 20 that training omits, (N,)."""
@@ -207,7 +197,7 @@ class Collector:
         if starts.kick == 0.0:
             return
         chance = self.task.plant.time_step / starts.kick_every
-        kicked = (rng.random(self.config.bicycles) < chance) & self._kicked
+        kicked = (rng.random(self.config.bicycles) < chance) & self._hard.has("kick")
         if kicked.any():
             sizes = rng.uniform(-starts.kick, starts.kick, self.config.bicycles)
             self.task.state = self.task.plant.pushed(self.task.state, np.where(kicked, sizes, 0.0))
@@ -269,12 +259,12 @@ class Collector:
         if self.config.starts.ride_on > 0:
             chosen = self.task.rng.random(len(ended)) < self.config.starts.ride_on
             goes_on = ended & ~step.fallen & chosen
-        restart(self.task, ended & ~goes_on, self.config.starts)
+        anew = ended & ~goes_on
+        self._hard.draw(anew)
+        restart(self.task, anew, self.config.starts, self._hard.has("speeds"))
         ride_on(self.task, goes_on, self.config.starts)
         self.noise.reset(ended)
-        anew = ended & ~goes_on
-        self._late.reset(anew)
-        self._draw_hardships(anew)
+        self._late.reset(anew, self._hard.has("delay"))
         if self.log is not None:
             self.log.begin(self.task, ended)
         begun = np.where(ended[:, None], self._noisy(self.task.observation()), observation)
@@ -311,7 +301,7 @@ class Collector:
             "returns": self.returns.state_dict(),
             "observation": self.observation.copy(),
             "past": self._past.rows.copy(),
-            "hardships": (self._kicked.copy(), self._noise_of.copy()),
+            "hardships": self._hard.state_dict(),
             "episode_return": self.episode_return.copy(),
             "counters": {"steps": self.steps, "rounds": self.rounds},
             "totals": dict(self.totals),
@@ -331,7 +321,7 @@ class Collector:
         self.observation = state["observation"]
         if "past" in state:  # not in a checkpoint of before
             self._past.rows = state["past"]
-            self._kicked, self._noise_of = state["hardships"]
+            self._hard.load_state_dict(state["hardships"])
         self.episode_return = state["episode_return"]
         self.steps, self.rounds = state["counters"]["steps"], state["counters"]["rounds"]
         self.totals = dict(state["totals"])

@@ -14,30 +14,30 @@ class LateActions:
         delays: (N,) steps by which each bicycle's actions are late.
     """
 
-    def __init__(
-        self, count: int, most: int, rng: np.random.Generator, share: float = 1.0
-    ) -> None:
+    def __init__(self, count: int, most: int, rng: np.random.Generator) -> None:
         """Draw the first delays.
 
         Args:
             count: N.
             most: largest delay, steps; without one nothing is drawn.
             rng: source of the delays.
-            share: of the episodes with a delay at all.
         """
-        self._most, self._rng, self._share = most, rng, share
+        self._most, self._rng = most, rng
         self._queue = np.zeros((most + 1, count, 3))
         self.delays = np.zeros(count, dtype=np.int64)
         self.reset(np.ones(count, dtype=bool))
 
-    def reset(self, mask: np.ndarray) -> None:
-        """Begin the episodes of `mask` (N,): new delays, and nothing under way."""
+    def reset(self, mask: np.ndarray, late: np.ndarray | None = None) -> None:
+        """Begin the episodes of `mask` (N,): new delays, and nothing under way.
+
+        Those outside `late` (N,) have no delay.
+        """
         if self._most == 0 or not mask.any():
             return
         count = int(mask.sum())
         self.delays[mask] = self._rng.integers(0, self._most + 1, count)
-        if self._share < 1.0:
-            self.delays[mask] *= self._rng.random(count) < self._share
+        if late is not None:
+            self.delays[mask] *= late[mask]
         self._queue[:, mask] = 0.0
 
     def arriving(self, action: np.ndarray) -> np.ndarray:

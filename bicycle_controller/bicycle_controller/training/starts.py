@@ -17,12 +17,24 @@ def training_scenario(scenario: Scenario, starts: StartsConfig) -> Scenario:
     return dataclasses.replace(scenario, max_steps=starts.max_steps or scenario.max_steps)
 
 
-def restart(task: BicycleTask, mask: np.ndarray, starts: StartsConfig) -> None:
-    """Start new episodes for the bicycles of `mask`, bool (N,), drawing from the task's rng."""
+def restart(
+    task: BicycleTask,
+    mask: np.ndarray,
+    starts: StartsConfig,
+    any_speed: np.ndarray | None = None,
+) -> None:
+    """Start new episodes, drawing from the task's rng.
+
+    Args:
+        task: of N bicycles.
+        mask: bool (N,), which of them start.
+        starts: how.
+        any_speed: bool (N,), which of them may have a speed of `starts.speeds`; all by default.
+    """
     if not mask.any():
         return
     task.reset(mask)
-    _disturb(task, mask, starts)
+    _disturb(task, mask, starts, mask if any_speed is None else any_speed & mask)
     _draw_near_goals(task, mask, starts)
 
 
@@ -36,7 +48,9 @@ def ride_on(task: BicycleTask, mask: np.ndarray, starts: StartsConfig) -> None:
     _draw_near_goals(task, mask, starts)
 
 
-def _disturb(task: BicycleTask, mask: np.ndarray, starts: StartsConfig) -> None:
+def _disturb(
+    task: BicycleTask, mask: np.ndarray, starts: StartsConfig, any_speed: np.ndarray
+) -> None:
     """Tilt and steer the bicycles that have just started."""
     spreads = {
         "lean_angle": starts.tilt,
@@ -49,13 +63,9 @@ def _disturb(task: BicycleTask, mask: np.ndarray, starts: StartsConfig) -> None:
         speed[mask] = task.rng.uniform(*task.scenario.speed_limits, int(mask.sum()))
         task.state.speed = speed
     if starts.speeds is not None:
-        speed, count = task.state.speed.copy(), int(mask.sum())
-        low, high = starts.speeds
-        share = np.sin(0.5 * np.pi * task.rng.random(count)) ** 2
-        drawn = low + (high - low) * share
-        if starts.hard_share < 1.0:
-            drawn = np.where(task.rng.random(count) < starts.hard_share, drawn, speed[mask])
-        speed[mask] = drawn
+        speed, (low, high) = task.state.speed.copy(), starts.speeds
+        share = np.sin(0.5 * np.pi * task.rng.random(int(any_speed.sum()))) ** 2
+        speed[any_speed] = low + (high - low) * share
         task.state.speed = speed
     for name, spread in spreads.items():
         if spread > 0:
