@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import pytest
@@ -47,6 +48,16 @@ def test_a_controller_is_compared_with_what_it_was_made_for(controller: Controll
         "wheelbase 1.2, not 1.11",
         "bicycle_mass 14, not 15",
     ]
+
+
+def test_the_other_physics_of_its_training_is_no_other_bicycle() -> None:
+    corrected, policy = ChoiPlant.named("corrected"), make_policy()
+    assert unlike_training(policy, corrected)
+    for known, strange in ((corrected.to_json(), False), (LONG.to_json(), True), ("{}", True)):
+        trained = {"physics_too": json.loads(known)}
+        both = Policy(replace(policy.info, trained=trained), policy.tensors)
+        assert bool(unlike_training(both, corrected)) == strange
+        assert unlike_training(both, FAITHFUL) == []
 
 
 def test_the_speed_counts_as_far_as_the_policy_was_trained_for_it() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 import time
@@ -19,6 +20,7 @@ from bicycle_controller.config.algorithms import DdpgConfig
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.evaluation.score import Score
 from bicycle_controller.policy.policy import Policy, PolicyInfo, save_policy
+from bicycle_controller.policy.trained_for import TOO
 from bicycle_controller.training import checkpoint
 from bicycle_controller.training.factory import make_agent
 from bicycle_controller.training.logger import Logger, Progress
@@ -132,6 +134,8 @@ class TrainingSession(ABC):
         """
         config = self.config
         trained = {"algorithm": kind, "preset": config.preset, "seed": config.seed} | about
+        if config.physics_too is not None:
+            trained[TOO] = json.loads(config.physics_too.to_json())
         name = f"{config.preset or kind}-{config.scenario.name}-{config.seed}"
         inputs, scale = _inputs(config)
         info = PolicyInfo(
