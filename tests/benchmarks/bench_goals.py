@@ -6,6 +6,7 @@ natural observations, falls that end with their value and a capped cost per step
 starts are the scenario's own, `fast` starts those of the preset (near goals, tilted bicycles).
 
     fast          the preset `fast`, from nothing, no teacher
+    quick         the preset `quick`: fast with smaller critics
     ppo           stable-baselines3 PPO, stock networks, 64 bicycles, registered starts
     ppo-fast      the same on fast's starts
     td3           stable-baselines3 TD3, stock networks, 64 bicycles, registered starts
@@ -15,6 +16,7 @@ starts are the scenario's own, `fast` starts those of the preset (near goals, ti
     sac-recipe    stable-baselines3 SAC with the recipe
     crossq-recipe sb3-contrib CrossQ with it; tau and layer norm are not in that algorithm
     sbx-td3       SBX TD3 with the recipe and layer norm, compiling included
+    td3-quick, sbx-quick    td3-recipe and sbx-td3 with the networks of quick
     untuned-td3   one bicycle, frozen falls, one-step returns, no cap: what not to do
 
 Time is that of the processor, for learning and collecting; scoring is left out for all. All are
@@ -110,11 +112,11 @@ class Clock:
         return not (goals == 1000 and rate >= WANTED) and spent < self.limit
 
 
-def ours(seed: int, limit: float) -> list[Row]:
-    """One run of the preset `fast`."""
+def ours(name: str, seed: int, limit: float) -> list[Row]:
+    """One run of a preset of ours."""
     changes = (f"seed={seed}", f"scenario={SCENARIO}", "evaluation.every=1000000")
     small = ("evaluation.episodes=1", "evaluation.near_episodes=0", "tensorboard=false")
-    config = loading.preset("fast", [*changes, *small])
+    config = loading.preset(name, [*changes, *small])
     with tempfile.TemporaryDirectory() as folder:
         files = RunFolder(Path(folder) / "run")
         files.create(config)
@@ -200,8 +202,10 @@ def model_of(name: str, seed: int) -> Any:
         env = make_vec_env(f"bicycle/{SCENARIO}-v0", env_kwargs=keywords)
         return sb3.TD3("MlpPolicy", env, **options)
     env, taken = bicycles(128, TrainingVariant()), recipe(128)
+    if name.endswith("-quick"):
+        sizes["qf"] = [128, 128]
     networks: dict[str, Any] = {"net_arch": sizes}
-    if name == "td3-recipe":
+    if name in ("td3-recipe", "td3-quick"):
         td3 = {"policy_delay": 1, "target_policy_noise": 0.05, "target_noise_clip": 0.1}
         return sb3.TD3("MlpPolicy", env, policy_kwargs=networks | FUSED, **td3, **taken, **options)
     if name in ("sac-recipe", "crossq-recipe"):
@@ -218,8 +222,10 @@ def model_of(name: str, seed: int) -> Any:
     return TD3("MlpPolicy", env, policy_kwargs=networks, policy_delay=1, **taken, **options)
 
 
+OURS = ("fast", "quick")
 PEERS = (
-    *("td3-recipe", "sbx-td3", "ppo-fast", "sac-recipe", "crossq-recipe"),
+    *("td3-recipe", "td3-quick", "sbx-td3", "sbx-quick"),
+    *("ppo-fast", "sac-recipe", "crossq-recipe"),
     *("ppo", "td3", "sac", "tqc", "untuned-td3"),
 )
 
@@ -257,9 +263,9 @@ def summary(runs: dict[str, dict[str, list[Row]]]) -> dict[str, Any]:
             "updates": statistics.median(row["updates"] for row in ends),
             "last rate of each": [row["rate"] for row in ends],
         }
-    if "fast" in found:
+    for mine in set(OURS) & set(found):
         for row in found.values():
-            row["times fast"] = round(row["cpu_s"] / found["fast"]["cpu_s"], 2)
+            row[f"times {mine}"] = round(row["cpu_s"] / found[mine]["cpu_s"], 2)
     return found
 
 
@@ -269,7 +275,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[1, 2, 3, 4, 5])
     parser.add_argument("--peer-seeds", type=int, nargs="+", default=[1, 2, 3])
     parser.add_argument("--limit", type=float, default=120.0, help="s of processor time of a run")
-    parser.add_argument("--only", nargs="+", choices=("fast", *PEERS), default=["fast", *PEERS])
+    parser.add_argument("--only", nargs="+", choices=(*OURS, *PEERS), default=[*OURS, *PEERS])
     parser.add_argument("--out", type=Path, default=RESULTS)
     args = parser.parse_args()
     torch.set_num_threads(1)
@@ -281,11 +287,13 @@ def main() -> None:
     commands = [*old.get("commands", []), about]
     for seed in sorted({*args.seeds, *args.peer_seeds}):
         for name in args.only:
-            mine = name == "fast"
+            mine = name in OURS
             done = runs.setdefault(name, {})
             if str(seed) in done or seed not in (args.seeds if mine else args.peer_seeds):
                 continue
-            done[str(seed)] = ours(seed, args.limit) if mine else peer(name, seed, args.limit)
+            done[str(seed)] = (
+                ours(name, seed, args.limit) if mine else peer(name, seed, args.limit)
+            )
             print(f"{name} seed {seed}: {done[str(seed)][-1]}", flush=True)
             found = {name: curves for name, curves in runs.items() if curves}
             result = {"wanted": WANTED, "summary": summary(found), "commands": commands}

@@ -22,7 +22,8 @@ PATHS = "path-following"
 EPILOG = f"""\
 scenarios: {", ".join(SCENARIOS)}
 presets:
-  fast                   from nothing, the quickest to ride
+  fast                   from nothing, without a teacher
+  quick                  the same with smaller critics, soonest at 99 % of the goals
   guided, guided-speed   from a classical controller's rides, as the shipped actors
   paper, authors         the paper's tables, and what its authors ran
   naf, ppo               the paper's baselines
