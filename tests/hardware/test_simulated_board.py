@@ -177,6 +177,17 @@ def test_pc_is_lost_and_the_bicycle_stays_upright(rig: Rig, speed: float) -> Non
     assert mode(rig) == Mode.RIDING
 
 
+def test_an_armed_bicycle_that_is_left_at_rest_is_disarmed(rig: Rig) -> None:
+    rig.arm()
+    rig.tick(30)
+    assert mode(rig) is Mode.FALLBACK
+    rig.tick(460)
+    assert mode(rig) is Mode.FALLBACK
+    rig.tick(40)
+    assert mode(rig) is Mode.DISARMED
+    assert rig.outputs.torque == 0.0
+
+
 def test_command_is_valid_for_its_time_only(rig: Rig) -> None:
     rig.arm()
     rig.command(torque=1.0, valid_ms=50)

@@ -21,6 +21,7 @@ const struct core_settings CORE_DEFAULTS = {
 #define ADVANCING_US 1000000u /* time for which commands must have come before arming */
 #define GAP_US 200000u        /* longest gap within that time */
 #define STATE_US 50000u
+#define FORGOTTEN_US 5000000u /* rest without commands after which it is disarmed */
 
 /* Frames: kind, sequence (u16), payload, CRC-16/CCITT-FALSE of all before it; then COBS and a zero.
  * All numbers are little-endian. */
@@ -293,6 +294,9 @@ static void decide(struct core *core, const struct core_inputs *in, uint32_t now
         else if (core->mode != CORE_ESTOP)
             core->mode = valid ? CORE_RIDING : CORE_FALLBACK;
     }
+    /* Left alone at rest, as after a ride that ended without its PC: the motors are off. */
+    if (!core->resting || core->mode != CORE_FALLBACK) core->moved_us = now;
+    if (now - core->moved_us > FORGOTTEN_US) core->mode = CORE_DISARMED;
     core->applied_torque = core->applied_drive = 0.0f;
     if (core->mode == CORE_RIDING) {
         core->applied_torque = core->torque;

@@ -89,6 +89,7 @@ struct core {
     uint32_t bad_frames;
     uint16_t own_sequence;
     bool begun;              /* true after the first tick */
+    uint32_t moved_us;       /* last time at which it did not rest */
     uint32_t state_us;       /* when the next state is due; the same of the period */
     uint32_t period_us;
     uint32_t period_number;

@@ -7,6 +7,7 @@ if __name__ == "__main__":
 
     run_module("bicycle_hardware.nodes.bench_node")
 
+import shutil
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,7 +59,9 @@ class BenchNode(SimNode):
             if sensors is None:
                 raise ValueError("a microcontroller needs sensors: give sensors:=mpu6050")
             settings.make_start()
-            self._board = SimulatedBoard(build(), link)
+            program = build()
+            self._board = SimulatedBoard(program, link)
+            shutil.rmtree(program.parent)  # it runs, and is built anew for the next one
             simulator = BoardSimulator(
                 settings.make_scenario(),
                 settings.make_plant(),
