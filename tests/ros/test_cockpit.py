@@ -228,7 +228,7 @@ def test_a_page_sets_up_another_bicycle_with_sensors_and_another_speed(cockpit: 
     assert answer == {"type": "answer", "id": answer["id"], "ok": True} | {
         "message": "simulator and controller start anew"
     }
-    assert page.newest("setup")["bicycle"] == "browser-rider"
+    page.until(lambda: page.newest("setup")["bicycle"] == "browser-rider")
     page.until(lambda: page.newest("facts").get("plant") == "whipple")
     assert page.newest("facts")["scenario"] == "learned-speed"
     page.until(lambda: last(page, "speed") == 3.0 and last(page, "step") == 0.0)
@@ -250,6 +250,7 @@ def test_a_setup_that_cannot_run_brings_the_ride_before_back(cockpit: Made) -> N
     assert page.ask("setup", plant="choi", bicycle="", sensors="", controller="broken")["ok"]
     told = page.event_with("the one before comes back")
     assert "broken" in told["text"]
+    page.until(lambda: page.newest("setup")["plant"] == now)
     heard = len(page.heard)
     page.until(lambda: any(m["type"] == "facts" for m in page.heard[heard:]))
     assert page.newest("facts")["plant"] == now

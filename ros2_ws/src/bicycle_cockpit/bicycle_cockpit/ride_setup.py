@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
@@ -25,6 +26,11 @@ MOST_NOISE = 0.2
 """Largest half width of the noise on the displacement (m)."""
 RATES = (0.05, 10.0)
 """Bounds of the simulated seconds in a second."""
+
+
+@functools.cache
+def _bicycles() -> dict[str, str]:
+    return registry.bicycles()
 
 
 @dataclass(frozen=True)
@@ -52,7 +58,7 @@ class RideSetup:
         """
         _one_of("scenario", self.scenario, SCENARIOS)
         _one_of("plant", self.plant, PLANTS)
-        _one_of("bicycle", self.bicycle, ("", *registry.bicycles()))
+        _one_of("bicycle", self.bicycle, ("", *_bicycles()))
         _one_of("sensors", self.sensors, ("", *sensors.names()))
         _within("speed", self.speed, -1.0, FASTEST_START, "m/s")
         _within("noise", self.noise, 0.0, MOST_NOISE, "m")
@@ -155,7 +161,7 @@ def choices() -> dict[str, Any]:
     return {
         "scenarios": [[name, _scenario(one)] for name, one in SCENARIOS.items()],
         "plants": [list(item) for item in PLANTS.items()],
-        "bicycles": [list(item) for item in registry.bicycles().items()],
+        "bicycles": [list(item) for item in _bicycles().items()],
         "sensors": sensors.names(),
         "courses": courses.names(),
         "fastest": FASTEST_START,

@@ -59,10 +59,9 @@ class CockpitNode(Node):
         self._choices = PolicyCatalogue(options.models)
         self._recording, self._on_tick = recording, on_tick
         self._trouble = Trouble(options.ride)
-        self._asking = RequestHandler(
-            self, self.live, self._choices, recording, ride, self._newest
-        )
+        self._asking = RequestHandler(self, self.live, self._choices, recording, ride)
         self._setups = {"ours": ride.ours, **ride_setup.choices()}
+        self._ride, self._told_setup = ride, ride.parameters
         self._room = EventRoom()
         self._inbox: queue.SimpleQueue[tuple[int, Request | None]] = queue.SimpleQueue()
         self.server = Server(
@@ -119,6 +118,9 @@ class CockpitNode(Node):
         if line is not None:
             self._tell(line.level, line.text, kind="process")
             self._trouble.told(line)
+        if self._ride.parameters is not self._told_setup:
+            self._told_setup = self._ride.parameters
+            self._newest({"type": "setup", **asdict(self._asking.setup)})
         left_out = self._room.left_out()
         if left_out:
             words = f"{left_out} more events came at once and are not listed"

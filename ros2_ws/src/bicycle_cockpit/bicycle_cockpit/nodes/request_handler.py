@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import singledispatchmethod
 from typing import Any, Protocol
 
@@ -83,7 +83,6 @@ class RequestHandler:
         choices: controllers that can be chosen.
         recording: recorder that pages can start.
         ride: simulator and controller, which pages can set up anew.
-        newest: sends the pages data that replace older data of their `type`.
 
     Attributes:
         suits: compatibility of the chosen controller with the bicycle.
@@ -96,10 +95,8 @@ class RequestHandler:
         choices: PolicyCatalogue,
         recording: Recording,
         ride: StartedRide,
-        newest: Callable[[dict[str, Any]], None],
     ) -> None:
-        self._node, self._live = node, live
-        self._ride, self._newest = ride, newest
+        self._node, self._live, self._ride = node, live, ride
         self._choices, self._recording = choices, recording
         self.suits = Suits(choices, live)
         self._goal_bucket = RateLimiter(GOAL_RATE, GOAL_BURST)
@@ -300,7 +297,6 @@ class RequestHandler:
         words = ride_setup.merged(ride.parameters, setup, before)
         if replace(setup, speed=before.speed) == before:
             ride.keep(words)
-            self._newest({"type": "setup", **asdict(setup)})
             if request.controller not in ("", chosen):
                 self._do(requests.SwitchController(request.id, request.controller), reply)
             else:
@@ -314,7 +310,6 @@ class RequestHandler:
         elif not ride.restart(ride_setup.with_policy(words, path)):
             reply(False, "the ride is being started anew already")
         else:
-            self._newest({"type": "setup", **asdict(setup)})
             reply(True, "simulator and controller start anew")
 
     @_do.register

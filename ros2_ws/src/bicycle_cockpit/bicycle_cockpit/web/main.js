@@ -215,7 +215,7 @@ function showSpan(seconds) {
 
 // What the user asks for.
 
-const TRIED = { goal: "goal", waypoints: "goal", push: "push", controller: "switch" };
+const TRIED = { goal: "goal", waypoints: "goal", course: "goal", setup: "switch", push: "push", controller: "switch" };
 
 async function ask(type, fields) {
   if (TRIED[type]) guide.done(TRIED[type]);
@@ -378,7 +378,7 @@ function draw() {
   const who = bag ? tellBag(bag) : tellLive(live, ended);
   showWho(who, colour);
   showAlarm(who);
-  showLoop(bag ? bag.loop : live.status.loop, row, bag ? undefined : live.status, facts.time_step, offBy(series, cursor));
+  showLoop(bag ? bag.loop : live.status.loop, row, bag ? undefined : live.status, facts.time_step, offBy(series, cursor), facts);
   showTrainer(live.trainer, live.training);
   showReward(series, cursor);
   showLegend(series.policiesIn(0, bag ? series.length - 1 : cursor).map((number) => riders[number]).filter(Boolean), colour);

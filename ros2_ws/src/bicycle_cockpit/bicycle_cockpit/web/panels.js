@@ -54,8 +54,8 @@ export function showHead(mode, row) {
 
 const spread = (loop, name) => `${shown(loop[`${name}_p50`], 2)} / ${shown(loop[`${name}_p99`], 2)} / ${shown(loop[`${name}_max`], 1)}`;
 
-/** @param loop figures @param row present step @param more status of a live ride, or undefined @param off of the estimate */
-export function showLoop(loop, row, more, period, off = {}) {
+/** @param loop figures @param row present step @param more status of a live ride, or undefined @param off of the estimate @param ride facts */
+export function showLoop(loop, row, more, period, off = {}, ride = {}) {
   const panel = byId("loop");
   if (!panel.firstChild) panel.append(Object.assign(document.createElement("dl"), { className: "grid" }));
   const source = row?.source;
@@ -73,6 +73,7 @@ export function showLoop(loop, row, more, period, off = {}) {
   ];
   if (more) {
     facts.push(["controllers", String(more.controllers), more.controllers === 1 ? "" : "bad", more.commands]);
+    facts.push(["rides on", ride.bicycle ?? "–", "", `${ride.bicycle}, scenario ${ride.scenario}, seed ${ride.seed}`]);
     facts.push(["pages / frames lost", `${more.pages} / ${more.dropped_frames}`, "", "by pages that did not keep up"]);
   }
   if (Number.isFinite(off.lean)) {
