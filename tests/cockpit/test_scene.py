@@ -158,6 +158,29 @@ def test_the_point_under_the_mouse_is_found_on_the_ground(page: BrowserPage) -> 
     assert found == pytest.approx([4.0, 1.0], abs=1e-3)
 
 
+def test_a_drag_looks_around_and_the_wheel_comes_nearer(page: BrowserPage) -> None:
+    inside(page, "(views.choose('3d', false), views.look('chase'))")
+    box = page.locator("#stage").bounding_box()
+    assert box is not None
+    sky = box["x"] + 0.5 * box["width"], box["y"] + 60
+    page.mouse.move(*sky)
+    page.mouse.down()
+    page.mouse.move(sky[0] + 90, sky[1], steps=3)
+    turned = inside(page, "views.stage.eye.azimuth")
+    page.mouse.move(sky[0] + 190, sky[1], steps=3)
+    page.mouse.up()
+    assert inside(page, "views.stage.eye.mode") == "orbit"
+    assert inside(page, "views.stage.eye.azimuth") == pytest.approx(turned - 0.7, abs=1e-6)
+    far = inside(page, "views.stage.eye.distance")
+    page.mouse.wheel(0, -300)
+    until(page, f"views.stage.eye.distance < {0.8 * far}")
+    page.mouse.move(sky[0] + 10, sky[1], steps=2)
+    assert inside(page, "views.stage.eye.azimuth") == pytest.approx(turned - 0.7, abs=1e-6), (
+        "no button is down"
+    )
+    inside(page, "views.look('chase')")
+
+
 def test_what_happened_is_on_the_slider_and_a_click_goes_there(page: BrowserPage) -> None:
     marks = page.locator("#marks button")
     kinds = [mark.get_attribute("data-kind") for mark in marks.all()]
