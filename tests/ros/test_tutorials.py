@@ -69,11 +69,12 @@ def test_a_tutorial_leads_where_it_says(name: str, tmp_path: Path, ros_domain: i
         (tmp_path / entry).symlink_to(ROOT / entry)
     found = commands(name)
     assert len(found) > 3
+    assert found[0].startswith(SETUP), "a reader may begin with this page"
     with ExitStack() as running:
         terminals: list[NodeProcess] = []
         for command in found:
             if command.startswith(SETUP):
-                continue  # the tests run in what it made
+                continue  # the tests run in what it has made
             line = next((said for start, said in FOREVER.items() if command.startswith(start)), "")
             if line:
                 words = ["bash", "-c", f"exec {command}"]
