@@ -39,6 +39,16 @@ from bicycle_common.nodes import topics
 
 SHOTS = Path(os.environ.get("BICYCLE_SCREENSHOTS", COCKPIT.parent / "runs" / "screenshots"))
 
+SIZES = [(1440, 900), (1280, 800), (820, 1180), (844, 390), (390, 844)]
+COVERED = """() => {
+    const parts = [...document.querySelectorAll(".controls :is(button, select, input, output)")];
+    const boxes = parts.map((part) => part.getBoundingClientRect());
+    const over = (a, b) => Math.min(a.right, b.right) - Math.max(a.left, b.left) > 1 &&
+        Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > 1;
+    return boxes.flatMap((a, n) => boxes.slice(n + 1).flatMap((b, m) =>
+        over(a, b) ? [`${parts[n].id} and ${parts[n + 1 + m].id}`] : []));
+}"""
+
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 
@@ -265,7 +275,7 @@ def test_the_trainer_is_shown(page: BrowserPage, started: Started) -> None:
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("size", [(1280, 800), (390, 844)])
+@pytest.mark.parametrize("size", SIZES)
 def test_it_fits_the_screen(page: BrowserPage, size: tuple[int, int], scheme: Any) -> None:
     page.emulate_media(color_scheme=scheme)
     page.set_viewport_size({"width": size[0], "height": size[1]})
@@ -277,6 +287,7 @@ def test_it_fits_the_screen(page: BrowserPage, size: tuple[int, int], scheme: An
         "!(e.ariaLabel || e.labels?.length || e.textContent.trim())).map((e) => e.id)"
     )
     assert nameless == []
+    assert page.evaluate(COVERED) == [], "controls lie over each other"
     shoot(page, f"{size[0]}-{scheme}", full_page=True)
 
 
