@@ -91,8 +91,8 @@ class NativeUpdate:
         """Allocate the memory.
 
         Args:
-            config: of the agent.
-            networks: of the agent.
+            config: the agent's configuration.
+            networks: the agent's networks.
             acting: the actor's parameters.
             judging: all critics' parameters, one after the other.
             scale: divisors of a critic's observations.

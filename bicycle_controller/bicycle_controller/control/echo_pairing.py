@@ -43,7 +43,7 @@ class EchoPairing(Generic[State, Echo]):
         """Return True if a state waits for its echo: `add` will return it.
 
         Args:
-            key: of the state.
+            key: the state's key.
             state: the newest one; it replaces one that waits.
             echoed: True if somebody publishes echoes.
         """

@@ -50,7 +50,7 @@ def tightest(follower: PathFollower, slowest: float = 2.0) -> float:
     """Return the radius of the sharpest turn that a path may ask for, m.
 
     Args:
-        follower: of the bicycle.
+        follower: the bicycle's follower.
         slowest: m/s, lowest speed in turns; the easiest speed above it counts.
     """
     speeds = np.linspace(slowest, max(slowest, 4.0), 33)

@@ -64,7 +64,7 @@ def extract(reader: BagReader, prefix: str, scenario: Scenario) -> Extract:
     """Return the transitions of one bicycle.
 
     Args:
-        reader: of the bag.
+        reader: the bag's reader.
         prefix: the bicycle's namespace, one of `bicycles`.
         scenario: its reward and goal radius are used to build transitions from states.
 

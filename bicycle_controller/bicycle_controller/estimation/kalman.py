@@ -95,7 +95,7 @@ class Filter:
             plant: whose parameters the model has, and whose geometry; of one bicycle or of N.
             sensors: whose figures are believed: noise, mounting, age.
             count: N.
-            settings: of the filter.
+            settings: the filter's settings.
         """
         self.plant = plant
         self.sensors = sensors

@@ -92,7 +92,7 @@ def replayed(
         estimator: after the estimate before.
         readings: of a recording, in any order.
         used: of the estimate.
-        time: of the estimate.
+        time: the estimate's time.
     """
     for reading in readings:
         index = ORDER.index(reading.sensor)

@@ -60,7 +60,7 @@ def score(
         poses: number of them.
         seed: of the poses.
         side: m of the square that each pose is drawn in.
-        config: of the guidance.
+        config: the guidance's configuration.
 
     Raises:
         ValueError: on a number of poses or a side out of range.

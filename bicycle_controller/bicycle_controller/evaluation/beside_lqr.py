@@ -19,7 +19,7 @@ def lqr_score(config: RunConfig) -> Score | None:
     """Score the LQR that uses the scenario's actions on a run's fixed starts.
 
     Args:
-        config: of the run.
+        config: the run's configuration.
 
     Returns:
         Its score over far goals; None if there is no LQR for that bicycle.

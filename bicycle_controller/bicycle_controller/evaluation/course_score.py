@@ -188,7 +188,7 @@ def draw(traces: Sequence[tuple[Course, Trace]], title: str, file: FilePath) -> 
 
     Args:
         traces: courses and rides.
-        title: of the picture.
+        title: the picture's title.
         file: where to, PNG.
     """
     import matplotlib

@@ -45,7 +45,7 @@ class Guiding:
         """Subscribe.
 
         Args:
-            node: of the controller.
+            node: the controller's node.
             guidance: of its loop.
             publish: of the node.
             others: namespaces of the bicycles to keep clear of.

@@ -54,7 +54,7 @@ class PolicyLoader:
         """Start to serve.
 
         Args:
-            node: of the loop.
+            node: the loop's node.
             present: returns the id of the active policy.
             swap: activates a policy and returns a warning; called in the loader's thread.
         """

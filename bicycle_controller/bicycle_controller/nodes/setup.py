@@ -93,7 +93,7 @@ def rebuilt(
     """Return the loop as its node had it while it rode a bicycle.
 
     Args:
-        setup: of the node.
+        setup: the node's setup.
         plant: the ridden bicycle.
         scenario: whose limits the commands had.
         tracker: of the goals.

@@ -64,7 +64,7 @@ class Collector:
         """Start all bicycles; three generators are spawned from the run's seed.
 
         Args:
-            config: of the run.
+            config: the run's configuration.
             replay: memory for the transitions.
             device: torch's name of the device on which the bicycles are stepped.
         """

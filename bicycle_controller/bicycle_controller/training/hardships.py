@@ -24,7 +24,7 @@ class Hardships:
 
         Args:
             count: N.
-            starts: of the run.
+            starts: the run's starts.
             rng: source of the draws; nothing is drawn of what the run does not name.
         """
         self._starts, self._rng = starts, rng

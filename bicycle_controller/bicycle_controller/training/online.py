@@ -86,7 +86,7 @@ def resume(
     """Resume the run in `folder` from its last checkpoint, to the bit.
 
     Args:
-        folder: of the run.
+        folder: the run's folder.
         overrides: changes, see `run_folder.RESUMABLE`.
         progress: True to draw a bar on standard error, `lines` to print lines there.
         stop: checked after every step of all bicycles.

@@ -44,7 +44,7 @@ def transforms(
     Args:
         snapshot: the state.
         nanoseconds: its simulated time.
-        geometry: of the bicycle.
+        geometry: the bicycle's geometry.
         prefix: see `frames_of`.
         travel: m that the wheels have rolled.
     """
@@ -92,8 +92,8 @@ def urdf(geometry: Geometry, name: str, prefix: str) -> str:
     """Return a URDF of primitives whose sizes are the bicycle's own.
 
     Args:
-        geometry: of the bicycle.
-        name: of the robot.
+        geometry: the bicycle's geometry.
+        name: the robot's name.
         prefix: see `frames_of`.
     """
     g = geometry

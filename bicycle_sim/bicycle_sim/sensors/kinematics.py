@@ -37,7 +37,7 @@ def motion(plant: Plant[Any], state: BodyState, torque: np.ndarray) -> Motion:
 
     Args:
         plant: they are of.
-        state: of the plant.
+        state: the plant's state.
         torque: (N,) N m commanded, for a plant whose state says nothing of its motor.
     """
     zero = np.zeros_like(state.speed)

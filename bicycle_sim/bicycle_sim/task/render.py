@@ -146,10 +146,10 @@ def _line(
     """Draw a line through points of the world.
 
     Args:
-        axes: of the picture.
+        axes: the picture's axes.
         view: the camera.
         points: of the world, m.
-        colour: of the line.
+        colour: the line's colour.
         width: m.
         order: later ones lie above.
         fades: whether it is fainter towards its first point.
@@ -309,7 +309,7 @@ def _rider(
     """Draw legs on the pedals, body, arms on the grips, and a head with a helmet.
 
     Args:
-        axes: of the picture.
+        axes: the picture's axes.
         view: the camera, and the bicycle's axes.
         places: bottom bracket and seat, on the bicycle.
         grips: right and left one, in the world.

@@ -81,7 +81,7 @@ class BagDesk:
         """Return a bag.
 
         Args:
-            name: of the bag.
+            name: the bag's name.
             rider: controller that rides it again, see `same_ride`; empty for the ride itself.
 
         Raises:

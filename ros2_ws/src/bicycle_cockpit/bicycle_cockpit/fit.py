@@ -23,7 +23,7 @@ def misfit(path: str, plant: Plant[Any], scenario: Scenario) -> str:
     Args:
         path: a controller's name or its file, as `bicycle/load_policy` takes it.
         plant: the bicycle.
-        scenario: of the ride.
+        scenario: the ride's scenario.
     """
     unlike: list[str] = []
     if path in TUNED:  # designed for each bicycle

@@ -53,7 +53,7 @@ def compiled(sources: Mapping[str, bytes], flags: Sequence[str]) -> Path:
 
     Args:
         sources: content by file name; the first is compiled and may include the others.
-        flags: of the compiler.
+        flags: the compiler's flags.
 
     Raises:
         OSError: if there is no compiler, it fails, or no folder is writable.

@@ -254,7 +254,7 @@ def _counted(columns: Columns, name: str, own: Callable[[float, float], int]) ->
 
     Args:
         columns: of LoopTiming.
-        name: of the counter.
+        name: the counter's name.
         own: what a step adds to the counter, from its lateness and the period, s.
     """
     values = np.asarray(columns.get(name, ()), dtype=np.int64)

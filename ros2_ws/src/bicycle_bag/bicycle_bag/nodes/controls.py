@@ -24,7 +24,7 @@ class Controls:
     """Serves a replay's services and reads its keys.
 
     Args:
-        node: of the replay.
+        node: the replay's node.
         tempo: the clock that it goes by.
         keyboard: True to read keys.
         tell: takes one line for a person.

@@ -35,7 +35,7 @@ class Ear:
     Args:
         node: that subscribes.
         kind: class of the messages.
-        name: of the topic.
+        name: the topic's name.
         quality: that it asks for.
         profile: the same, in full.
         take: is given this ear, the message and what the middleware says of it.

@@ -41,7 +41,7 @@ class Recorder:
 
     Args:
         node: that subscribes.
-        writer: of the bag.
+        writer: the bag's writer.
         chosen: which topics to record.
         overrides: profiles to subscribe with, by topic.
     """

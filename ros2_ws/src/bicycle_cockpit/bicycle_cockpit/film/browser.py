@@ -110,7 +110,7 @@ async def browser_tab(address: str, size: tuple[int, int]) -> AsyncIterator[Brow
     """Open a page in a browser of its own, which ends with this context.
 
     Args:
-        address: of the page.
+        address: the page's address.
         size: width and height, CSS pixels.
     """
     program = find_browser()

@@ -25,9 +25,9 @@ class Relay:
 
     Args:
         node: that subscribes.
-        name: of the topic.
+        name: the topic's name.
         kind: ``pkg/msg/Type``.
-        context: of the server.
+        context: the server's context.
         schemas: where definitions are found.
 
     Raises:

@@ -71,7 +71,7 @@ class Watcher:
         """Return the full name and the type of a topic.
 
         Args:
-            name: of the topic.
+            name: the topic's name.
             published: True to require a publisher; otherwise a subscriber suffices.
 
         Raises:

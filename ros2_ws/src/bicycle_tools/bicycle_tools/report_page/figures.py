@@ -31,7 +31,7 @@ class Strip:
     Attributes:
         label: of the axis, with the unit.
         column: of the messages.
-        colour: of the line.
+        colour: the line's colour.
         scale: from SI to the unit.
     """
 
