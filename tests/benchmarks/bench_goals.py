@@ -138,12 +138,14 @@ class Peer:
     def __init__(self, model: Any) -> None:
         """Wrap a model that sees natural observations and gives shares of the limits."""
         self.model, self.limits = model, named(SCENARIO).action_limits
+        self.padded = type(model).__module__.startswith("sbx")
 
     def act(self, observation: np.ndarray, speed: np.ndarray) -> np.ndarray:
         """Physical actions (N, 3), without exploration."""
         count = len(observation)
         # SBX compiles anew for each number of rows, which falls as rides end.
-        scaled = np.zeros((next(goals for goals in SCORED if count <= goals), 6), np.float32)
+        rows = next(goals for goals in SCORED if count <= goals) if self.padded else count
+        scaled = np.zeros((rows, 6), np.float32)
         scaled[:count] = observation / np.array(NATURAL_SCALE)
         action = np.zeros((count, 3))
         found = self.model.predict(scaled, deterministic=True)[0][:count]
