@@ -150,6 +150,12 @@ KNOWN_BY_NAME = {
     "bicycle_controller.evaluation.link_loss": "steps a bicycle every 10 ms",
     "bicycle_controller.evaluation.sensing": "puts motor, delay and friction on a bicycle",
     "bicycle_hardware.bench.board_simulator": "steps a bicycle every 5 ms",
+    "bicycle_controller.identification.unknowns": "fits the numbers of a Whipple bicycle",
+    "bicycle_controller.identification.ride_model": "its linear equations, with its motor",
+    "bicycle_controller.identification.fitting": "hands it on",
+    "bicycle_controller.identification.identify": "hands it on",
+    "bicycle_controller.identification.score": "hands it on",
+    "bicycle_controller.cli.identify": "reads a bicycle's file",
     "bicycle_controller.cli.info": "describes Whipple bicycles",
     "bicycle_controller.cli.eigenvalue_chart": "draws their eigenvalues",
 }

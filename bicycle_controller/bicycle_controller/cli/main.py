@@ -33,6 +33,7 @@ COMMANDS = {
     "reproduce": "run the paper's experiments and draw its figures",
     "export": "write a policy as ONNX with its card, or a run or bag as CSV",
     "import": "turn a stable-baselines3 or torch actor into a policy",
+    "identify": "find a bicycle's parameters from logs of its rides",
     "info": "tell a bicycle's geometry, critical speeds and eigenvalues",
 }
 
@@ -139,6 +140,10 @@ def _module(name: str) -> ModuleType:
         from bicycle_controller.cli import plot
 
         return plot
+    if name == "identify":
+        from bicycle_controller.cli import identify
+
+        return identify
     if name == "import":
         from bicycle_controller.cli import import_policy
 

@@ -1,0 +1,1 @@
+"""Identification: a bicycle's parameters from logs of its rides."""
