@@ -20,7 +20,7 @@ PACKAGES = {
     for folder in sorted(place.glob("bicycle_*"))
     if (folder / "setup.py").is_file() and not folder.is_symlink()
 }
-STARTED = {"bicycle_bringup": {"bicycle_sim"}}
+STARTED = {"bicycle_bringup": {"bicycle_sim", "bicycle_hardware"}}
 """Packages whose programs are started, not imported."""
 
 ROSDEP = {

@@ -58,7 +58,7 @@ ELSEWHERE: tuple[tuple[str, str], ...] = (
     (r"\./ros2_ws/ride\.sh --course road", "tests/ros/test_ride_course.py"),
     (r"\./ros2_ws/ride\.sh --hardware-in-the-loop", "tests/ros/test_hardware_in_the_loop.py"),
     (r"\./ros2_ws/driver\.sh", "tests/ros/test_driver_node.py"),
-    (r"\./ros2_ws/controller\.sh state:=estimated", "tests/ros/test_driver_node.py"),
+    (r"\./ros2_ws/controller\.sh state:=estimated", "tests/ros/test_hardware_in_the_loop.py"),
     (r"BICYCLE_NETWORK=lan", "tests/ros/test_closed.py"),
 )
 """Beginnings of commands, and the file that runs their like."""

@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 from bicycle_msgs.msg import DriverState
+from conftest import StartNode
 from domains import claimed_domain
 from node_process import NodeProcess
+from probe import Probe, goal
 from rclpy.serialization import deserialize_message
 
 from bicycle_bag.reader import BagReader
@@ -75,6 +77,37 @@ def test_the_estimate_is_near_the_truth(ridden: tuple[NodeProcess, Path]) -> Non
     ]
     assert len(errors) > 100
     assert math.degrees(float(np.sqrt(np.mean(np.square(errors))))) < 0.5
+
+
+def test_it_rides_as_a_real_bicycle_would_without_a_simulator_s_state(
+    start_node: StartNode, ros_domain: int, tmp_path: Path
+) -> None:
+    """The estimate takes the state's place, as docs/real-bicycle.md says."""
+    port, sensors = f"port:={tmp_path / 'board'}", "sensors:=mpu6050-rtk"
+    alike = ["--ros-args", "-p", port, "-p", sensors, "-p", "bicycle:=browser-rider"]
+    alike += ["-p", "pace:=lockstep", "-p", "plant:=whipple"]
+    start_node(
+        "bicycle_hardware.nodes.bench_node", [*alike, "-r", "bicycle/state:=bicycle/truth"]
+    ).wait_for_line("serial line is")
+    words = ["--ros-args", "-p", "state:=estimated", "-p", sensors, "-p", "policy:=lqr"]
+    controller = start_node(
+        "bicycle_controller.nodes.controller_node",
+        [*words, "-r", "bicycle/estimate:=bicycle/state"],
+    )
+    controller.wait_for_line("waits for a goal")
+    probe = Probe(ros_domain, topics.STATE, topics.DRIVER_STATE)
+    try:
+        start_node(
+            "bicycle_hardware.nodes.driver_node",
+            [*alike, "-p", "clock:=board", "-p", "arm_when_ready:=true"],
+        )
+        probe.spin_until(lambda: probe[topics.STATE])
+        probe.say(topics.GOAL_POSE, goal(30.0, 5.0))
+        probe.spin_until(lambda: probe[topics.STATE][-1].rear_contact.x > 5.0)
+        assert all(state.estimated for state in probe[topics.STATE])
+        assert probe[topics.DRIVER_STATE][-1].mode == DriverState.MODE_RIDING
+    finally:
+        probe.close()
 
 
 def test_parameters_of_the_driver_need_the_option(tmp_path: Path) -> None:

@@ -34,7 +34,10 @@ setup(
         (f"share/{NAME}/launch", files("launch")),
     ],
     install_requires=[
-        *(sibling(f"bicycle_{name}") for name in ("bag", "common", "controller", "sim", "tools")),
+        *(
+            sibling(f"bicycle_{name}")
+            for name in ("bag", "common", "controller", "hardware", "sim", "tools")
+        ),
         "numpy",
         "tqdm",
     ],
