@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import re
 from pathlib import Path
@@ -102,3 +103,14 @@ def test_the_readme_is_short_and_its_prose_holds_few_numbers() -> None:
     words = re.sub(r"\]\([^)]*\)|`[^`]*`|!\[[^\]]*", " ", "\n".join(lines)).split()
     numbers = [word for word in words if re.search(r"\d", word)]
     assert len(numbers) <= 0.04 * len(words), numbers
+
+
+def test_the_table_of_peers_is_made_of_its_file() -> None:
+    folder = ROOT / "tests" / "benchmarks"
+    spec = importlib.util.spec_from_file_location("peer_table", folder / "peer_table.py")
+    assert spec
+    assert spec.loader
+    peer_table = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(peer_table)
+    table = peer_table.rows(json.loads((folder / "results" / "goals.json").read_text()))
+    assert "\n".join(table) in (ROOT / "docs" / "training.md").read_text()
