@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_continuous_are
 
+from bicycle_bag.columns import load_topics
+from bicycle_bag.reader import BagReader
 from bicycle_controller.cli.main import main
-from bicycle_controller.identification import read_csv, ride_model
+from bicycle_controller.identification import read_bag, read_csv, ride_model, windows
 from bicycle_controller.identification.logs import resampled
 from bicycle_sim.plants.whipple import catalogue
-from bicycle_sim.plants.whipple.parameters import Parameters
+from bicycle_sim.plants.whipple.parameters import Parameters, from_dict
 from bicycle_sim.plants.whipple.plant import WhipplePlant
 
 DATA = Path(__file__).parents[1] / "data" / "real_bicycles"
@@ -181,6 +183,27 @@ def test_columns_come_in_any_order_unit_and_rate_with_gaps(tmp_path: Path) -> No
     assert last.speed == pytest.approx(4.0)
     assert last.lean_rate == pytest.approx(np.sin(3.0 * (4.0 + 0.01 * np.arange(600))), abs=1e-6)
     assert last.steer_angle == pytest.approx(0.1 * last.lean_rate)
+
+
+def test_a_bag_holds_the_torque_beside_the_states_that_it_leads_to() -> None:
+    """Its own bicycle explains it; with the torque turned round or a step late it does not."""
+    path = DATA.parent / "whipple-state-2"
+    physics = load_topics(BagReader(path), ["/bicycle/episode"])["/bicycle/episode"]["physics"][0]
+    parameters = from_dict({k: v for k, v in json.loads(str(physics)).items() if k != "plant"})
+    (log,) = read_bag.read(path)
+    matrices, noise = ride_model.matrices(parameters), ride_model.Noise(1e-3, 1e-3)
+    piece = log.pieces[0]
+    (stack,) = windows.stacks([windows.window(0, piece, 0, 40)])
+
+    def left(torque: np.ndarray) -> float:
+        rest = ride_model.residuals(parameters, matrices, stack._replace(torque=torque), noise)
+        return float(np.sqrt((rest**2).mean()))
+
+    true = left(stack.torque)
+    assert true < 1.0
+    assert left(-stack.torque) > 5.0 * true
+    assert left(np.roll(stack.torque, 1, axis=1)) > 2.0 * true
+    assert left(np.roll(stack.torque, -1, axis=1)) > 2.0 * true
 
 
 def test_a_missing_file_and_bag_are_refused(
