@@ -183,7 +183,7 @@ def test_a_mistake_is_one_line_with_the_remedy(
     assert expected in mistake(capsys, *words)
 
 
-WITHOUT_CHANCE = ("import", "info", "plot")
+WITHOUT_CHANCE = ("identify", "import", "info", "plot")
 """Commands that draw nothing and run no network."""
 WITHOUT_TORCH = ("sensing",)
 """Commands that ride one step at a time, with the controllers of the node."""
