@@ -140,6 +140,27 @@ def test_what_the_kernel_has_may_be_left_to_it(
     assert metadata.read(tmp_path / "bag").message_count == 3
 
 
+def test_metadata_call_a_file_whole_only_once_the_disk_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    really, told, synced = os.fsync, threading.Event(), []
+
+    def slow(descriptor: int) -> None:
+        name = Path(f"/proc/self/fd/{descriptor}").readlink().name
+        if name.endswith(".mcap"):
+            told.wait(0.3)
+        else:
+            told.set()
+        really(descriptor)
+        synced.append(name)
+
+    monkeypatch.setattr(os, "fsync", slow)
+    writer = opened(tmp_path / "bag")
+    filled(writer, 1)
+    writer.close()
+    assert synced == ["bag_0.mcap", ".metadata.yaml.tmp", "bag"]
+
+
 @pytest.mark.parametrize("instead", ["nothing", "a file", "another folder", "a folder above"])
 def test_a_bag_that_is_gone_is_told_whatever_stands_there(tmp_path: Path, instead: str) -> None:
     writer = opened(tmp_path / "above" / "bag")

@@ -179,3 +179,17 @@ def test_the_same_trouble_is_told_again_after_just_five_seconds(
     assert not gate.decide(bad, 0).warning
     clock.now += 5.0
     assert gate.decide(bad, 0).warning
+
+
+def test_silence_and_accepted_commands_are_counted(clock: Clock) -> None:
+    clock.now = 1.0
+    gate = CommandValidator(LIMITS, clock=clock)
+    gate.begin(1)
+    assert gate.accepted == 0
+    for step in range(3):
+        assert gate.decide(replace(GOOD, step=step), step).accepted
+        assert gate.accepted == step + 1
+    clock.now = 5.5
+    assert gate.silence() == 4.5
+    assert not gate.decide(replace(GOOD, step=1), 3).accepted
+    assert gate.accepted == 3
