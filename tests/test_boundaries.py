@@ -152,6 +152,7 @@ KNOWN_BY_NAME = {
     "bicycle_hardware.bench.board_simulator": "steps a bicycle every 5 ms",
     "bicycle_controller.identification.unknowns": "fits the numbers of a Whipple bicycle",
     "bicycle_controller.identification.ride_model": "its linear equations, with its motor",
+    "bicycle_controller.identification.curvature": "rides it beside them",
     "bicycle_controller.identification.fitting": "hands it on",
     "bicycle_controller.identification.identify": "hands it on",
     "bicycle_controller.identification.score": "hands it on",

@@ -29,7 +29,7 @@ def ride(
     speed: float,
     seconds: float,
     seed: int,
-    shaken: float = 0.05,
+    shaken: float = 0.08,
     noise: float = 1.0,
 ) -> np.ndarray:
     """Return (n, 7) of a ride at 100 Hz: time and the columns of HEADER, with noise.

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bicycle_common.validation import require
+from bicycle_controller.identification.curvature import straightened
 from bicycle_controller.identification.fitting import Fit, fit, noise_of
 from bicycle_controller.identification.logs import Array, Log, Piece
 from bicycle_controller.identification.ride_model import Noise, matrices, weave
@@ -186,9 +187,12 @@ def _fitted(
     """Return the fit, and True if it is to modes after pushes."""
     share = 1.0 if until is None else until
     used = [one for one in windows if one.time < share * _length(logs[one.log], one)]
-    first = _spread(used, 40)
+    first = stacks(_spread(used, 40))
     unknown = unknowns(prior, trust, tuple(EXTRAS))
-    rough = fit(unknown, stacks(first), noise, turns=2)
+    rough = fit(unknown, first, noise, turns=2)
+    rough = fit(
+        unknown, straightened(rough.parameters, first, noise), noise, start=rough.x, turns=1
+    )
     measured = []
     for log, law, seen in zip(logs, laws, pushed, strict=True):
         early = [one for one in seen if one.start < share * len(log.pieces[one.piece].speed)]
@@ -198,7 +202,11 @@ def _fitted(
     if max(rough.misfit) > ADEQUATE and measured:
         free: Unknowns = unknowns(prior, trust, ("damping",))
         return fit(free, [], noise, measured=measured), True
-    return fit(unknown, stacks(_spread(used, MOST)), noise, start=rough.x), False
+    whole = stacks(_spread(used, MOST))
+    for turns in (1, 2):
+        even = straightened(rough.parameters, whole, noise)
+        rough = fit(unknown, even, noise, start=rough.x, turns=turns)
+    return rough, False
 
 
 def _length(log: Log, one: Window) -> float:

@@ -125,12 +125,22 @@ def residuals(
         (k, 2 n): lean rate, then steer angle.
     """
     if gains is None:
-        return _rows(p, m, stack, noise, None, np.arange(len(stack.rows)), known)
+        return _rows(p, m, stack, noise, None, np.arange(len(stack.rows)), known)[0]
     found = np.empty((len(stack.rows), 2 * stack.lean_rate.shape[1]))
     for gain in np.unique(np.round(gains, 1)):
         rows = np.flatnonzero(np.round(gains, 1) == gain)
-        found[rows] = _rows(p, m, stack, noise, float(gain), rows, known)
+        found[rows] = _rows(p, m, stack, noise, float(gain), rows, known)[0]
     return found
+
+
+def explained(p: Parameters, m: Matrices, stack: Stack, noise: Noise) -> tuple[Array, Array]:
+    """Return what `residuals` leaves under the logged torque, and what it solved for.
+
+    Returns:
+        (k, 2 n) in units of the noise; (k, 6) lean, steer and their rates at first, a constant
+        torque, the steering's offset.
+    """
+    return _rows(p, m, stack, noise, None, np.arange(len(stack.rows)), None)
 
 
 def _rows(
@@ -141,7 +151,7 @@ def _rows(
     gain: float | None,
     rows: Array,
     known: int | None,
-) -> Array:
+) -> tuple[Array, Array]:
     count = stack.lean_rate.shape[1]
     a, b = system(p, m, stack.speed)
     free = a if gain is None else closed(p, m, stack.speed, gain)
@@ -174,7 +184,7 @@ def _rows(
     q, r = np.linalg.qr(whole)
     solution = np.linalg.solve(r, q.T @ target.T)
     rest: Array = y - (table @ solution).T
-    return rest
+    return rest, solution.T
 
 
 def _powers(step: Array, count: int) -> Array:
