@@ -1,63 +1,66 @@
-"""Driver, controller on estimates and recorder of a real bicycle, with a native ROS 2.
+"""The driver of a real bicycle's microcontroller, and the controller that rides it by estimates.
 
-    ros2 launch bicycle_bringup hardware.launch.py port:=/dev/ttyACM0
+    ros2 launch bicycle_bringup hardware.launch.py port:=/dev/ttyACM0 bicycle:=my-bicycle.yaml
 
-The PyPI wheels have no launch; there `driver.sh` and `controller.sh` start the same, as
-docs/real-bicycle.md says. This file could not be run where the project is developed; it follows
-Jazzy's documentation. Nothing moves before bicycle/arm.
+It arms nothing: the service `bicycle/arm` does, see docs/real-bicycle.md. `ros2_ws/driver.sh` and
+`controller.sh state:=estimated` do the same without launch.
 """
 
 from launch.actions import DeclareLaunchArgument, ExecuteProcess
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
 
+ARGUMENTS = {
+    "namespace": ("", "of the bicycle, such as b1"),
+    "port": ("/dev/ttyACM0", "serial line of the microcontroller"),
+    "bicycle": ("", "parameters: a name, or a YAML file; empty is the benchmark"),
+    "sensors": ("mpu6050", "what the sensors are like: a preset, or a YAML file"),
+    "policy": ("lqr", "what rides: a policy's file or name, or an LQR"),
+    "record": ("true", "record a bag of all topics"),
+}
+"""Default and meaning of each argument."""
+
 
 def generate_launch_description() -> LaunchDescription:
-    """Describe the three processes."""
+    """Describe the processes."""
     config = PathJoinSubstitution([FindPackageShare("bicycle_bringup"), "config"])
-    sensors = {"sensors": LaunchConfiguration("sensors")}
+    given = {name: LaunchConfiguration(name) for name in ARGUMENTS}
+    words = {name: ParameterValue(value, value_type=str) for name, value in given.items()}
     return LaunchDescription(
         [
-            DeclareLaunchArgument("namespace", default_value="", description="of the bicycle"),
-            DeclareLaunchArgument("record", default_value="true", description="record a bag"),
-            DeclareLaunchArgument(
-                "port", default_value="/dev/ttyACM0", description="the microcontroller's line"
+            *(
+                DeclareLaunchArgument(name, default_value=value, description=text)
+                for name, (value, text) in ARGUMENTS.items()
             ),
-            DeclareLaunchArgument("bicycle", default_value="", description="a name or YAML file"),
-            DeclareLaunchArgument("sensors", default_value="mpu6050", description="the same"),
-            DeclareLaunchArgument("policy", default_value="lqr", description="what rides"),
             ExecuteProcess(
                 cmd=["ros2", "bag", "record", "--all"],
-                condition=IfCondition(LaunchConfiguration("record")),
+                condition=IfCondition(given["record"]),
                 sigterm_timeout="10",
             ),
             Node(
                 package="bicycle_hardware",
                 executable="bicycle_driver",
-                namespace=LaunchConfiguration("namespace"),
+                namespace=given["namespace"],
                 parameters=[
                     PathJoinSubstitution([config, "driver.yaml"]),
-                    sensors,
-                    {"port": LaunchConfiguration("port")},
-                    {"bicycle": LaunchConfiguration("bicycle")},
+                    {name: words[name] for name in ("port", "bicycle", "sensors")},
                 ],
                 output="screen",
-                respawn=True,
-                respawn_delay=1.0,
             ),
             Node(
                 package="bicycle_controller",
                 executable="bicycle_controller",
-                namespace=LaunchConfiguration("namespace"),
+                namespace=given["namespace"],
                 parameters=[
                     PathJoinSubstitution([config, "controller.yaml"]),
-                    sensors,
-                    {"state": "estimated", "policy": LaunchConfiguration("policy")},
+                    {"state": "estimated", "sensors": words["sensors"], "policy": words["policy"]},
                 ],
+                # Nothing else says where the bicycle is.
                 remappings=[("bicycle/estimate", "bicycle/state")],
                 output="screen",
             ),
