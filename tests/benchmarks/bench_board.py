@@ -272,17 +272,32 @@ def stopped(bicycle: str, count: int, seed: int) -> dict[str, Any]:
     }
 
 
+FAULTS = ("", "bytes lost", "bits flipped", "delayed")
+PARTS = ("PC killed", "bad wire", "button")
+
+
+def measured(part: str, names: list[str], count: int) -> list[dict[str, Any]]:
+    """Return the rows of one part, `count` rides of each bicycle."""
+    if part == "PC killed":
+        return [killed(name, count, 1 + n) for n, name in enumerate(names)]
+    if part == "button":
+        return [stopped(name, count, 200 + n) for n, name in enumerate(names)]
+    return [
+        bad_wire(name, count, 100 + n, fault) for fault in FAULTS for n, name in enumerate(names)
+    ]
+
+
 def main() -> None:
-    """Measure and write."""
+    """Measure, and write or add to what is written."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rides", type=int, default=1000)
-    parser.add_argument("--wire-rides", type=int, default=20, help="of each bicycle and fault")
+    parser.add_argument("--rides", type=int, default=200, help="of each bicycle")
+    parser.add_argument("--parts", nargs="+", default=PARTS, choices=PARTS)
+    parser.add_argument("--bicycles", default=BICYCLES)
+    parser.add_argument("--add", action="store_true", help="to the file's rows")
     parser.add_argument("--out", type=Path, default=OUT)
     given = parser.parse_args()
-    names = BICYCLES.split(",")
-    each = given.rides // len(names)
     result: dict[str, Any] = {
-        "command": shlex.join(["python", "tests/benchmarks/bench_board.py", *sys.argv[1:]]),
+        "commands": [],
         "machine": machine("numpy"),
         "conditions": {
             "motor lag (s)": 0.03,
@@ -291,14 +306,14 @@ def main() -> None:
             "speeds (m/s)": CONDITIONS.speeds,
             "sensors of the board": "mpu6050",
         },
-        "PC killed": [killed(name, each, 1 + n) for n, name in enumerate(names)],
-        "bad wire": [
-            bad_wire(name, given.wire_rides, 100 + n, fault)
-            for fault in ("", "bytes lost", "bits flipped", "delayed")
-            for n, name in enumerate(names)
-        ],
-        "button": [stopped(name, given.wire_rides, 200 + n) for n, name in enumerate(names)],
     }
+    if given.add and given.out.is_file():
+        result = json.loads(given.out.read_text())
+    command = ["python", "tests/benchmarks/bench_board.py", *sys.argv[1:]]
+    result["commands"].append(shlex.join(command))
+    for part in given.parts:
+        rows = measured(part, given.bicycles.split(","), given.rides)
+        result.setdefault(part, []).extend(rows)
     given.out.parent.mkdir(parents=True, exist_ok=True)
     given.out.write_text(json.dumps(result, indent=2) + "\n")
     print(json.dumps(result, indent=2))
