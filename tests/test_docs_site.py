@@ -19,6 +19,7 @@ from node_process import NodeProcess
 
 pytestmark = pytest.mark.slow
 
+PAGES = ("", "tutorials/first-ride/", "performance/", "interfaces/", "api/plants/")
 ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -78,7 +79,9 @@ def address(site: Path) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("page", ["", "tutorials/first-ride/", "performance/", "api/plants/"])
+@pytest.mark.parametrize(
+    "page", ["", "tutorials/first-ride/", "performance/", "interfaces/", "api/plants/"]
+)
 def test_the_site_breaks_no_rule(
     browser: BrowserContext, address: str, page: str, scheme: Any
 ) -> None:
