@@ -43,6 +43,7 @@ FOREVER: tuple[tuple[str, str], ...] = (
 ELSEWHERE: tuple[tuple[str, str], ...] = (
     (r"docker ", "tests/bringup/test_docker.py"),
     (r"\./docker/without_docker\.py", "tests/bringup/test_docker.py"),
+    (r"bicycle identify", "tests/controller/test_identify.py"),
     (r"bicycle learn", "tests/controller/test_learn.py"),
     (r"bicycle reproduce", "tests/controller/test_reproduce.py"),
     (r"\./ros2_ws/trainer\.sh", "tests/ros/test_trainer_node.py"),
