@@ -45,7 +45,7 @@ def nearest(count: int, seed: int, rule: bool) -> np.ndarray:
             way = Way(wanted[i], np.zeros(count), np.zeros(count, dtype=bool))
             if rule:
                 later = np.full(count, i == 1)
-                way = keep_clear(both[i], both[1 - i], later, wanted[i], 2.0)
+                way = keep_clear(both[i], both[1 - i], later, wanted[i], 2.0, aside[i])
             speed[i] = speed[i] + np.clip(way.speed - speed[i], -0.04, 0.04)
             push = np.clip(0.5 * (way.shift - aside[i]) - 1.2 * rate[i], -0.8, 0.8)
             rate[i] = rate[i] + 0.1 * push

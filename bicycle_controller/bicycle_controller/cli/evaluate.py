@@ -15,7 +15,7 @@ from bicycle_controller.cli import options
 from bicycle_controller.config import loading
 from bicycle_controller.control.followers import FOLLOWERS
 from bicycle_controller.control.guidance import GuidanceConfig
-from bicycle_controller.evaluation import arrivals, course_score, kicks
+from bicycle_controller.evaluation import arrivals, course_score, crossings, kicks
 from bicycle_controller.evaluation import evaluate as scoring
 from bicycle_controller.evaluation.rollouts import Disturbance
 from bicycle_controller.evaluation.table import as_text, comparison_as_text, kicks_as_text
@@ -62,6 +62,8 @@ lqr_grid.py), with its weights and `share`, what CONTROLLER catches as a share o
     + course_score.__doc__.partition("\n\n")[2]
     + "\n"
     + arrivals.__doc__.partition("\n\n")[2]
+    + "\n"
+    + crossings.__doc__.partition("\n\n")[2]
 )
 
 
@@ -79,6 +81,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--sensors", metavar="PRESET|FILE", help=text)
     text = "score arrivals at N random poses in the direction asked for, instead"
     add("--arrivals", type=int, metavar="N", help=text)
+    text = "score how pairs of bicycles keep clear of one another at N crossings, instead"
+    add("--crossings", type=int, metavar="N", help=text)
     add("--picture", type=Path, metavar="FILE", help="with --course, draw the rides, PNG")
     add("--against", metavar="CONTROLLER", help="compare with this one on the same starts")
     add("--scenario", metavar="NAME", help="a scenario (default: the one it was trained on)")
@@ -169,6 +173,9 @@ def run_command(args: argparse.Namespace) -> int:
         return _ride_courses(args)
     if args.arrivals is not None:
         return _score_arrivals(args)
+    if args.crossings is not None:
+        plant = _plant(args) or registry.default()
+        return _told(args, plant, crossings.score(plant, args.crossings, args.seed), crossings)
     if args.start is not None or args.picture is not None or args.sensors is not None:
         raise ValueError("--from, --picture and --sensors belong to --course")
     args.episodes = 1000 if args.episodes is None else args.episodes
@@ -303,17 +310,17 @@ def _score_arrivals(args: argparse.Namespace) -> int:
     config = GuidanceConfig(follower=args.controller or "preview")
     require(config.follower in FOLLOWERS, f"{config.follower!r} follows no path: name a follower")
     result = arrivals.score(plant, scenario, args.arrivals, args.seed, config=config)
-    found = {
-        **_origin(),
-        "physics": json.loads(plant.to_json()),
-        "scenario": scenario.name,
-        "follower": config.follower,
-        **result,
-    }
+    result = {"scenario": scenario.name, "follower": config.follower, **result}
+    return _told(args, plant, result, arrivals)
+
+
+def _told(args: argparse.Namespace, plant: Plant[Any], result: dict[str, Any], kind: Any) -> int:
+    """Write and print a result of the module `kind`; return the exit status."""
+    found = {**_origin(), "physics": json.loads(plant.to_json()), **result}
     written = json.dumps(found, indent=2)
     if args.out is not None:
         write_atomically(args.out, written.encode() + b"\n")
-    print(written if args.json else arrivals.as_text(result), flush=True)
+    print(written if args.json else kind.as_text(result), flush=True)
     return 0
 
 

@@ -13,7 +13,7 @@ from bicycle_common.types import BicycleState
 from bicycle_controller.control.courses import Course
 from bicycle_controller.control.guide import PathEnd, PathReport
 from bicycle_controller.control.keep_clear import Mover, keep_clear
-from bicycle_controller.control.path import Paths
+from bicycle_controller.control.path import Paths, Place
 from bicycle_controller.control.path_follower import PathFollower
 from bicycle_controller.control.speed_profile import speed_profile
 
@@ -72,6 +72,7 @@ class PathRide:
         """Own name among them."""
         self.yielding = False
         self._shift, self._slowest = 0.0, slowest
+        self._shifts: dict[str, float] = {}
 
     @property
     def policy_id(self) -> str:
@@ -108,22 +109,26 @@ class PathRide:
         self._measure(float(place.cross_track[0]), float(place.heading_error[0]))
         wanted = self._paths.values(self._profile, place.along + 0.5 * speed)
         if self.others:
-            wanted = self._past_others(snapshot, wanted)
+            wanted = self._past_others(snapshot, wanted, place)
             beside = place.cross_track - self._shift
             place = replace(place, cross_track=beside)
         self._wanted = float(wanted[0])
         seen = observation(snapshot, 0.0)[None]
         return np.asarray(self._follower.act(seen, speed, place, self._paths, wanted)[0])
 
-    def _past_others(self, snapshot: BicycleState, wanted: np.ndarray) -> np.ndarray:
+    def _past_others(self, snapshot: BicycleState, wanted: np.ndarray, place: Place) -> np.ndarray:
         """Return the speed at which the bicycle keeps clear of all others, (1,) m/s."""
-        numbers = snapshot.rear_x, snapshot.rear_y, snapshot.heading, snapshot.speed
-        own = Mover(*(np.array([value]) for value in numbers))
+        along = np.array([snapshot.heading]) - place.heading_error
+        numbers = snapshot.rear_x, snapshot.rear_y, snapshot.speed
+        x, y, now = (np.array([value]) for value in numbers)
+        own = Mover(x, y, along, now)
         speed, shift, self.yielding = wanted, 0.0, False
         for name, other in self.others.items():
             later = np.array([self.name > name])
             slowest = min(self._slowest, float(wanted[0]))
-            way = keep_clear(own, other, later, wanted, slowest)
+            last = self._shifts.get(name, 0.0)
+            way = keep_clear(own, other, later, wanted, slowest, place.cross_track, last)
+            self._shifts[name] = float(way.shift[0])
             speed = np.minimum(speed, way.speed)
             if abs(way.shift[0]) > abs(shift):
                 shift = float(way.shift[0])
