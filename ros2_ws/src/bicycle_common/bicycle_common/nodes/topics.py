@@ -144,7 +144,8 @@ GNSS_VELOCITY = _topic(
 )
 SENSOR_TIME = _topic(topic_names.SENSOR_TIME, TimeReference, depth=RESEND)
 """The sensors' clock at a step; `source` is episode and step."""
-ESTIMATE = Topic(topic_names.ESTIMATE, BicycleState, _profile(RESEND), _profile(5))
+ESTIMATE = Topic(topic_names.ESTIMATE, BicycleState, _profile(RESEND, latched=True), _profile(5))
+"""Latched for recorders that come late: each estimate is made from the one before."""
 ESTIMATED_ODOMETRY = Topic(topic_names.ESTIMATED_ODOMETRY, Odometry, _profile(RESEND), _profile(5))
 DRIVER_STATE = _topic(topic_names.DRIVER_STATE, DriverState, depth=RESEND)
 CONTROLLER_SETUP = _topic(topic_names.CONTROLLER_SETUP, String, depth=1, latched=True)

@@ -294,7 +294,7 @@ class DriverNode(Node):
             response.success = state.mode == Mode.DISARMED
             response.message = "disarmed: the motors are off"
         else:
-            response.success = state.mode in (Mode.ARMED, Mode.RIDING)
+            response.success = state.mode in (Mode.ARMED, Mode.RIDING, Mode.FALLBACK)
             mode = Mode(state.mode).name.lower()
             why = frames.words(state.reasons) or f"it is in mode {mode}: disarm it first"
             response.message = "armed" if response.success else f"not armed: {why}"
