@@ -119,7 +119,9 @@ def test_logs_of_three_speeds_foretell_a_real_bicycle_at_another_one(
     held = str(DATA / "sbw_10.8kph_impulses.csv.gz")
     out = tmp_path / "found.yaml"
     words = ["identify", *logs, "--bicycle", "steer-by-wire", "--held-out", held, "--json"]
-    assert main([*words, "--out", str(out)]) == 0
+    chart = tmp_path / "chart.png"
+    assert main([*words, "--out", str(out), "--plot", str(chart)]) == 0
+    assert chart.read_bytes().startswith(b"\x89PNG")
     data = json.loads(capsys.readouterr().out)
     assert data["fitted_to"] == "modes after pushes"
     assert data["held_out"]["explained_after_pushes"] > 0.7
@@ -176,7 +178,7 @@ def test_columns_come_in_any_order_unit_and_rate_with_gaps(tmp_path: Path) -> No
     path = tmp_path / "log.csv"
     names = "roll_rate [deg/s],Time (s),Speed (km/h),steer_angle [deg],steer_torque"
     path.write_text("\n".join([names, *lines]))
-    log = resampled(read_csv.read(path, 100.0))
+    log = resampled(read_csv.read(path, 100.0)[0])
     assert [len(piece.speed) for piece in log.pieces] == [150, 149, 600]
     last = log.pieces[2]
     assert last.dt == pytest.approx(0.01)
@@ -204,6 +206,21 @@ def test_a_bag_holds_the_torque_beside_the_states_that_it_leads_to() -> None:
     assert left(-stack.torque) > 5.0 * true
     assert left(np.roll(stack.torque, 1, axis=1)) > 2.0 * true
     assert left(np.roll(stack.torque, -1, axis=1)) > 2.0 * true
+
+
+def test_rides_in_one_file_are_told_apart(tmp_path: Path) -> None:
+    """By `log_kph`, as the file of impulses has it, and cut where `row` jumps."""
+    lines = [
+        f"{kph},{row},{kph / 3.6:.4f},{0.01 * (row % 7)},0.0,0.1"
+        for kph, rows in ((7.2, [*range(100), *range(300, 400)]), (18.0, range(50, 150)))
+        for row in rows
+    ]
+    path = tmp_path / "several.csv"
+    path.write_text("\n".join(["log_kph,row,speed,lean_rate,fork_angle,command_fork", *lines]))
+    found = read_csv.read(path, 100.0)
+    assert [log.name for log in found] == ["several.csv 7.2 km/h", "several.csv 18 km/h"]
+    assert [len(log.pieces) for log in found] == [2, 1]
+    assert found[1].pieces[0].speed == pytest.approx(5.0)
 
 
 def test_a_missing_file_and_bag_are_refused(

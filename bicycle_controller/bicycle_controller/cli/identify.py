@@ -67,6 +67,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="in CSV, steering and torque are positive to the other side than lean",
     )
     add("--speeds", default="", metavar="M_S,...", help="tell the modes at these speeds, too")
+    add("--plot", type=Path, metavar="FILE", help="draw the weave over speed there (PNG, SVG)")
     add("--out", type=Path, metavar="FILE", help="write the bicycle there (YAML)")
     options.add_json(parser)
 
@@ -87,14 +88,21 @@ def run_command(args: argparse.Namespace) -> int:
     require(0.01 <= trust <= 100.0, f"--trust must lie between 0.01 and 100, not {trust:g}")
     speeds = _speeds(args.speeds)
     prior = catalogue.load(args.bicycle).parameters
-    if args.out is not None:
-        require(args.out.parent.is_dir(), f"--out: there is no folder {args.out.parent}")
+    for option, path in (("--out", args.out), ("--plot", args.plot)):
+        require(
+            path is None or path.parent.is_dir(),
+            f"{option}: there is no folder {path.parent if path else ''}",
+        )
     logs = [log for name in args.logs for log in _read(name, args)]
     held = [log for name in args.held_out for log in _read(name, args)]
     with np.errstate(all="ignore"):
         found = identify(logs, prior, trust, held or None, speeds)
     if args.out is not None:
         report.write(found, args.out)
+    if args.plot is not None:
+        from bicycle_controller.cli.weave_chart import draw
+
+        draw(found, args.plot)
     print(json.dumps(report.as_data(found), indent=2) if args.json else report.as_text(found))
     if args.out is not None and not args.json:
         print(f"wrote {args.out}")
@@ -123,5 +131,5 @@ def _read(name: str, args: argparse.Namespace) -> list[Log]:
     else:
         from bicycle_controller.identification import read_csv
 
-        found = [read_csv.read(path, args.rate, args.steer_left)]
+        found = read_csv.read(path, args.rate, args.steer_left)
     return [resampled(log) for log in found]

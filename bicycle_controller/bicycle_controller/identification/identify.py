@@ -133,7 +133,7 @@ def identify(
     pushed = [ringdowns(log) for log in logs]
     found = _fitted(logs, prior, trust, noise, laws, windows, pushed, None)
     by_pushes = found[1]
-    measured = [m for log, seen in zip(logs, pushed, strict=True) if (m := summary(log, seen))]
+    measured = [m for log, seen in zip(logs, pushed, strict=True) for m in summary(log, seen)]
     if held_out:
         judged, since, names = held_out, 0.0, [log.name for log in held_out]
         judge = found[0].parameters
@@ -144,8 +144,9 @@ def identify(
     scores = ahead(judge, judged, noise_of(judged), judged_laws, since)
     held_modes = []
     for log, law in zip(judged, judged_laws, strict=True) if held_out else ():
-        seen = summary(log, ringdowns(log))
-        if seen is not None and law is not None:
+        if law is None:
+            continue
+        for seen in summary(log, ringdowns(log)):
             held_modes.append((seen, _mode(found[0], seen.speed, law[0] + law[1] * seen.speed)))
     return Identified(
         found[0], logs, noise, laws, by_pushes, measured,
@@ -196,9 +197,8 @@ def _fitted(
     measured = []
     for log, law, seen in zip(logs, laws, pushed, strict=True):
         early = [one for one in seen if one.start < share * len(log.pieces[one.piece].speed)]
-        mode = summary(log, early)
-        if law is not None and mode is not None:
-            measured.append((mode, law[0] + law[1] * mode.speed))
+        if law is not None:
+            measured += [(one, law[0] + law[1] * one.speed) for one in summary(log, early)]
     if max(rough.misfit) > ADEQUATE and measured:
         free: Unknowns = unknowns(prior, trust, ("damping",))
         return fit(free, [], noise, measured=measured), True

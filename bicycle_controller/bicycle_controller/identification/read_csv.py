@@ -22,6 +22,8 @@ NAMES = {
     "torque": ("command_fork", "steer_torque", "torque", "steering_torque", "command_torque"),
 }
 """What each column may be called."""
+RIDES = "log_kph"
+"""A column that tells several rides in one file apart."""
 NEEDED = ("speed", "lean_rate", "steer_angle", "torque")
 UNITS = {
     "deg": math.pi / 180.0, "deg/s": math.pi / 180.0, "degrees": math.pi / 180.0,
@@ -33,8 +35,8 @@ UNITS = {
 _HEADER = re.compile(r"^\s*(.*?)\s*(?:[\[(]\s*(.*?)\s*[\])])?\s*$")
 
 
-def read(path: Path, rate: float, steer_left: bool = False) -> Log:
-    """Return the log of a CSV file.
+def read(path: Path, rate: float, steer_left: bool = False) -> list[Log]:
+    """Return the log of a CSV file, or several where its column `log_kph` names rides.
 
     Args:
         path: the file; `.gz` is unpacked.
@@ -54,13 +56,20 @@ def read(path: Path, rate: float, steer_left: bool = False) -> Log:
     time = data["time"] * factors["time"] if "time" in data else np.arange(count) / rate
     breaks = np.zeros(count, dtype=bool)
     lowered = [name.strip().lower() for name in header]
-    for name, jump in (("row", True), ("log_kph", False)):
-        # Cuts of a longer recording, as the file of impulses has them.
-        if name in lowered and "time" not in data:
-            value = _numbers(path.name, rows, {name: lowered.index(name)})[name]
-            change = np.diff(value)
-            breaks[1:] |= (change != 1.0) if jump else (change != 0.0)
-    return log_of(path.name, time, columns, breaks)
+    if "row" in lowered and "time" not in data:
+        # Cuts of a longer recording.
+        number = _numbers(path.name, rows, {"row": lowered.index("row")})["row"]
+        breaks[1:] |= np.diff(number) != 1.0
+    if RIDES not in lowered:
+        return [log_of(path.name, time, columns, breaks)]
+    ride = _numbers(path.name, rows, {RIDES: lowered.index(RIDES)})[RIDES]
+    breaks[1:] |= np.diff(ride) != 0.0
+    found = []
+    for value in dict.fromkeys(ride[np.isfinite(ride)].tolist()):
+        of = ride == value
+        here = {key: column[of] for key, column in columns.items()}
+        found.append(log_of(f"{path.name} {value:g} km/h", time[of], here, breaks[of]))
+    return found
 
 
 def _table(path: Path) -> tuple[list[str], list[list[str]]]:

@@ -15,6 +15,11 @@ SECONDS = 1.0
 GOOD = 0.98
 """Share of the variance that a fit must explain to count."""
 
+ALIKE = 0.4
+"""m/s within which pushes are taken together."""
+ENOUGH = 3
+"""Pushes that make a mode."""
+
 
 class Ringdown(NamedTuple):
     """What one push showed."""
@@ -79,10 +84,19 @@ def ringdowns(log: Log) -> list[Ringdown]:
     return found
 
 
-def summary(log: Log, found: list[Ringdown]) -> Measured | None:
-    """Return the mode of a log; None where fewer than three pushes show it."""
-    if len(found) < 3:
-        return None
+def summary(log: Log, found: list[Ringdown]) -> list[Measured]:
+    """Return the mode of a log at each speed at which three pushes or more show it."""
+    order = sorted(found, key=lambda one: one.speed)
+    groups: list[list[Ringdown]] = []
+    for one in order:
+        if groups and one.speed - groups[-1][0].speed <= ALIKE:
+            groups[-1].append(one)
+        else:
+            groups.append([one])
+    return [_mean(log, group) for group in groups if len(group) >= ENOUGH]
+
+
+def _mean(log: Log, found: list[Ringdown]) -> Measured:
     sigma, omega = (np.array([getattr(one, key) for one in found]) for key in ("sigma", "omega"))
 
     def error(values: Array, least: float) -> float:
