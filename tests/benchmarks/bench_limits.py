@@ -135,7 +135,12 @@ def main() -> None:
     parser.add_argument("--rides", type=int, default=1000)
     parser.add_argument("--actors", nargs="+", metavar="NAME[=SCENARIO]", default=list(ACTORS))
     parser.add_argument(
-        "--lqrs", type=Path, metavar="FILE", help="take the LQRs' rows from an earlier result"
+        "--lqrs",
+        type=Path,
+        nargs="+",
+        default=[],
+        metavar="FILE",
+        help="take the LQRs' rows from earlier results",
     )
     parser.add_argument("--more", action="store_true", help="ride the rows of MORE, too")
     parser.add_argument("--out", type=Path, default=RESULTS)
@@ -144,7 +149,7 @@ def main() -> None:
     conditions = CONDITIONS | (MORE if args.more else {})
     result: dict[str, Any] = {
         **origin(),
-        "lqrs_from": args.lqrs and args.lqrs.name,
+        "lqrs_from": [file.name for file in args.lqrs],
         "machine": machine("numpy"),
         "seed": SEED,
         "rides": args.rides,
@@ -158,7 +163,7 @@ def main() -> None:
         },
         "conditions": {},
     }
-    known = lqr_rows(args.lqrs, args.rides) if args.lqrs else {}
+    known = {k: v for file in args.lqrs for k, v in lqr_rows(file, args.rides).items()}
     with tqdm(total=len(conditions) * len(actors) * 2, unit="part") as bar:
         for name, condition in conditions.items():
             row = result["conditions"].setdefault(name, {})
