@@ -65,6 +65,25 @@ def test_what_the_actors_cannot_do_is_what_was_measured(label: str) -> None:
         assert own["timeout_rate"] < 0.3 or "never arrive" in cell, actor
 
 
+SURE = json.loads((ROOT / "tests" / "benchmarks" / "results" / "limits_sure.json").read_text())
+"""The actor that was trained on harder rides, under the same conditions and more."""
+
+
+@pytest.mark.parametrize("condition", SURE["conditions"])
+def test_what_the_surer_actor_does_is_what_was_measured(condition: str) -> None:
+    rows = SURE["conditions"][condition], LIMITS["conditions"].get(condition, {})
+    names = ("sure-fixed-speed", "fixed-speed", "lqr-20cm")
+    told = cells(f"`{condition}`")
+    assert len(told) == len(names)
+    for name, cell in zip(names, told, strict=True):
+        found = next((row[key] for row in rows for key in row if key.startswith(f"{name} ")), None)
+        if found is None:
+            assert cell == ""
+            continue
+        shares = [100.0 * found["reach_rate"], 100.0 * found["fall_rate"]]
+        assert [float(number) for number in cell.split(", ")] == pytest.approx(shares, abs=0.06)
+
+
 def test_rides_that_are_sooner_as_soon_and_later_are_all_rides() -> None:
     counts = cells("sooner / as soon / later than it, rides")
     saved = cells("time saved in the median ride")

@@ -30,6 +30,7 @@ LABELS = {
     "learned-speed": ("DDPG actor with pedals", NETWORK),
     "naf": ("NAF actor", NETWORK),
     "ppo": ("PPO actor", NETWORK),
+    "sure-fixed-speed": ("Sure DDPG actor", NETWORK),
     "any-bicycle": ("Actor for any bicycle", NETWORK),
     "lqr": ("LQR", LINEAR),
     "lqr-displacement": ("LQR, body ±2 cm", LINEAR),
