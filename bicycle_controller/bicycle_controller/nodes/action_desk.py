@@ -64,7 +64,7 @@ class Order:
     last: Event | PathReport | None = None
     reason: str = ""
     note: str = ""
-    """What was not done as asked."""
+    """Part of it that is not done as asked."""
     timeout: float = math.inf
     """s of simulated time."""
 

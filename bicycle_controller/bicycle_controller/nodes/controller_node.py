@@ -67,7 +67,7 @@ UNTURNED = (0.0, 0.0, 0.0, 1.0)
 
 
 INACTIVE = "the controller is not active: ros2 lifecycle set it active"
-"""Why an order is refused."""
+"""Reason why an order is refused."""
 
 
 class ControllerNode(LifecycleNode):

@@ -35,7 +35,7 @@ NAME = "follower.npz"
 
 @dataclass(frozen=True)
 class Scored:
-    """How an actor follows the fixed roads."""
+    """Score of an actor on the fixed roads."""
 
     rms: float
     """m."""

@@ -22,7 +22,7 @@ RUN_UP = 30.0
 
 @dataclass(frozen=True)
 class Route:
-    """Where one bicycle starts and what it rides."""
+    """Start of one bicycle, and its course."""
 
     name: str
     """Namespace of the bicycle."""

@@ -23,7 +23,7 @@ class Parameter:
     live: bool = False
     """True if it may change while the node runs."""
     fixed: str = "it is read at the start: restart the node with it"
-    """Why it may not, with the remedy."""
+    """Reason why it may not, with the remedy."""
 
     def check(self, value: Value) -> None:
         """Check a value of the right type.
