@@ -109,6 +109,11 @@ def test_a_simulated_ride_gives_its_bicycle_back(
         before = weave(catalogue.load(prior).parameters, speed)
         assert abs(got - true) < 0.02 * abs(true), speed
         assert abs(before - true) > 0.03 * abs(true), speed
+    turned = ride(truth, 5.0, 20.0, 1)
+    turned[:, [4, 6]] *= -1.0
+    logs = [write(tmp_path / "turned.csv", ["time", *HEADER], turned)]
+    assert main(["identify", str(logs[0]), "--bicycle", str(prior)]) == 2
+    assert "add --steer-left" in capsys.readouterr().err
 
 
 def test_logs_of_three_speeds_foretell_a_real_bicycle_at_another_one(

@@ -1,4 +1,4 @@
-"""What a linear bicycle lacks of a ride with large angles: the difference to the nonlinear one."""
+"""Rides with large angles, less the difference between the nonlinear and the linear bicycle."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ class Fit:
     ride: Array
     """(k, k) information of the ride alone, in prior deviations."""
     misfit: tuple[float, float]
-    """What is left of lean rate and steer angle, in units of their noise."""
+    """Rest of lean rate and steer angle, in units of their noise."""
     cost: float
 
     @property

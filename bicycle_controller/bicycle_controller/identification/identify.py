@@ -16,7 +16,7 @@ from bicycle_common.validation import require
 from bicycle_controller.identification.curvature import straightened
 from bicycle_controller.identification.fitting import Fit, fit, noise_of
 from bicycle_controller.identification.logs import Array, Log, Piece
-from bicycle_controller.identification.ride_model import Noise, matrices, weave
+from bicycle_controller.identification.ride_model import Noise, matrices, residuals, weave
 from bicycle_controller.identification.ringdown import Measured, Ringdown, ringdowns, summary
 from bicycle_controller.identification.score import Score, ahead, law_of
 from bicycle_controller.identification.unknowns import EXTRAS, Unknowns, unknowns
@@ -35,6 +35,14 @@ ADEQUATE = 1.5
 """Noise that a linear bicycle may leave; beyond, it is not the whole truth."""
 KEPT = 0.75
 """Share of each log that is fitted for the held-out score where no log is held out."""
+TURNED_ROUND = {
+    (-1.0, -1.0): "steer angle and torque turned round: add --steer-left, or turn the lean rate",
+    (1.0, -1.0): "the steer torque turned round: it must be positive as the steer angle is",
+    (-1.0, 1.0): "the steer angle turned round: it must be positive as lean rate and torque are",
+}
+"""Factors on steer angle and torque, and what to tell who has logged them so."""
+CLEARLY = 0.4
+"""Share of what is left as logged below which turned signs are sure."""
 UNDETERMINED = 0.7
 """Of the deviation before: a parameter whose deviation stays above was not determined."""
 
@@ -54,7 +62,7 @@ class Mode:
 
 @dataclass(frozen=True)
 class Identified:
-    """What logs say about a bicycle."""
+    """Result of an identification."""
 
     fit: Fit
     logs: list[Log]
@@ -131,6 +139,7 @@ def identify(
     laws = [_law(log) for log in logs]
     windows = _checked(logs)
     pushed = [ringdowns(log) for log in logs]
+    _check_signs(prior, windows, noise)
     found = _fitted(logs, prior, trust, noise, laws, windows, pushed, None)
     by_pushes = found[1]
     measured = [m for log, seen in zip(logs, pushed, strict=True) for m in summary(log, seen)]
@@ -173,6 +182,26 @@ def _checked(logs: list[Log]) -> list[Window]:
     for name, values in (("steer torque", torque), ("lean rate", lean), ("steer angle", steer)):
         require(float(np.std(values)) > 1e-9, f"the {name} never changes: is it the right column?")
     return windows
+
+
+def _check_signs(prior: Parameters, windows: list[Window], noise: Noise) -> None:
+    """Refuse logs that the prior bicycle explains far better with a sign turned round."""
+    m = matrices(prior)
+    groups = stacks(_spread(windows, 40))
+
+    def left(steer: float, torque: float) -> float:
+        sizes = []
+        for stack in groups:
+            turned = stack._replace(
+                steer_angle=steer * stack.steer_angle, torque=torque * stack.torque
+            )
+            sizes.append((residuals(prior, m, turned, noise) ** 2).mean(axis=1))
+        return float(np.median(np.sqrt(np.concatenate(sizes))))
+
+    as_logged = left(1.0, 1.0)
+    for (steer, torque), remedy in TURNED_ROUND.items():
+        if left(steer, torque) < CLEARLY * as_logged:
+            raise ValueError(f"the logs fit a bicycle far better with {remedy}")
 
 
 def _fitted(

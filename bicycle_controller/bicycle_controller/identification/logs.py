@@ -69,7 +69,8 @@ def log_of(name: str, time: Array, columns: dict[str, Array], breaks: Array) -> 
     dt = float(np.median(step[inside]))
     require(
         0.0005 <= dt <= 0.1,
-        f"{name}: {1.0 / dt:g} Hz cannot be used; give 10 to 2000 samples a second",
+        f"{name}: {1.0 / dt:g} Hz cannot be used; give 10 to 2000 samples a second, "
+        "and the time's unit in the header, as 'time [ms]'",
     )
     known = np.isfinite(time) & np.all([np.isfinite(c) for c in columns.values()], axis=0)
     for key, most in TOO_MUCH.items():

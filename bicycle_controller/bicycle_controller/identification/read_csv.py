@@ -21,7 +21,7 @@ NAMES = {
     "steer_angle": ("fork_angle", "steer_angle", "steering_angle", "steer"),
     "torque": ("command_fork", "steer_torque", "torque", "steering_torque", "command_torque"),
 }
-"""What each column may be called."""
+"""Names that each column may have."""
 RIDES = "log_kph"
 """A column that tells several rides in one file apart."""
 NEEDED = ("speed", "lean_rate", "steer_angle", "torque")

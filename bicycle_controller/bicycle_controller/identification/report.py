@@ -1,4 +1,4 @@
-"""What was identified, as plain data, as text and as a bicycle's file."""
+"""Result of an identification as plain data, as text and as a bicycle's file."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ ENOUGH = 3
 
 
 class Ringdown(NamedTuple):
-    """What one push showed."""
+    """Mode that one push showed."""
 
     piece: int
     start: int

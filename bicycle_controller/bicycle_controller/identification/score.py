@@ -1,4 +1,4 @@
-"""How well a bicycle foretells a ride: its lean rate half a second ahead."""
+"""Score of a bicycle that foretells a ride: its lean rate half a second ahead."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is fitted: which numbers of a bicycle, how well each is known before the ride."""
+"""Numbers of a bicycle that are fitted, and how well each is known before the ride."""
 
 from __future__ import annotations
 
