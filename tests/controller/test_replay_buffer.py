@@ -61,6 +61,7 @@ def test_a_batch_names_the_columns_in_their_order() -> None:
     ("rows", "word"),
     [
         (np.zeros((2, 5)), "rows of 19"),
+        (np.zeros((2, 25)), "rows of 19"),
         (np.zeros((6, 19)), "up to 5 rows"),
         (np.full((1, 19), np.nan), "not finite"),
     ],
