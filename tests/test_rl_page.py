@@ -46,7 +46,7 @@ NO_ROS = "import sys\nfor name in ('rclpy', 'bicycle_msgs'): sys.modules[name] =
 
 @dataclass(frozen=True)
 class PipMade:
-    """What pip made."""
+    """Environment that pip made."""
 
     python: Path
     path: str

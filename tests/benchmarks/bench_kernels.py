@@ -1,4 +1,4 @@
-"""How near the native networks are to the processor's limit, and what other libraries reach.
+"""Distance of the native networks, and of other libraries, from the processor's limit.
 
 GFLOP/s of one thread for the paper's actor (6-400-300-3) and for its largest product alone
 (400 x 300): ours forward and backward, torch's float32 (MKL), oneDNN in float32 and in bfloat16,
@@ -50,7 +50,7 @@ extern "C" float peak(long rounds) {
 ROUNDS = 10_000
 
 Work = tuple[Callable[[], Any], float]
-"""What to do, and its number of additions and multiplications."""
+"""Work to do, and its number of additions and multiplications."""
 
 
 def contestants(batch: int) -> dict[str, Work]:

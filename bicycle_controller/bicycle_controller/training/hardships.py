@@ -1,4 +1,4 @@
-"""What makes a training episode hard beside its start: which of it each of N bicycles has."""
+"""Hardships of a training episode beside its start, and those that each of N bicycles has."""
 
 from __future__ import annotations
 

@@ -40,7 +40,7 @@ class Result:
 
 
 class Run(Protocol):
-    """What trains in a folder."""
+    """Things that train in a folder."""
 
     def train(self, progress: Shown, stop: Callable[[], bool]) -> Result:
         """Train until the steps are made, the goal rate is met or a stop is requested."""

@@ -348,7 +348,7 @@ def only(info: Info) -> dict[str, Any]:
 
 
 class EnvProperties:
-    """What both environments say of their bicycles."""
+    """Words of both environments about their bicycles."""
 
     natural_scale = np.array(NATURAL_SCALE)
     """(6,) divisors that bring the observation of ordinary rides into -1..1."""

@@ -36,7 +36,7 @@ class Cut(NamedTuple):
 
 
 class SetBack:
-    """How far this host's clock was set back, seen by a clock that nobody sets."""
+    """Watch on how far this host's clock was set back, by a clock that nobody sets."""
 
     def __init__(self) -> None:
         self._furthest = time.time_ns() - time.monotonic_ns()
