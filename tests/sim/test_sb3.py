@@ -19,7 +19,10 @@ from stable_baselines3.common.env_util import make_vec_env  # noqa: E402
 from stable_baselines3.common.evaluation import evaluate_policy  # noqa: E402
 from stable_baselines3.common.vec_env import VecNormalize  # noqa: E402
 
+from bicycle_sim.task import registration  # noqa: E402
 from bicycle_sim.task.sb3 import BicycleVecEnv  # noqa: E402
+
+registration.register()  # whatever imported the package first
 
 ID = "bicycle/random-start-random-goal-v0"
 TRAIN = "bicycle/random-start-random-goal-train-v0"
