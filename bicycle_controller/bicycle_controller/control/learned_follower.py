@@ -9,7 +9,6 @@ follower joins it; the pedal and the limits on paths are the classical one's, to
 from __future__ import annotations
 
 import hashlib
-import json
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Any
@@ -20,6 +19,7 @@ from bicycle_common.validation import require
 from bicycle_controller.control.follow_gains import FollowConfig
 from bicycle_controller.control.path import Paths, Place
 from bicycle_controller.control.path_follower import PathFollower
+from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
 
 SHIPPED = FilePath(__file__).parent.parent / "followers" / "browser-rider.npz"
@@ -128,7 +128,7 @@ class LearnedFollower(PathFollower):
         super().__init__(plant, config)
         self.network = network or Network.load(SHIPPED)
         require(
-            json.loads(self.network.plant) == json.loads(plant.to_json()),
+            registry.from_json(self.network.plant) == plant,
             "this learned follower was trained on another bicycle: choose the follower preview, "
             "or train one with bicycle train path-following",
         )
