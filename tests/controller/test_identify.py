@@ -84,6 +84,7 @@ def test_a_simulated_ride_gives_its_bicycle_back(
 ) -> None:
     """From another bicycle's numbers: modes within 2 % from 120 s of noisy ride."""
     truth = catalogue.load("browser-rider").parameters
+    truth = replace(truth, motor=replace(truth.motor, lag=0.02), delay=0.02)
     b = truth.bicycle
     wrong = replace(
         b, mB=b.mB * 0.95, IBxx=b.IBxx * 1.3, IBzz=b.IBzz * 0.7, IHzz=b.IHzz * 1.3, c=b.c + 0.01,
@@ -104,6 +105,8 @@ def test_a_simulated_ride_gives_its_bicycle_back(
     assert 0 < data["determined_combinations"]["count"] < data["determined_combinations"]["of"]
     assert data["held_out"]["explained_ahead"] > 0.3
     found = catalogue.load(out).parameters
+    assert found.motor.lag == pytest.approx(0.02, abs=0.004)
+    assert found.delay == pytest.approx(0.02, abs=0.004)
     for speed in (3.5, 4.0, 5.0, 6.0):
         true, got = weave(truth, speed), weave(found, speed)
         before = weave(catalogue.load(prior).parameters, speed)
