@@ -84,8 +84,12 @@ def test_ours_and_the_classical_controller_decide_nothing(item: Result) -> None:
 def test_an_arm_that_never_arrives_is_in_the_verdict() -> None:
     for name in ("figure-9", "figure-10", "figure-11"):
         item = FAITHFUL[name]
-        notes = " ".join(verdict(item.experiment, item.summary).notes)
-        assert "`paper` never arrives" in notes
+        found = copy.deepcopy(item.summary)
+        for entry in [*found.get("rides", ()), *found.get("states", ())]:
+            if entry["rider"] == DDPG:
+                entry["reached"] = False if isinstance(entry["reached"], bool) else [0.0, 0.0, 0.0]
+        notes = " ".join(verdict(item.experiment, found).notes)
+        assert f"`{DDPG}` never arrives" in notes
 
 
 def test_a_state_that_does_not_settle_is_told() -> None:

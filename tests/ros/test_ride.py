@@ -294,8 +294,9 @@ def test_a_wrong_parameter_names_the_process_and_its_log(
 ) -> None:
     ride = start_node(RIDE, ["controller.policy:=/none.safetensors", "--output", tmp_path / "run"])
     assert ride.wait() == 1
-    (line,) = ride.lines
-    assert "controller exited with status 2 while starting" in line
+    # A machine that has much else to do may have a recorder to wait for, which is told too.
+    (line,) = (one for one in ride.lines if "controller exited with status 2" in one)
+    assert "while starting" in line
     assert "/none.safetensors" in line
     assert str(tmp_path / "run" / "controller.log") in line
 
