@@ -82,11 +82,11 @@ _bicycle_overlay() { # WORKSPACE: the packages that colcon built, and the source
   done
 }
 
-_bicycle_logs() { # WORKSPACE: where nodes log; every process leaves a file, so only the newest 20 stay
+_bicycle_logs() { # WORKSPACE: where nodes log; each process leaves a file, each launch a folder; the newest 20 stay
   export ROS_LOG_DIR=${ROS_LOG_DIR:-$1/log/ros}
   [[ $ROS_LOG_DIR == "$1/log/ros" && -d $ROS_LOG_DIR ]] || return 0
   # shellcheck disable=SC2012 # the names are ROS's own: node, process, milliseconds
-  (builtin cd "$ROS_LOG_DIR" && command ls -t | tail -n +21 | while read -r old; do command rm -f -- "$old"; done)
+  (builtin cd "$ROS_LOG_DIR" && command ls -t | tail -n +21 | while read -r old; do command rm -rf -- "$old"; done)
 }
 
 _bicycle_environment() {
