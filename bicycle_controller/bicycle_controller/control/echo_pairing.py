@@ -2,55 +2,67 @@
 
 Whoever applies commands publishes the echo just before the state, on another topic. A state that
 overtakes its echo waits for it, as long as somebody publishes echoes that keep up: else it would
-be answered without knowing whether another controller drives.
+be answered without knowing whether another controller drives. Of both topics a reader may keep
+the newest message only, so a later echo also ends the wait: its state comes next.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from typing import Generic, TypeVar
 
 Key = tuple[int, int]
 """Episode and step of a state."""
+
+MOST = 4
+"""States in a row that may wait for an echo that does not come."""
+
+KEPT = 8
+"""Echoes that are kept: a state may come after the echo of the next one."""
 
 State = TypeVar("State")
 Echo = TypeVar("Echo")
 
 
 class EchoPairing(Generic[State, Echo]):
-    """The newest echo, and a state that waits for its own; of any types."""
+    """The newest echoes, and a state that waits for its own; of any types."""
 
     def __init__(self) -> None:
         """Start before the first echo."""
-        self._newest: tuple[Key, Echo] | None = None
+        self._echoes: deque[tuple[Key, Echo]] = deque(maxlen=KEPT)
         self._waiting: tuple[Key, State] | None = None
-        self._passed_over = False
+        self._passed_over = 0
 
     def add(self, key: Key, echo: Echo) -> State | None:
         """Take in an echo; return the state that waited for it, if any."""
-        self._newest = key, echo
-        self._passed_over = False
+        self._echoes.append((key, echo))
+        self._passed_over = 0
         waiting = self._waiting
         if waiting is None or waiting[0] > key:
             return None
         self._waiting = None
-        return waiting[1]
+        return waiting[1] if waiting[0] == key else None
 
     def of(self, key: Key) -> Echo | None:
         """Return the echo of a state; None if it is not known."""
-        return self._newest[1] if self._newest is not None and self._newest[0] == key else None
+        return next((echo for known, echo in reversed(self._echoes) if known == key), None)
 
     def holds(self, key: Key, state: State, echoed: bool) -> bool:
-        """Return True if a state waits for its echo: `add` will return it.
+        """Return True if a state must not be answered now: `add` will return it or a later one.
 
         Args:
             key: the state's key.
             state: the newest one; it replaces one that waits.
             echoed: True if somebody publishes echoes.
         """
-        self._passed_over |= self._waiting is not None
+        self._passed_over += self._waiting is not None
         self._waiting = None
-        behind = self._newest is None or self._newest[0] < key
-        if not (echoed and behind) or self._passed_over:
+        if not echoed or self.of(key) is not None or self._passed_over >= MOST:
             return False
-        self._waiting = key, state
-        return True
+        newest = self._echoes[-1][0] if self._echoes else None
+        if newest is None or newest < key:
+            self._waiting = key, state
+            return True
+        # Its echo was passed over: the newest echo's state comes next. One that is further back is
+        # of a simulator that was started anew.
+        return newest[0] == key[0] and newest[1] - key[1] <= MOST
