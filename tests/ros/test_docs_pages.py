@@ -50,6 +50,7 @@ ELSEWHERE: tuple[tuple[str, str], ...] = (
     (r"\./ros2_ws/record_and_learn\.sh", "tests/bringup/test_record_and_learn.py"),
     (r"\./ros2_ws/setup\.sh", "tests/bringup/test_shell.py"),
     (r"\. tests/env\.sh", "tests/run.sh"),
+    (r"L=tests/data/real_bicycles$", "tests/controller/test_identify.py"),
     (r"\./ros2_ws/cockpit\.sh$", "tests/ros/test_cockpit.py"),
     (r"\./ros2_ws/report\.sh .*--video", "tests/cockpit/test_maker.py"),
     (r"python tests/benchmarks/(\w+\.py)", r"tests/benchmarks/\1"),
