@@ -27,7 +27,6 @@ from bicycle_bringup.fleet_report import Rider
 from bicycle_bringup.fleet_routes import Route, routes
 from bicycle_common.command_line import OneLineParser
 from bicycle_common.node_commands import (
-    CONFIGURED,
     checked_parameter,
     config_folder,
     node_command,
@@ -45,6 +44,8 @@ READY = 90.0
 """Longest start of all nodes (s)."""
 SUITED = ("simulator.scenario:=learned-speed", "controller.policy:=lqr-pedal")
 """Parameters unless named."""
+NODES = ("simulator", "controller")
+"""Of each bicycle."""
 
 
 class FleetError(Exception):
@@ -115,8 +116,8 @@ class Fleet:
                 },
                 "controller": {} if self._given.blind else {"keep_clear": others},
             }
-            for node in CONFIGURED:
-                values = [f"{node}.{key}:={value}" for key, value in own[node].items()]
+            for node, settings in own.items():
+                values = [f"{node}.{key}:={value}" for key, value in settings.items()]
                 words = [*SUITED, *values, *self._given.parameters]
                 command = node_command(node, config_folder(), words)
                 found[f"{route.name}-{node}"] = [*command, "-r", f"__ns:=/{route.name}"]
@@ -183,7 +184,7 @@ class Fleet:
         for order in self._orders.values():
             order.close()
         names = [route.name for route in self._routes]
-        order_of = [f"{name}-{node}" for node in CONFIGURED for name in names]
+        order_of = [f"{name}-{node}" for node in NODES for name in names]
         for line in self._crew.stop(*order_of):
             _tell(line)
         self._executor.shutdown()
