@@ -258,9 +258,8 @@ def test_a_setup_that_cannot_run_brings_the_ride_before_back(cockpit: Made) -> N
     told = page.event_with("the one before comes back")
     assert "broken" in told["text"]
     page.until(lambda: page.newest("setup")["plant"] == now)
-    heard = len(page.heard)
-    page.until(lambda: any(m["type"] == "facts" for m in page.heard[heard:]))
-    assert page.newest("facts")["plant"] == now
+    # Facts of the simulator that ended may still be under way.
+    page.until(lambda: page.newest("facts")["plant"] == now)
     assert page.until(lambda: page.ask("goal", x=5.0, y=5.0)["ok"])
 
 

@@ -181,6 +181,8 @@ def test_in_3d_a_click_sends_it_and_a_drag_of_the_rider_pushes(page: BrowserPage
 
 
 def test_another_ride_is_set_up_in_the_page(page: BrowserPage) -> None:
+    page.locator("#controller").select_option("lqr")
+    until(page, "live.status.who.chosen.name === 'lqr'")
     page.locator("#set-up").click()
     expect(page.locator("#setup-bicycle")).to_be_disabled()
     expect(page.locator("#setup-controller")).to_have_value("lqr")

@@ -62,8 +62,9 @@ class Page:
 
     def newest(self, kind: str) -> dict[str, Any]:
         """Return the last message of a type."""
-        found = (message for message in reversed(self.heard) if message["type"] == kind)
-        return self.until(lambda: next(found, None))
+        return self.until(
+            lambda: next((m for m in reversed(list(self.heard)) if m["type"] == kind), None)
+        )
 
     def event(self, kind: str) -> dict[str, Any]:
         """Return the first event of a kind."""
