@@ -59,6 +59,7 @@ const takers = {
   palette: (message) => (slots = message.slots),
   event(message) {
     live.event(message);
+    if (message.kind === "path" && message.level === "bad") refusal = { ok: false, message: message.text };
     if (message.kind === "process" || (message.kind === "path" && message.level === "bad")) answer({ ok: message.level !== "bad", message: message.text });
     if (message.kind === "end") ended = `${message.text}. Start it again: this page comes back by itself.`;
   },
@@ -217,9 +218,14 @@ function showSpan(seconds) {
 
 const TRIED = { goal: "goal", waypoints: "goal", course: "goal", setup: "switch", push: "push", controller: "switch" };
 
+/** Why the path that was asked for last is not ridden; the controller may say so before the answer comes. */
+let refusal;
+
 async function ask(type, fields) {
   if (TRIED[type]) guide.done(TRIED[type]);
-  answer(link ? await link.ask(type, fields) : { ok: false, message: "This page shows recorded rides: the cockpit rides live." });
+  if (type === "course") refusal = undefined;
+  const told = link ? await link.ask(type, fields) : { ok: false, message: "This page shows recorded rides: the cockpit rides live." };
+  answer((type === "course" && refusal) || told);
 }
 
 const setup = new Setup(ask, () => live.status.who.chosen.name);
