@@ -238,6 +238,10 @@ def test_bad_commands_are_told_and_change_nothing(start_sim: Any, probe: Probe) 
         (["--ros-args", "-p", "seed:=-4"], "parameter seed is -4"),
         (["--ros-args", "-p", "seed"], "cannot"),
         (["--ros-args", "-p", "start_speed:=30"], "choose -1 to 20"),
+        (
+            ["--ros-args", "-p", "scenario:=learned-speed", "-p", "start_speed:=6.0"],
+            "outside the scenario's limits 1 to 5 m/s: choose another start_speed",
+        ),
         (["--ros-args", "-p", "watchdog_timeout:=0.01"], "0 for never, or 0.1 s or more"),
         (["--ros-args", "--params-file", "/nowhere.yaml"], "/nowhere.yaml"),
         (["--pace", "lockstep"], "unknown argument '--pace'"),

@@ -111,7 +111,10 @@ class SimNode(Node):
         told = Priority().take(self._settings.loop_priority())
         if told:
             self.get_logger().info(told)
-        self._begin(self._settings.make_start(), self._settings.seed)
+        try:
+            self._begin(self._settings.make_start(), self._settings.seed)
+        except ValueError as error:
+            raise UserError(f"{error}: choose another start_speed or scenario") from None
 
     def _change(self, settings: SimSettings) -> None:
         """Take settings that have changed while it runs."""
