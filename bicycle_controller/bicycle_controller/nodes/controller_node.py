@@ -369,8 +369,15 @@ class ControllerNode(LifecycleNode):
     def _suit(self, plant: Plant[Any]) -> None:
         """Adapt the fallback and the safety layer to the simulated bicycle."""
         settings, limits = self._settings, self._driver.limits
-        # Computing LQR gains takes longer than one step; do it in a thread.
-        self._making.begin(lambda: settings.make_fallback(limits, plant))
+        if self._estimator is None:
+            # Computing LQR gains takes longer than one step; do it in a thread.
+            self._making.begin(lambda: settings.make_fallback(limits, plant))
+        else:
+            # It rests to be calibrated, and a verification expects this one from the first step.
+            try:
+                self._driver.fallback = settings.make_fallback(limits, plant)
+            except (ValueError, ArithmeticError, TypeError) as error:
+                self._warn(f"no LQR for this bicycle, the fallback stays as it was: {error}")
         if plant == self._plant:
             return
         try:
