@@ -154,7 +154,7 @@ def node_below(pid: int) -> int:
 
 
 class Service:
-    """One service of the compose file in a container of its own.
+    """A service of the compose file, in a container of its own.
 
     Args:
         name: the service's.

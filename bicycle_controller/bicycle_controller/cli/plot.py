@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_command(args: argparse.Namespace) -> int:
-    """Draw the curves and print what each ends at.
+    """Draw the curves and print the end of each.
 
     Returns:
         The exit status.

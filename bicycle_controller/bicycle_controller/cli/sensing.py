@@ -127,7 +127,7 @@ def run_command(args: argparse.Namespace) -> int:
 
 
 def _link_loss(args: argparse.Namespace, names: list[str], conditions: Conditions) -> int:
-    """Stop the commands and print what becomes of the rides."""
+    """Stop the commands and print the rides' outcome."""
     rows: list[dict[str, Any]] = []
     for name in names:
         plant = replace(conditions, delay=0.0).applied(registry.named("whipple", name))

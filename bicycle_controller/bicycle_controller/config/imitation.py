@@ -29,7 +29,7 @@ SCALES = {
 
 @dataclass(frozen=True)
 class TeacherWeights:
-    """One set of weights that the teachers are tuned by.
+    """Weights of a linear regulator that teaches.
 
     Raises:
         ValueError: on a weight that is not above zero.
@@ -38,13 +38,13 @@ class TeacherWeights:
     lean: float
     """Cost of a squared rad."""
     lean_rate: float
-    """Of a squared rad/s."""
+    """Cost of a squared rad/s."""
     steer: float
-    """Of a squared rad."""
+    """Cost of a squared rad."""
     steer_rate: float
-    """Of a squared rad/s."""
+    """Cost of a squared rad/s."""
     torque: float
-    """Of a squared N m."""
+    """Cost of a squared N m."""
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -138,7 +138,7 @@ class ImitationConfig:
     turns: TurnConfig = field(default_factory=TurnConfig)
     riding: RidingConfig = field(default_factory=RidingConfig)
     ranges: Ranges = field(default_factory=Ranges)
-    """Of the random bicycles."""
+    """Ranges of the random bicycles' parameters."""
     rounds: int = 3
     """Times that all bicycles are drawn anew, over the run."""
     teacher_share: float = 0.1
@@ -152,8 +152,8 @@ class ImitationConfig:
     rate: float = 0.001
     """Learning rate of Adam at the beginning; it falls to a hundredth along a cosine."""
     fine: float = 0.5
-    """N m up to which errors count in full; of larger torques it is their logarithm that counts,
-    so that calm rides weigh as much as those after a kick."""
+    """Error (N m) up to which errors count in full; of larger errors the logarithm counts, so that
+    calm rides weigh as much as those after a kick."""
     average: float = 0.995
     """Share of the averaged weights that an update keeps."""
 

@@ -301,7 +301,7 @@ class ControlLoop:
         return _answer(riding, seen, speed)
 
     def _follow_fallback(self) -> None:
-        """Remember the ride for the present fallback, too, so that it knows what is under way."""
+        """Remember the ride for the current fallback too, with the commands under way."""
         riding = self._fallback_riding
         if self.fallback is None:
             self._fallback_riding = None

@@ -33,10 +33,10 @@ class ControlOutput:
     """Result of one state."""
 
     command: Command | None
-    """None if there is no goal or heading to steer by, or the bicycle has fallen."""
+    """Command to send; None without a goal or heading to steer by, or after a fall."""
     events: list[Event]
     """Changes of goals."""
     warning: str = ""
-    """One line for the log; empty unless something has just failed."""
+    """A line for the log; empty unless an error has just occurred."""
     hand_over: ControllerSwitch | None = None
     """Set once when the safety layer changes the active controller."""

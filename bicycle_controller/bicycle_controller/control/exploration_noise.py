@@ -26,7 +26,7 @@ class NoiseConfig:
     theta: float
     """Pull of `ou` towards zero per step (Table 3)."""
     sigma_max: float = 0.0
-    """If above `sigma`: the bicycles' sigmas are spread evenly from `sigma` to this."""
+    """Largest sigma, if above `sigma`: the bicycles' sigmas are spread evenly between the two."""
 
     def __post_init__(self) -> None:
         require_choice("noise.kind", self.kind, ("ou", "gaussian", "none"))

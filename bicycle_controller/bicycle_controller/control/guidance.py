@@ -46,13 +46,13 @@ class GuidanceConfig:
     """Settings of how orders are carried out."""
 
     follower: str = "preview"
-    """One of `followers.FOLLOWERS`."""
+    """Follower's name, one of `followers.FOLLOWERS`."""
     speed: float = 3.0
     """m/s of paths that name none."""
     slowest: float = 2.0
     """m/s, lowest speed."""
     after_goal: str = "hold"
-    """One of AFTER."""
+    """Action after the last goal, one of AFTER."""
     twist: TwistLimits = field(default_factory=TwistLimits)
     """Limits of cmd_vel."""
 
@@ -204,7 +204,7 @@ class Guidance:
         self.followed = ride.course.path
 
     def stop(self, why: str, status: PathEnd = PathEnd.REPLACED) -> None:
-        """End what guides, for a goal or because it is asked for."""
+        """Stop the active guide, for a goal or on request."""
         self._newest, self._arrival, self._arriving = 0, None, None
         self._loop.tracker.on_the_way = False
         for number, name, *_ in self._waiting:
@@ -263,7 +263,7 @@ class Guidance:
             self._arriving = None
 
     def after_goal(self, goal: Point2D) -> str:
-        """Do what follows the last goal; return it in words, empty for nothing."""
+        """Start what follows the last goal; return its description, empty for nothing."""
         after = self.config.after_goal
         if after == "hold" or self._follower is None or self._snapshot is None:
             return "" if after == "hold" else "rides straight on: it can follow no path"
@@ -309,7 +309,7 @@ class Guidance:
     # The loop.
 
     def poll(self, snapshot: BicycleState) -> None:
-        """Take up what is ready, before a state is answered."""
+        """Take up what the threads have finished, before a state is answered."""
         self._snapshot = snapshot
         while not self._ready.empty():
             self._ready.get()()
@@ -325,7 +325,7 @@ class Guidance:
                 self._approach(goal, yaw)
 
     def reports(self) -> list[PathReport]:
-        """Return what is to be published after a state was answered."""
+        """Return the reports to publish after a state was answered."""
         self._ticks += 1
         ride = self._ride
         if ride is not None and ride.over:

@@ -1,4 +1,4 @@
-"""Guides: what steers in place of the policy, along a path or by a commanded turn."""
+"""Guides steer in place of the policy, along a path or by a commanded turn."""
 
 from __future__ import annotations
 

@@ -176,7 +176,7 @@ def _tuned(name: str, plant: Plant[Any], torque_limit: float | None) -> LqrContr
 def fitting(limits: Sequence[float] | np.ndarray, plant: Plant[Any]) -> LqrController:
     """Return the controller that uses what the limits (3,) on |T|, |d| and |F| allow.
 
-    What is not known to be allowed, for its limit is infinite, is not used.
+    An action whose limit is unknown, that is infinite, is not used.
     """
     torque, displacement, pedal = map(float, limits)
     name = "lqr"

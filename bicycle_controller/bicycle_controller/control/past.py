@@ -11,7 +11,8 @@ from bicycle_common.observation import ACTION_FIELDS, OBSERVATION_FIELDS
 from bicycle_sim.plants.base import Plant
 
 ROW_FIELDS = (*OBSERVATION_FIELDS, "speed", *ACTION_FIELDS)
-"""One control period: what was seen at its start, and the command that answered it."""
+"""Fields of a row: the observation at a control period's start, and the command that answered it.
+"""
 SPEED = len(OBSERVATION_FIELDS)
 """Column of the speed in a row; the observation is before it, the action behind it."""
 TOLD = "plant."

@@ -13,17 +13,17 @@ from bicycle_common.validation import require
 from bicycle_controller.control.path import Path, sampled
 
 TIGHTEST = 2.5
-"""Radius of the sharpest turn that a path may ask for if nobody knows the bicycle, m."""
+"""Radius of the sharpest turn that a path may contain if the bicycle is unknown, m."""
 SAME = 0.01
 """Distance below which two points are one, m."""
 WORTH_TELLING = 0.3
-"""Distance that a rounded corner is cut by from which on it is told, m."""
+"""Distance from which on a rounded corner is reported, m."""
 STEP = 0.02
 """m between the samples of a rounded corner."""
 CURVE = 0.1
 """Largest cut of a corner that has all its room at which the points count as a curve, m."""
 MOST_TOLD = 5
-"""Largest number of rounded corners that are told one by one."""
+"""Largest number of rounded corners that are reported one by one."""
 
 
 class PathRefusedError(ValueError):

@@ -1,4 +1,4 @@
-"""One bicycle's ride along one path: where it is, how far off, and when it ends."""
+"""A ride along a path: place, errors and end."""
 
 from __future__ import annotations
 
@@ -168,7 +168,7 @@ class PathRide:
         )
 
     def report(self) -> PathReport:
-        """Return how it goes."""
+        """Return the ride's progress."""
         along = 0.0 if self._along is None else float(self._along[0])
         lap = self.length / self.laps
         rms = math.sqrt(self._square / self._steps) if self._steps else math.nan

@@ -1,4 +1,4 @@
-"""From how far a bicycle can still be brought back, by its unstable mode and its torque limit.
+"""Recoverable lean of a bicycle, from its unstable mode and its torque limit.
 
 Of a linear plant with one unstable mode z, which grows by the factor mu in a control period, no
 command u within its limit brings z back from beyond sum |mu^-k w b u|: each period's push counts

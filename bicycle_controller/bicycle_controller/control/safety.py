@@ -88,7 +88,7 @@ _WORDS = {
 
 @dataclass(frozen=True)
 class SafetyConfig:
-    """When the fallback takes over, and how fast actions may change.
+    """Bounds beyond which the fallback takes over, and the largest rates of the actions.
 
     Raises:
         ValueError: on a number that is not finite and above zero.

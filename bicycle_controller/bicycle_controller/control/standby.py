@@ -31,7 +31,7 @@ class Standby:
         self._row = 0
 
     def look(self, applied: AppliedCommand | None) -> bool:
-        """Take in the command that led to a state, None if it is not known.
+        """Process the command that led to a state, None if it is not known.
 
         Returns:
             True if this controller has just resumed driving.

@@ -14,7 +14,7 @@ import numpy as np
 from bicycle_sim.plants.base import Linear
 
 WAITING = re.compile(r"(\w+)\[-(\d+)\]")
-"""A command that has not come to rule yet, such as `torque[-2]`, two periods old."""
+"""A command that is sent but not yet in force, such as `torque[-2]`, two periods old."""
 MOTOR = "motor_torque"
 FORGOTTEN = 0.005
 """Share of a command's effect on the motor below which it is no longer remembered."""
@@ -68,7 +68,7 @@ def through_commands(
 
 
 def _motor(model: Linear, place: int, name: str, length: int) -> np.ndarray:
-    """Return what the motor's torque now has of each of the last commands, (length,)."""
+    """Return the share of each of the last commands in the motor's present torque, (length,)."""
     kept = model.a[place, place]
     taken = np.zeros(length + 1)  # of the command of that age, in one period
     taken[0] = model.b[place, model.inputs.index(name)]

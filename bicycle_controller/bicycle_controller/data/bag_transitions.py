@@ -35,7 +35,7 @@ STATE, COMMAND, ECHO, GOAL_STATUS, TRANSITION, EPISODE = (
     )
 )
 REACHED = 2
-"""Of GoalStatus: the goal was reached."""
+"""Status of a reached goal in GoalStatus."""
 
 
 @dataclass(frozen=True)

@@ -67,7 +67,7 @@ def _bag_table(path: Path, topic: str) -> Table:
 
 
 def _flat(columns: dict[str, np.ndarray]) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield one column for each number; what has no fixed length becomes JSON."""
+    """Yield a column for each number; a field of variable length becomes JSON."""
     for name, values in columns.items():
         if values.ndim == 2:
             for index, column in enumerate(values.T):

@@ -43,7 +43,7 @@ class RolloutBuffer:
         self.rounds += 1
 
     def clear(self) -> None:
-        """Remove everything: the policy that made it has changed."""
+        """Remove everything, because the policy that collected it has changed."""
         self.rounds = 0
 
     def state_dict(self) -> dict[str, Any]:

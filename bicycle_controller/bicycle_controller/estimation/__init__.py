@@ -1,1 +1,1 @@
-"""Estimation: what a bicycle does, from what its sensors say."""
+"""Estimation of a bicycle's state from its sensors' readings."""

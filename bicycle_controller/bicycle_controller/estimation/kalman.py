@@ -35,11 +35,11 @@ STATES = (
     "side_force_bias",
     "steer_offset",
 )
-"""Of the covariance's rows; rad, rad/s, rad, rad/s, m/s, rad/s, rad/s, m/s^2, rad."""
+"""States, the rows of the covariance; rad, rad/s, rad, rad/s, m/s, rad/s, rad/s, m/s^2, rad."""
 LEAN, LEAN_RATE, STEER, STEER_RATE, SPEED, ROLL_BIAS, YAW_BIAS, FORCE_BIAS, OFFSET = range(9)
 
 COURSE = ("heading", "x", "y")
-"""Of the second covariance's rows; rad, m, m."""
+"""Rows of the second covariance; rad, m, m."""
 
 STEP = 0.01
 """s, the longest step of the model."""
@@ -130,7 +130,7 @@ class Filter:
         self._keep()
 
     def place(self, x: np.ndarray, y: np.ndarray, heading: np.ndarray) -> None:
-        """Tell where the bicycles stand; (N,) m, m, rad."""
+        """Set the bicycles' places; (N,) m, m, rad."""
         self._course = np.stack([heading, x, y], 1)
         self._history.clear()
         self._keep()
@@ -394,7 +394,7 @@ class Filter:
         mask: np.ndarray,
         gate: float = math.inf,
     ) -> None:
-        """One measurement's correction.
+        """Correct the estimates by one measurement.
 
         Args:
             time: s that it is of.
@@ -428,7 +428,7 @@ class Filter:
         noise: Any,
         mask: np.ndarray,
     ) -> None:
-        """A correction of heading and place by what is measured along `axis` of COURSE."""
+        """Correct heading and place by a measurement along `axis` of COURSE."""
         h = np.zeros((self.count, 3))
         h[:, axis] = 1.0
         if axis != 0:
@@ -446,7 +446,7 @@ class Filter:
     # What is estimated.
 
     def estimate(self, time: float | None = None) -> Estimate:
-        """The estimate at a time not before the last reading's; None is that of the last one.
+        """Return the estimate at a time not before the last reading's; None is that time.
 
         The model goes on alone to there; the filter's own state stays where it is.
         """

@@ -22,7 +22,7 @@ class FilterSettings:
     rest_lean: float = 0.5
     """Degrees, how far from upright the bicycle may be held at rest (standard deviation)."""
     launch_lean: float = 1.5
-    """Degrees, how much it may lean more when it is let go."""
+    """Degrees, standard deviation of the additional lean when the bicycle is let go."""
     steer_offset: float = 0.01
     """rad, of the steer encoder's zero."""
     offset_walk: float = 1e-4
@@ -32,6 +32,6 @@ class FilterSettings:
     rest_speed: float = 0.15
     """m/s of the wheel below which the bicycle may be at rest."""
     rest_turn: float = 0.15
-    """rad/s beside the bias from which on it is not at rest."""
+    """Turn rate beyond the bias above which the bicycle is not at rest, rad/s."""
     gate: float = 5.0
     """Standard deviations beyond which a force or a fix is not believed."""

@@ -47,7 +47,7 @@ class StepEstimator:
         self._waiting = [one for one in self._waiting if one.stamp > begun - 1e-6]
 
     def lacking(self, time: float) -> tuple[str, ...]:
-        """Return the sensors that have not told all that they had to until `time`, s."""
+        """Return the sensors whose readings until `time` (s) are not all in."""
         found = []
         for name in ORDER:
             timing: Sampled = getattr(self.sensors, name)
@@ -74,7 +74,7 @@ class StepEstimator:
         return self._filter.estimate(time)
 
     def problems(self, time: float) -> tuple[str, ...]:
-        """Return what is wrong with the sensors, one text each."""
+        """Return the sensors' problems, one text each."""
         return self._watch.problems(time)
 
     @property

@@ -38,7 +38,7 @@ class _Last:
     """Stamp of the last change of its values."""
     repeats: int = 0
     extremes: tuple[float, float] = (0.0, 0.0)
-    """Smallest and largest of what contradicts a standstill, since the last change."""
+    """Extremes of the readings that contradict a standstill, since the last change."""
     problem: str = ""
     since: float = 0.0
 

@@ -33,7 +33,7 @@ from bicycle_sim.plants.base import Plant
 from bicycle_sim.sensors.settings import SensorSettings
 
 RANDOM = "random"
-"""Name of as many random roads as there are rides."""
+"""Course name that stands for as many random roads as rides."""
 ROAD_LENGTH = 150.0
 """m of a random road."""
 STEP = 0.02

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from bicycle_controller.control.controller import Controller
 
 SPEEDS = (1.5, 2.0, 3.0, 4.0, 6.0)
-"""m/s at which kicks are tried where nobody says."""
+"""Speeds at which kicks are tried by default, m/s."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Trial:
     coarse: float = 5.0
     """deg/s between the kicks that are tried first."""
     fine: float = 1.0
-    """deg/s between those that are tried between the last one caught and the first one not."""
+    """Step between the kicks tried between the last one caught and the first one not, deg/s."""
     before: float = 6.0
     """s of riding before the kick."""
     after: float = 6.0
@@ -83,7 +83,7 @@ class Kicks:
     turn_radius: float
     """m."""
     straight: tuple[float, float]
-    """To the left, to the right."""
+    """Largest kicks to the left and to the right."""
     turn: tuple[float, float]
     """Into the turn, out of it."""
 
@@ -159,7 +159,7 @@ def _first_run(sizes: np.ndarray, caught: np.ndarray) -> float:
 
 
 class _Ride:
-    """One way of riding, from which kicks are tried."""
+    """Way of riding from which kicks are tried."""
 
     def __init__(
         self,

@@ -53,7 +53,7 @@ class Lost:
 
     @property
     def share(self) -> float:
-        """Of the rides that stay upright."""
+        """Share of the rides that stay upright."""
         return float(self.upright.mean())
 
 

@@ -23,20 +23,20 @@ LEAN_LEAD = 5.0
 
 @dataclass(frozen=True)
 class Weights:
-    """One point of the grid."""
+    """Weights of one point of the grid."""
 
     lean: float
     """Cost of a squared rad."""
     lean_rate: float
-    """Of a squared rad/s."""
+    """Cost of a squared rad/s."""
     steer: float
-    """Of a squared rad."""
+    """Cost of a squared rad."""
     steer_rate: float
-    """Of a squared rad/s."""
+    """Cost of a squared rad/s."""
     heading: float
-    """Of a squared rad."""
+    """Cost of a squared rad."""
     torque: float
-    """Of a squared N m."""
+    """Cost of a squared N m."""
 
     def config(self, torque_limit: float) -> LqrConfig:
         """Return the tuning with these weights."""
@@ -87,7 +87,7 @@ class Best:
     """The best of the grid at one speed."""
 
     kicks: Kicks
-    """Of the LQR that caught most."""
+    """Kicks that this LQR catches."""
     controller: LqrController
 
     def share(self, kicks: Kicks) -> float | None:
@@ -109,7 +109,7 @@ def best(
 ) -> Best:
     """Return the LQR of the grid that catches the largest kick; see `kicks.largest`.
 
-    Of equal ones it is the one whose four kicks are larger in sum.
+    Among equals it is the one whose four kicks are larger in sum.
 
     Raises:
         ValueError: as `kicks.largest`, or if no LQR rides this bicycle.

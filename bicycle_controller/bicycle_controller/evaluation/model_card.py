@@ -53,7 +53,7 @@ def widths(policy: Policy) -> list[int]:
 
 
 def _seen(policy: Policy) -> str:
-    """Return what it sees, in words."""
+    """Return the controller's inputs, in words."""
     inputs = policy.inputs
     if inputs.plain:
         return "the six states of the paper"
@@ -64,7 +64,7 @@ def _seen(policy: Policy) -> str:
 
 
 def _plants(policy: Policy) -> str:
-    """Return on what else it was trained."""
+    """Return the other plants of its training, in words."""
     info = policy.info
     told = f" Trained to ride any bicycle of: {', '.join(info.plants)}." if info.plants else ""
     if info.speeds is not None:

@@ -1,4 +1,4 @@
-"""From logs and a bicycle that is alike to the bicycle that was ridden.
+"""Identification of the ridden bicycle from logs and a similar bicycle.
 
 Where a linear bicycle explains the ride down to its noise, all of the ride is fitted. Real
 steering has friction and play, which a linear bicycle has not; where that leaves more than noise
@@ -32,7 +32,7 @@ MOST = 150
 LAWFUL = 0.98
 """Share of the torque that a law must explain to be one."""
 ADEQUATE = 1.5
-"""Noise that a linear bicycle may leave; beyond, it is not the whole truth."""
+"""Noise that a linear bicycle's fit may leave; above it, the linear model does not suffice."""
 KEPT = 0.75
 """Share of each log that is fitted for the held-out score where no log is held out."""
 TURNED_ROUND = {
@@ -40,11 +40,11 @@ TURNED_ROUND = {
     (1.0, -1.0): "the steer torque turned round: it must be positive as the steer angle is",
     (-1.0, 1.0): "the steer angle turned round: it must be positive as lean rate and torque are",
 }
-"""Factors on steer angle and torque, and what to tell who has logged them so."""
+"""Factors on steer angle and torque, and the advice to a user who logged them that way."""
 CLEARLY = 0.4
-"""Share of what is left as logged below which turned signs are sure."""
+"""Share of the residual as logged below which turned signs are certain."""
 UNDETERMINED = 0.7
-"""Of the deviation before: a parameter whose deviation stays above was not determined."""
+"""Share of its prior deviation above which a parameter was not determined."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Identified:
     logs: list[Log]
     noise: Noise
     laws: list[tuple[float, float] | None]
-    """Of each log, (a, b) where its torque is (a + b v) times the lean rate."""
+    """(a, b) of each log whose torque is (a + b v) times the lean rate; else None."""
     by_pushes: bool
     """True if modes after pushes were fitted, False if the whole ride was."""
     measured: list[Measured]
@@ -79,7 +79,7 @@ class Identified:
 
     @property
     def parameters(self) -> Parameters:
-        """Return the bicycle."""
+        """Parameters of the identified bicycle."""
         return self.fit.parameters
 
     def errors(self) -> dict[str, float]:
@@ -169,7 +169,7 @@ def _law(log: Log) -> tuple[float, float] | None:
 
 
 def _checked(logs: list[Log]) -> list[Window]:
-    """Return the windows of the logs; refuse what tells nothing."""
+    """Return the windows of the logs; refuse logs that determine nothing."""
     windows = cut(logs, SECONDS)
     require(
         len(windows) >= LEAST,
@@ -239,7 +239,7 @@ def _fitted(
 
 
 def _length(log: Log, one: Window) -> float:
-    """Return s of the log's longest piece: what a window's time is a share of."""
+    """Return the length of the log's longest piece, s; a window's length is a share of it."""
     longest: Piece = max(log.pieces, key=lambda piece: len(piece.speed))
     return len(longest.speed) * one.dt
 

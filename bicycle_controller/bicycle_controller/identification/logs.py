@@ -34,14 +34,14 @@ class Piece:
 
 @dataclass(frozen=True)
 class Log:
-    """One ride."""
+    """Log of one ride."""
 
     name: str
     pieces: tuple[Piece, ...]
 
     @property
     def seconds(self) -> float:
-        """s of ride."""
+        """Length of the ride, s."""
         return sum(len(piece.speed) * piece.dt for piece in self.pieces)
 
 

@@ -11,7 +11,7 @@ HALF = 0.03
 TOGETHER = 0.09
 """s over which an acceleration must be unexplained."""
 UNUSUAL = 3.0
-"""Robust standard deviations beyond which it is."""
+"""Number of robust standard deviations above which an acceleration is unexplained."""
 APART = 0.25
 """s; pushes nearer to each other are one."""
 STRONGEST = 0.15

@@ -23,7 +23,7 @@ NAMES = {
 }
 """Names that each column may have."""
 RIDES = "log_kph"
-"""A column that tells several rides in one file apart."""
+"""Column whose values distinguish several rides in one file."""
 NEEDED = ("speed", "lean_rate", "steer_angle", "torque")
 UNITS = {
     "deg": math.pi / 180.0, "deg/s": math.pi / 180.0, "degrees": math.pi / 180.0,
@@ -31,7 +31,7 @@ UNITS = {
     "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "mnm": 1e-3, "mn m": 1e-3,
     "rad": 1.0, "rad/s": 1.0, "m/s": 1.0, "s": 1.0, "nm": 1.0, "n m": 1.0, "n*m": 1.0,
 }  # fmt: skip
-"""Factors to SI units, by what stands in brackets behind a column's name."""
+"""Factors to SI units, by the unit in brackets after a column's name."""
 _HEADER = re.compile(r"^\s*(.*?)\s*(?:[\[(]\s*(.*?)\s*[\])])?\s*$")
 
 
@@ -89,7 +89,7 @@ def _table(path: Path) -> tuple[list[str], list[list[str]]]:
 
 
 def _columns(file: str, header: list[str]) -> tuple[dict[str, int], dict[str, float]]:
-    """Return where each column stands, and its factor to SI units."""
+    """Return the place of each column, and its factor to SI units."""
     places: dict[str, int] = {}
     factors: dict[str, float] = {}
     split = []

@@ -20,7 +20,7 @@ from bicycle_sim.plants.whipple.parameters import Parameters
 
 LEAN, STEER, LEAN_RATE, STEER_RATE = range(4)
 LOOSE = (0.2, 0.5, 2.0, 8.0)
-"""rad, rad, rad/s, rad/s: what is known of a window's initial state."""
+"""Prior standard deviations of a window's initial state; rad, rad, rad/s, rad/s."""
 CONSTANT_TORQUE, STEER_OFFSET = 0.5, 0.03
 """N m and rad: standard deviations of a window's constants."""
 

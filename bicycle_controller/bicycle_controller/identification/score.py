@@ -23,20 +23,20 @@ from bicycle_sim.plants.whipple.linear import Matrices
 from bicycle_sim.plants.whipple.parameters import Parameters
 
 AHEAD = 0.5
-"""s."""
+"""Time of a prediction, s."""
 UNKNOWN = (2.0, 6.0)
 """rad/s^2 per square root of Hz: accelerations of lean and steering that no model knows."""
 
 
 class Score(NamedTuple):
-    """Of one log or several."""
+    """Score of predictions over a log, or over several."""
 
     explained: float
     """Share of the lean rate's variance that was foretold; 1 is all."""
     error: float
     """rad/s, root mean square."""
     predictions: int
-    """Predictions, from moments when nobody pushed until AHEAD later."""
+    """Number of predictions; each spans AHEAD without a push."""
 
 
 def ahead(

@@ -19,7 +19,7 @@ TURNED = 0.35
 
 
 class Window(NamedTuple):
-    """One stretch."""
+    """A stretch of a ride at one speed."""
 
     log: int
     time: float
@@ -30,7 +30,7 @@ class Window(NamedTuple):
     lean_rate: Array
     steer_angle: Array
     torque: Array
-    """With HISTORY before the first sample."""
+    """N m, preceded by HISTORY samples."""
 
 
 class Stack(NamedTuple):

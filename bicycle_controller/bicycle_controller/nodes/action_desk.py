@@ -64,7 +64,7 @@ class Order:
     last: Event | PathReport | None = None
     reason: str = ""
     note: str = ""
-    """Part of it that is not done as asked."""
+    """Part of the order that is not carried out as asked."""
     timeout: float = math.inf
     """s of simulated time."""
 
@@ -80,7 +80,7 @@ class Orders:
     """Takes a path, a course's name, laps, speed and noise; returns the path's number or raises
     ValueError."""
     cancel: Callable[[], None]
-    """Ends what is being ridden."""
+    """Function that ends the ride in progress."""
     state: Callable[[], tuple[BicycleState | None, float]]
     """Returns the newest state and its simulated time, s."""
 

@@ -97,7 +97,7 @@ class Guiding:
             self._twist_refused = True
 
     def after_state(self, snapshot: BicycleState) -> None:
-        """Publish what has come about."""
+        """Publish the guides' new reports."""
         guidance = self.guidance
         for name, heard in list(self._heard.items()):
             if time.monotonic() - heard > FORGOTTEN:
@@ -115,7 +115,7 @@ class Guiding:
 
 
 def course_of(points: list[Point2D], speed: float, noise: float = 0.0) -> MakeCourse:
-    """Return what makes the course of points."""
+    """Return a function that makes the course of points."""
 
     def make(radius: float) -> Course:
         rounding = Rounding(tightest=radius, widest=max(radius, 6.0))
@@ -125,7 +125,7 @@ def course_of(points: list[Point2D], speed: float, noise: float = 0.0) -> MakeCo
 
 
 def course_named(name: str) -> MakeCourse:
-    """Return what loads a course."""
+    """Return a function that loads a course."""
     return lambda radius: courses.load(name, radius)
 
 

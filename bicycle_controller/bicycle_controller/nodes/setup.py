@@ -28,7 +28,7 @@ class Setup:
     """One controller."""
 
     name: str
-    """In every command."""
+    """Controller's name, sent in every command."""
     settings: ControllerSettings
     sensors: SensorSettings | None
     """Sensors of its estimator; None if it sees the truth."""

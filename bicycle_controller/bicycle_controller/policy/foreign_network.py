@@ -40,9 +40,9 @@ class ForeignNetwork:
 
     layers: Layers
     hidden: str
-    """One of HIDDEN."""
+    """Activation of the hidden layers, one of HIDDEN."""
     output: str
-    """One of OUTPUT."""
+    """Activation of the output, one of OUTPUT."""
 
     def __post_init__(self) -> None:
         width = 6

@@ -53,7 +53,7 @@ def parse(name: str) -> tuple[str, int]:
 
 
 def with_history(now: Sequence[str], before: Sequence[str], periods: int) -> tuple[str, ...]:
-    """Return names: those of `now`, and then those of `before` for each of the last periods."""
+    """Return the names `now`, then the names `before` for each of the last periods."""
     past = (f"{name}[-{age}]" for age in range(1, periods + 1) for name in before)
     return (*now, *past)
 

@@ -102,7 +102,7 @@ class Trace:
     """m/s."""
     observation: np.ndarray
     action: np.ndarray
-    """As chosen after each state, within the limits."""
+    """Action chosen after each state, within the limits."""
     length: np.ndarray
     """(N,), number of steps ridden."""
     reached: np.ndarray

@@ -59,7 +59,7 @@ class Arm:
     name: str
     """Name in the data's column."""
     role: str
-    """One of ROLES."""
+    """Role in the comparison, one of ROLES."""
     preset: str
     set: tuple[str, ...] = ()
     """Changes of the preset."""
@@ -81,7 +81,7 @@ class Rider:
 
 @dataclass(frozen=True)
 class Variant:
-    """One of several settings that an experiment compares."""
+    """Settings that an experiment compares with others."""
 
     name: str
     label: str
@@ -114,7 +114,7 @@ class Experiment:
     name: str
     title: str
     picture: str
-    """One of PICTURES."""
+    """Kind of picture, one of PICTURES."""
     scenario: str
     paper: str
     """Result in the paper."""

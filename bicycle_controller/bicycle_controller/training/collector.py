@@ -145,7 +145,7 @@ class Collector:
         self.observation = self._after(step, observation)
 
     def _shown(self) -> np.ndarray:
-        """Return what the actor sees, (N, inputs); commands are shares of their limits."""
+        """Return the actor's inputs (N, inputs); commands are shares of their limits."""
         return self._inputs.gather(self.observation, self.task.state.speed, self._past)
 
     def _remember(self, action: np.ndarray) -> None:

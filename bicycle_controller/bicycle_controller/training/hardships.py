@@ -49,7 +49,7 @@ class Hardships:
         return self._kind == (self._named.index(kind) if kind in self._named else len(KINDS))
 
     def state_dict(self) -> dict[str, Any]:
-        """Return what was drawn."""
+        """Return the drawn hardships."""
         return {"kind": self._kind.copy(), "noise": self.noise.copy()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:

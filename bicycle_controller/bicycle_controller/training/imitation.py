@@ -160,7 +160,7 @@ class Imitation:
         self.filled += len(rows)
 
     def _update(self, rng: np.random.Generator) -> None:
-        """Make one update from a batch of what is remembered."""
+        """Make one update from a batch of the stored states."""
         own = self.own
         done = min(1.0, self.steps / self.config.steps)
         rate = LEAST_RATE + (1.0 - LEAST_RATE) * 0.5 * (1.0 + math.cos(math.pi * done))
@@ -238,7 +238,7 @@ class Imitation:
         checkpoint.save(self.files.checkpoint, self.state_dict())
 
     def state_dict(self) -> dict[str, Any]:
-        """Return what a resumed run goes on with: all but the bicycles and what they rode."""
+        """Return the state that a resumed run needs: all but the bicycles and visited states."""
         return {
             "actor": self.actor.state_dict(),
             "average": self.average.state_dict(),

@@ -49,7 +49,7 @@ class LateActions:
         return found
 
     def state_dict(self) -> dict[str, Any]:
-        """Return what is under way."""
+        """Return the actions under way."""
         return {"queue": self._queue.copy(), "delays": self.delays.copy()}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:

@@ -47,7 +47,7 @@ class Curve:
     """(P,) upper bound."""
 
     def told(self) -> dict[str, Any]:
-        """Return what the curve ends at, for people and JSON."""
+        """Return the curve's end, for people and JSON."""
         return {
             "name": self.name,
             "seeds": self.seeds,

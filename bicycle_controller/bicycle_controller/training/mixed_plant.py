@@ -53,22 +53,22 @@ class MixedPlant(Plant[BodyState]):
 
     @property
     def input_names(self) -> tuple[str, ...]:
-        """Inputs of both."""
+        """Inputs that both plants have."""
         return self.first.input_names
 
     @property
     def label(self) -> str:
-        """Both labels."""
+        """Labels of both plants."""
         return f"{self.first.label} and {self.second.label}"
 
     @property
     def geometry(self) -> Geometry:
-        """Of the first."""
+        """Geometry of the first plant."""
         return self.first.geometry
 
     @property
     def displacement_noise(self) -> float:
-        """Of the first."""
+        """Displacement noise of the first plant."""
         return self.first.displacement_noise
 
     def initial(
@@ -123,11 +123,11 @@ class MixedPlant(Plant[BodyState]):
         return self.first.fallen(state, limit)
 
     def linearize(self, speed: float, discrete: bool = False) -> Linear:
-        """Linearise the first."""
+        """Linearise the first plant."""
         return self.first.linearize(speed, discrete)
 
     def steady_lean(self, steer_angle: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """Return the first's."""
+        """Return the first plant's steady lean."""
         return self.first.steady_lean(steer_angle, speed)
 
     def take(self, mask: np.ndarray) -> MixedPlant:

@@ -157,7 +157,7 @@ def origin() -> dict[str, Any]:
 
 
 def _program() -> str:
-    """Return what a person types to run this program; `python -m` names a file instead."""
+    """Return the words that start this program in a shell; `python -m` names a file instead."""
     name = Path(sys.argv[0]).name
     return "bicycle" if name == "__main__.py" else name
 

@@ -21,7 +21,7 @@ STATES = ("lean_angle", "lean_rate", "steer_angle", "steer_rate")
 COMMANDS = 4
 """Commands under way: delays of up to three periods of 25 ms."""
 DOUBLINGS = 14
-"""Of the Riccati recursion: 2^14 periods."""
+"""Doublings of the Riccati recursion, over 2^14 periods."""
 
 
 TURN_SHAPE = (1.0, 1.0, 0.68, 0.34, 0.71, 0.12)
@@ -214,7 +214,7 @@ def _riccati(a: np.ndarray, b: np.ndarray, q: np.ndarray, r: float) -> np.ndarra
 
 
 def _held(a: np.ndarray, b: np.ndarray, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, n, n) and (N, n): what a time (N,) does to the state, and a held input."""
+    """Return (N, n, n) and (N, n): the effect of a time (N,) on the state, and of a held input."""
     n = a.shape[1]
     both = np.zeros((len(a), n + 1, n + 1))
     both[:, :n, :n], both[:, :n, n] = a, b

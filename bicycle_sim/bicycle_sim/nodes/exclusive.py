@@ -14,7 +14,7 @@ from bicycle_common.nodes.topics import STATE
 DISCOVERY = 0.5
 """Time that nodes of one machine need to discover each other, with a margin (s)."""
 PROOF = 1.0
-"""Time in which a running simulator must be heard (s); a killed one stays listed for seconds."""
+"""Time for which to listen for a running simulator (s); a killed one stays listed for seconds."""
 
 
 UNKNOWN = "_NODE_NAME_UNKNOWN_"

@@ -24,7 +24,7 @@ FOOTPRINT = "base_footprint"
 
 
 def frames_of(namespace: str) -> str:
-    """Return what is put before the frames of a bicycle in a namespace: "" or "b1/"."""
+    """Return the prefix of the frames of a bicycle in a namespace: "" or "b1/"."""
     inner = namespace.strip("/")
     return f"{inner}/" if inner else ""
 

@@ -21,7 +21,7 @@ RADIUS = 6_378_137.0
 FLATTENING = 0.00669437999014
 """Square of the Earth's eccentricity."""
 UNKNOWN = -1.0
-"""First entry of a covariance of what is not measured (REP-145)."""
+"""First entry of the covariance of a quantity that is not measured (REP-145)."""
 
 
 def messages(reading: Reading, base: int, sensors: SensorSettings) -> list[tuple[Topic, Any]]:

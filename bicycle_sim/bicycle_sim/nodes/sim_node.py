@@ -76,7 +76,7 @@ class SimNode(Node):
 
     settings_type: ClassVar[type[SimSettings]] = SimSettings
     outputs: ClassVar[tuple[Topic, ...]] = OUTPUTS
-    """Topics that it publishes; what goes to others is dropped."""
+    """Topics that the node publishes; messages of others are dropped."""
     sensor_outputs: ClassVar[tuple[Topic, ...]] = SENSOR_TOPICS
     """The same where it has sensors."""
     obeys_topic: ClassVar[bool] = True
@@ -136,7 +136,7 @@ class SimNode(Node):
             raise UserError(str(error)) from None
 
     def _describe(self) -> None:
-        """Publish what does not change: the model and the fixed transform."""
+        """Publish the constant facts: the model and the fixed transform."""
         label = f"bicycle {self._loop.simulator.plant.label}"
         text = robot_model.urdf(self._geometry, label, self._frames)
         self._publish(topics.ROBOT_DESCRIPTION, String(data=text))
@@ -271,7 +271,7 @@ class SimNode(Node):
         self._was_timed_out = self._loop.timed_out
 
     def _on_idle(self) -> None:
-        """Repeat the state while nothing moves, reset after a fall, report silence."""
+        """Repeat the state while the bicycle rests, reset it after a fall, report silence."""
         now = time.monotonic()
         wait = self._settings.reset_after_fall
         if self._loop.snapshot.fallen and 0 < wait < now - self._fallen_at:
@@ -350,7 +350,7 @@ class SimNode(Node):
             )
 
     def _publish_readings(self) -> None:
-        """Publish what has arrived, and the sensors' time."""
+        """Publish the readings that have arrived, and the sensors' time."""
         if self._gnss is None:
             return
         simulator, snapshot = self._loop.simulator, self._loop.snapshot

@@ -154,7 +154,7 @@ class Plant(ABC, Generic[State]):
 
     @property
     def displacement_noise(self) -> float:
-        """m, half width of uniform noise on the displacement, which those who step it add."""
+        """m, half width of uniform noise on the displacement, added by the caller of `step`."""
         return 0.0
 
     def with_displacement_noise(self, spread: float) -> Plant[State]:
@@ -231,7 +231,7 @@ class Plant(ABC, Generic[State]):
     def settled(self, state: State) -> State:
         """Return the state with every dependent field computed from lean, steering and speed.
 
-        For whoever has written these numbers: a pitch or yaw rate follows from them.
+        For a caller that has set these three: pitch and yaw rate follow from them.
         """
         return state
 
@@ -277,7 +277,7 @@ class Plant(ABC, Generic[State]):
 
     @property
     def torque_limit(self) -> float | None:
-        """N m that the steering can have at most; None if nothing but the task limits it."""
+        """Largest steer torque, N m; None if only the task limits it."""
         return None
 
     @abstractmethod

@@ -20,8 +20,8 @@ PLANTS: dict[str, Any] = {kind.name: kind for kind in (ChoiPlant, WhipplePlant, 
 
 
 FIELDS: dict[str, tuple[Any, Any]] = {ChoiPlant.name: (Physics, ChoiPlant)}
-"""Of a plant whose fields a configuration may change one by one: the dataclass that holds them,
-which has `named`, and the plant made of one."""
+"""Dataclass and class of each plant whose fields a configuration may change one by one. The
+dataclass holds the fields and has `named`; the plant is made from one."""
 
 
 def from_json(text: str) -> Plant[Any]:
@@ -34,7 +34,7 @@ def from_json(text: str) -> Plant[Any]:
 
 
 def from_dict(data: Any) -> Plant[Any]:
-    """Return the plant of plain data.
+    """Return the plant that plain data describe.
 
     Raises:
         ValueError: on data that is not such, an unknown plant, key or value.
@@ -74,7 +74,7 @@ def named(
 
 
 def bicycles() -> dict[str, str]:
-    """Return what each measured bicycle is, by its name; for the plants whipple and mujoco."""
+    """Return a description of each measured bicycle, by name; for plants whipple and mujoco."""
     return {name: catalogue.load(name).about for name in catalogue.names()}
 
 

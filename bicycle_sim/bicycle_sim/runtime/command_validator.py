@@ -46,7 +46,7 @@ class Decision:
     reason: Reason | None = None
     """Reason of the rejection; None if the command is accepted."""
     warning: str = ""
-    """One line with the remedy; empty unless this is the first of its kind for some time."""
+    """Rejection in one line with the remedy; empty if one of its kind was reported lately."""
 
     @property
     def accepted(self) -> bool:

@@ -1,4 +1,4 @@
-"""Loop of the simulator: when it steps, and under which command.
+"""Loop of the simulator: time and command of each step.
 
 A bicycle waits at its start for the first valid command of the episode. After that
 
@@ -74,7 +74,7 @@ class LoopOptions:
 
 @dataclass(frozen=True)
 class StepResult:
-    """One step that the loop made."""
+    """A step that the loop has made."""
 
     snapshot: BicycleState
     applied: AppliedCommand

@@ -106,7 +106,7 @@ class Simulator:
     def restore(
         cls, snapshot: BicycleState, scenario: Scenario, plant: Plant[Any], seed: int
     ) -> Simulator:
-        """A simulator that goes on from `snapshot` as the one did that made it, to the bit.
+        """Return a simulator that continues from `snapshot` exactly as the original did.
 
         Args:
             snapshot: any state of an episode, as a message gives it.
@@ -130,7 +130,7 @@ class Simulator:
         return made
 
     def step(self, command: Command | None, push: float = 0.0) -> BicycleState:
-        """One time step under a command, or without: see `Scenario.silence_gain`.
+        """Make a time step, with or without a command (see `Scenario.silence_gain`).
 
         Args:
             command: newest valid one; applied as it is, so check it with `CommandValidator` first.
@@ -205,7 +205,7 @@ class Simulator:
         return 0.0 if self._suite is None else self._suite.time
 
     def _measure(self, measured: list[Reading]) -> None:
-        """Take readings, and give those that have arrived."""
+        """Take readings; return those that have arrived."""
         now = self.sensor_time + 1e-9
         self._under_way += [reading for reading in measured if not reading.lost[0]]
         self.readings = [one for one in self._under_way if one.arrival[0] <= now]
@@ -224,14 +224,14 @@ class Simulator:
 
 
 def _source(command: Command | None, step: int) -> CommandSource:
-    """Return where the input of the step after `step` comes from."""
+    """Return the source of the input of the step after `step`."""
     if command is None:
         return CommandSource.ZERO
     return CommandSource.FRESH if command.step == step else CommandSource.HELD
 
 
 def _checked_seed(seed: int) -> int:
-    """The seed.
+    """Return the seed.
 
     Raises:
         ValueError: when it is negative.
@@ -241,7 +241,7 @@ def _checked_seed(seed: int) -> int:
 
 
 def _noise(seed: int, drawn: int = 0) -> np.random.Generator:
-    """Source of displacement noise, one draw a step, after so many draws."""
+    """Return the source of displacement noise, advanced by so many draws, one a step."""
     bits = np.random.PCG64([max(seed, 0), 0])
     bits.advance(drawn)
     return np.random.Generator(bits)

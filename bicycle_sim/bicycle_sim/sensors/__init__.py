@@ -1,1 +1,1 @@
-"""Sensors of a bicycle: what could be measured of its state, when, and how wrongly."""
+"""Sensors of a bicycle: what they measure of its state, their delays and their errors."""

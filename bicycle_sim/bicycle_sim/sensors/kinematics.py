@@ -1,4 +1,4 @@
-"""Motion of a point on the rear frame: what an IMU there feels.
+"""Motion of a point on the rear frame, as an IMU there measures it.
 
 Axes are REP-103: x forward, y left, z up. `level` axes are turned with the heading alone.
 """

@@ -24,7 +24,7 @@ class Reading:
     """One measurement of one sensor on each of N bicycles."""
 
     sensor: str
-    """One of ORDER."""
+    """Sensor's name, one of ORDER."""
     stamp: float
     """s of the sensors' clock."""
     arrival: np.ndarray

@@ -26,18 +26,18 @@ FASTEST_RATE = 1000.0
 
 @dataclass(frozen=True)
 class Sampled:
-    """When a sensor measures and when its reading arrives.
+    """Times of a sensor's measurements, and of the arrival of its readings.
 
     Raises:
         ValueError: on a value that makes no sense.
     """
 
     rate: float = 100.0
-    """Hz; 0 is no such sensor."""
+    """Hz; 0 means no such sensor."""
     latency: float = 0.0
     """s from the time stamp to the arrival."""
     jitter: float = 0.0
-    """s, standard deviation of what is added to the latency, never negative."""
+    """s, standard deviation of a delay added to the latency, never negative."""
     age: float = 0.0
     """s from the instant that is measured to the time stamp, as a filter in the sensor makes."""
     dropout: float = 0.0
@@ -45,7 +45,7 @@ class Sampled:
     stuck_from: float = NEVER
     """s of the sensor's clock from which on it repeats its last value."""
     gone_from: float = NEVER
-    """s of the sensor's clock from which on nothing arrives."""
+    """s of the sensor's clock after which no reading arrives."""
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -103,7 +103,8 @@ class ImuSettings(Sampled):
     accelerometer_step: float = 6e-4
     """m/s^2 of one digit."""
     vibration: float = 0.3
-    """m/s^2, standard deviation at each sample of what the road shakes, while it rolls."""
+    """m/s^2, standard deviation at each sample of the road's vibration, while the bicycle rolls.
+    """
 
 
 @dataclass(frozen=True)
@@ -163,7 +164,7 @@ class SensorSettings:
     name: str = ""
     about: str = ""
     rest: float = 5.0
-    """s that the bicycle stands still, held upright, before each ride."""
+    """s for which the bicycle stands still, held upright, before each ride."""
 
     def __post_init__(self) -> None:
         good = isinstance(self.rest, (int, float)) and 0.0 <= self.rest <= 60.0
@@ -210,7 +211,7 @@ def _read(text: str, name: str, place: str) -> SensorSettings:
 
 
 def from_dict(data: Mapping[str, Any]) -> SensorSettings:
-    """Return sensors from plain data; what is left out is as the classes above say, but no GNSS.
+    """Return sensors from plain data; omitted values are the classes' defaults, but without GNSS.
 
     Raises:
         ValueError: on an unknown key, or on a value that makes no sense.

@@ -37,10 +37,10 @@ SCALES = {"natural": NATURAL_SCALE, "authors": AUTHORS_SCALE}
 """Scales that have a name."""
 BOUNDS = (100.0, math.pi / 2, 30.0, 300.0, math.pi)
 """Largest steer rate, lean, lean rate, lean acceleration and heading error, rad and s. No ride
-comes near the middle four: what falls freezes."""
+comes near the middle four: a fallen bicycle's state freezes."""
 FALLS = ("freeze", "terminate", "value")
 DISCOUNT = 0.99
-"""Of the sum that a fall is worth with `fall="value"`."""
+"""Discount of the sum of rewards that a fall is worth with `fall="value"`."""
 WHEEL_RADIUS = 0.34
 """m, of the wheels in pictures."""
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": 40}

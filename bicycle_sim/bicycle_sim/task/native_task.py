@@ -29,8 +29,8 @@ LOOPS = ("sin", "cos", "arctan", "arcsin", "arctan2", "maximum", "minimum")
 STATES = 11
 """Fields of a BodyState, the first rows of a result."""
 ROWS = 24
-"""Of a result (ROWS, N): BodyState's fields, six observations, the reward, its four terms, the
-distance to the goal, and the steps as whole numbers."""
+"""Rows of a result (ROWS, N): BodyState's fields, six observations, the reward, its four terms,
+the distance to the goal, and the steps as whole numbers."""
 OBSERVED, REWARD, TERMS, DISTANCE, STEPS = 11, 17, 18, 22, 23
 """First row of each."""
 POOL = 64
@@ -329,7 +329,7 @@ class NativeStep:
 
 
 def stepper(scenario: Scenario, plant: Plant[Any], face: Face | None = None) -> NativeStep | None:
-    """Return a stepper of such bicycles in one call; None if there is none."""
+    """Return a stepper for such bicycles in one call; None if none is available."""
     numbers = plant.compiled_numbers
     if numbers is None or load() is None:
         return None

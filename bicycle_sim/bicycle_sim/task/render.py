@@ -35,7 +35,7 @@ AHEAD, HIGH = 1.1, 0.85
 """m ahead of the middle and above the ground: what it looks at."""
 
 NEAREST = 0.2
-"""m: what is nearer to the camera is not drawn."""
+"""Distance from the camera (m) below which nothing is drawn."""
 
 TRAIL = 400
 """States that the trail goes back."""
@@ -287,7 +287,7 @@ def _bicycle(axes: Axes, view: _View, scene: Scene, way: float) -> None:
 
 
 def _shadow(axes: Axes, view: _View, base: float, seat: Point) -> None:
-    """Draw what the sun leaves dark on the ground."""
+    """Draw the bicycle's shadow on the ground."""
     angle = np.linspace(0.0, 2.0 * math.pi, 33)
     body = view.body([(0.5 * base, 0.0, seat[2] + 0.2)])[0]
     spot = np.zeros((33, 3))
@@ -366,7 +366,7 @@ def _rider(
 
 
 def _caption(axes: Axes, half: float, scene: Scene) -> None:
-    """Write speed, lean and what is left to the goal."""
+    """Write speed, lean and the distance left to the goal."""
     left = math.hypot(scene.goal[0] - scene.rear[0], scene.goal[1] - scene.rear[1])
     words = (
         f"{scene.speed:.1f} m/s   lean {math.degrees(scene.lean_angle):+.0f}°   "

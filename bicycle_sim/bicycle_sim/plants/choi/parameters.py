@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, field, fields
 from bicycle_common.validation import nearest, reject_unknown
 
 MODES = ("faithful", "corrected")
-"""Of the physics: what the paper's authors ran, and with all corrections."""
+"""Modes of the physics: as the paper's authors ran it, and with all corrections."""
 
 
 @dataclass(frozen=True)

@@ -94,7 +94,7 @@ class MujocoPlant(Plant[MujocoState]):
 
     @property
     def geometry(self) -> Geometry:
-        """Of the bicycle."""
+        """Geometry of the bicycle."""
         return self._whipple.geometry
 
     @property

@@ -1,4 +1,4 @@
-"""From lean, steering and speed to MuJoCo's coordinates and back.
+"""Conversion of lean, steering and speed to MuJoCo's coordinates and back.
 
 MuJoCo's frame is the rear frame, at the rear wheel's centre, turned by yaw, roll and pitch about
 its own z, x and y (forward, left, up). Roll is positive to the right, pitch with the nose down.
@@ -17,7 +17,7 @@ Z = np.array([0.0, 0.0, 1.0])
 QUARTER = 0.5 * np.pi
 """rad from the paper's heading, counter-clockwise from +y, to yaw, from +x."""
 POSITIONS, SPEEDS = 10, 9
-"""Of one bicycle: place, quaternion and three angles; two velocities and three rates."""
+"""Numbers per bicycle: place, quaternion and three angles; two velocities and three rates."""
 
 
 def about(axis: np.ndarray, angle: np.ndarray) -> np.ndarray:
@@ -103,7 +103,7 @@ def to_mujoco(b: Bicycle, k: Constants, body: dict[str, np.ndarray]) -> np.ndarr
 
 
 def from_mujoco(b: Bicycle, state: np.ndarray) -> dict[str, np.ndarray]:
-    """Return what BodyState has of positions and speeds (N, 19), and pitch and yaw rate."""
+    """Return the positions and speeds of BodyState (N, 19), and pitch and yaw rate."""
     place, quaternion, angles = state[:, 0:3], state[:, 3:7], state[:, 7:10]
     velocity, own, rates = state[:, 10:13], state[:, 13:16], state[:, 16:19]
     frame = _matrix(quaternion)

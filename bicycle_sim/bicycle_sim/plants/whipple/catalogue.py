@@ -35,7 +35,7 @@ class Described:
     estimated: tuple[str, ...] = ()
     """One line for each parameter that was estimated instead of measured."""
     standard_deviation: dict[str, float] = field(default_factory=dict)
-    """Of the parameters that were measured, where it is known."""
+    """Standard deviations of the measured parameters, where known."""
 
 
 FILES = NamedFiles("bicycle_sim.plants.whipple", "bicycles", "bicycle")

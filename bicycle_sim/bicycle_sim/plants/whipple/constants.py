@@ -17,7 +17,7 @@ from bicycle_sim.plants.whipple.trigonometry import decay, sine_cosine
 
 
 class Constants(NamedTuple):
-    """One value for each row of the table that `whipple.cpp` takes, in its order."""
+    """Values for the rows of the table that `whipple.cpp` takes, in its order."""
 
     gravity: Array
     """m/s^2 into the road."""
@@ -62,7 +62,7 @@ class Constants(NamedTuple):
     stop: Array
     motor_limit: Array
     motor_share: Array
-    """Share of the missing torque that comes in half a substep."""
+    """Share of the missing torque that the motor gains in half a substep."""
     motor_change: Array
     """N m, largest change in half a substep."""
     motor_dead: Array

@@ -63,7 +63,7 @@ class Rolling(NamedTuple):
     """A pose's geometry and the partial rates that rolling leaves."""
 
     sine: Vector
-    """Of lean, pitch (with the tilt of the steering axis) and steer."""
+    """Sines of lean, pitch (with the tilt of the steering axis) and steer."""
     cosine: Vector
     upright: tuple[Array, Array, Array]
     """Components of the road's normal across and along the front wheel's plane, and one over the

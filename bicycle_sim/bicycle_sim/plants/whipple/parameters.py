@@ -203,7 +203,7 @@ class Rider:
     frequency: Array = 8.0
     """rad/s at which the muscle moves the body; zero is a limp rider."""
     damping_ratio: Array = 1.0
-    """Of the muscle's motion; 1 does not overshoot."""
+    """Damping ratio of the muscle's motion; 1 does not overshoot."""
     torque_limit: Array = 150.0
     """N m, the muscle's most."""
 
@@ -353,7 +353,7 @@ class Road:
 
 @dataclass(frozen=True)
 class Parameters:
-    """All that one Whipple plant is made of.
+    """All parameters of one Whipple plant.
 
     Raises:
         ValueError: on a value that makes no sense.
@@ -361,7 +361,7 @@ class Parameters:
 
     bicycle: Bicycle
     name: str = ""
-    """For people; nothing depends on it."""
+    """Name to display; no computation depends on it."""
     rider: Rider | None = None
     steering: Steering = field(default_factory=Steering)
     motor: Motor = field(default_factory=Motor)

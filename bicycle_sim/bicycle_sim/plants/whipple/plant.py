@@ -109,7 +109,7 @@ class WhipplePlant(Plant[WhippleState]):
 
     @property
     def geometry(self) -> Geometry:
-        """Of the bicycle, or of the first of many; masses with a leaning rider's."""
+        """Geometry of the bicycle, or of the first of many; masses include a leaning rider's."""
         b, rider = self.parameters.bicycle, self.parameters.rider
         mass, forward, height = b.mass, b.mass_forward, b.mass_height
         if rider is not None:

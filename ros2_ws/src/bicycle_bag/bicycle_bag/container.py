@@ -30,7 +30,7 @@ SQLITE = b"SQLite format 3"[: len(MAGIC)]
 CONVERT = (
     "record.sh --repair makes one of it, as ros2 bag convert does on a machine that has ROS 2"
 )
-"""Remedy for such a bag."""
+"""Advice to the user of such a bag."""
 MAX_RECORD_BYTES = 256 * 2**20
 """Limit of a record: larger than any that a recorder writes, small enough for any machine."""
 
@@ -45,7 +45,7 @@ class DamageError(Exception):
 
 
 class Record(NamedTuple):
-    """One record as it lies in the file or in a chunk."""
+    """A record as it lies in the file or in a chunk."""
 
     opcode: int
     body: bytes
@@ -280,7 +280,7 @@ def parse(read: Callable[[ReadDataStream], _T], body: bytes, whole: bool = False
 
 
 class _Strict(ReadDataStream):
-    """The package's stream, but to read more than there is is an error, however much."""
+    """A stream of the package that raises an error instead of reading past the end."""
 
     def __init__(self, body: bytes) -> None:
         super().__init__(BytesIO(body))

@@ -21,7 +21,7 @@ class Cut(NamedTuple):
     """The moment at which a recording ends."""
 
     time_ns: int
-    """On this host's clock, as it is set now."""
+    """Time on this host's clock as it is set now, ns."""
     set_back_ns: int = 0
     """Time by which that clock was set back while the recording ran; see `SetBack`."""
 
@@ -36,7 +36,7 @@ class Cut(NamedTuple):
 
 
 class SetBack:
-    """Watch on how far this host's clock was set back, by a clock that nobody sets."""
+    """Measure how far this host's clock was set back, by the steady clock."""
 
     def __init__(self) -> None:
         self._furthest = time.time_ns() - time.monotonic_ns()

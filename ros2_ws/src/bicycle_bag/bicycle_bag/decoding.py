@@ -13,7 +13,7 @@ from bicycle_bag.errors import BagError
 
 
 def decoder(topic: str, type_name: str, definition: str) -> Callable[[bytes], Any]:
-    """Return what decodes the CDR of a topic's messages.
+    """Return the decoder of a topic's messages in CDR.
 
     Args:
         topic: Its name, for the error.

@@ -31,7 +31,7 @@ class Leaf(NamedTuple):
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of one value where no message tells it."""
+        """Return the shape of a value that no message determines."""
         return () if self.is_scalar or self.is_string else (self.length or 0,)
 
 

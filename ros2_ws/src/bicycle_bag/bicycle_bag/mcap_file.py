@@ -1,4 +1,4 @@
-"""One MCAP file in the making, in rosbag2's conventions."""
+"""An MCAP file while it is written, in rosbag2's conventions."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class McapFile:
 
     @property
     def slowest_sync(self) -> float:
-        """s, longest that the disk took so far to sync what was written."""
+        """Longest time that the disk has taken to sync written data, s."""
         return self._syncer.slowest
 
     @property

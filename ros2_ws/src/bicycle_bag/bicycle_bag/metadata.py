@@ -64,7 +64,7 @@ class BagMetadata:
 
     @property
     def duration_ns(self) -> int:
-        """From the first message to the last."""
+        """Time from the first message to the last, ns."""
         ends = [f.starting_time_ns + f.duration_ns for f in self.files if f.message_count]
         return max(ends) - self.starting_time_ns if ends else 0
 

@@ -19,7 +19,7 @@ SET_BACK_NS = 10_000_000
 MOST_HELD = 50_000
 """Messages that wait for their turn while a bag is read."""
 MOST_HELD_BYTES = 64 * 2**20
-"""Of all messages that wait."""
+"""Largest size of all waiting messages together."""
 
 
 class _Held(NamedTuple):
@@ -48,7 +48,7 @@ class Reorder:
         self._last: dict[str, tuple[int, int]] = {}
 
     def push(self, message: BagMessage) -> None:
-        """Take a message."""
+        """Add a message."""
         time = message.log_time_ns
         epoch, last = self._last.get(message.topic, (self._epoch, time))
         set_back = time < last - SET_BACK_NS

@@ -1,4 +1,4 @@
-"""From a recording's clock to seconds of playing, also where that clock is not to be trusted.
+"""Conversion of a recording's clock to seconds of playing, also where that clock is unreliable.
 
 Log times may go back by an hour, ahead by years, or stand still; one topic may be on a clock of
 its own. What holds is the order of the messages, and the differences of log times where they are
@@ -17,7 +17,7 @@ from bicycle_bag.reader import BagMessage
 
 STILL_NS = 1_000_000_000
 STILL_MESSAGES = 10
-"""So many of a topic, published over longer than that under one log time: its clock stands still.
+"""Messages of a topic with one log time, published over more than STILL_NS: its clock stands.
 
 In simulated time all messages of a step have one log time: that clock goes on.
 """

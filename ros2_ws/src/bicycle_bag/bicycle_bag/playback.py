@@ -1,4 +1,4 @@
-"""When each recorded message is due in a replay."""
+"""Time at which each recorded message is due in a replay."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MOST_TICKS = 10_000.0
 LONGEST_DELAY = 86_400.0
 """s."""
 LONGEST_GAP = 60.0
-"""Bag seconds in which nothing was recorded that are waited for, unless another is chosen."""
+"""Longest silence of the recording that a replay waits for by default, s of the bag."""
 MOST_SECONDS = 1e9
 """Bag seconds, 31 years."""
 

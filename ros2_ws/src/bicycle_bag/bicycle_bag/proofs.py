@@ -15,7 +15,7 @@ from bicycle_bag import container
 from bicycle_bag.container import DamageError
 
 MESSAGE_BYTES = 22
-"""Of a message record without its data."""
+"""Bytes of a message record without its data."""
 _INDEX = struct.Struct("<HI")
 
 _Proof = Callable[[bytes], "bool | None"]

@@ -94,7 +94,7 @@ class BagReader:
 
     @property
     def duration_ns(self) -> int:
-        """From the first message to the last."""
+        """Time from the first message to the last, ns."""
         return self.metadata.duration_ns
 
     def spans(self) -> list[tuple[int, int]]:

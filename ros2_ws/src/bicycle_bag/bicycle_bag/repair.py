@@ -30,7 +30,7 @@ from bicycle_bag.unpacking import unpack_files
 from bicycle_common.command_line import OneLineParser
 
 MOST_SPANS = 5
-"""Of lost chunks whose times are told."""
+"""Largest number of lost chunks whose times are reported."""
 
 
 @dataclass
@@ -137,7 +137,7 @@ def _readable(path: Path) -> list[Path]:
 def _write_metadata(
     folder: Path, parts: Sequence[BagMetadata], custom_data: dict[str, str], report: RepairReport
 ) -> None:
-    """Write `metadata.yaml` if it does not say already what is there."""
+    """Write `metadata.yaml` unless it is correct already."""
     topics: dict[str, Topic] = {}
     counts: dict[str, int] = {}
     for part in parts:
@@ -227,7 +227,7 @@ def _swap(source: Path, scratch: Path, salvage: Salvage, report: RepairReport) -
 
 
 def _keep(file: Path) -> Path:
-    """Keep a file under another name too; what was kept before stays."""
+    """Keep a file under a second name; earlier copies stay."""
     for number in itertools.count(1):
         kept = file.with_name(f"{file.name}.damaged{f'.{number}' if number > 1 else ''}")
         with contextlib.suppress(FileExistsError):

@@ -1,4 +1,4 @@
-"""A bag's states, each beside the command that led to it, of any release.
+"""States of a bag of any release, each with the command that led to it.
 
 Up to version 2 of BicycleState a state named the command's source, step, sender and goal; since
 then they are in CommandEcho. What reads a ride takes the table that `steps` makes of either.

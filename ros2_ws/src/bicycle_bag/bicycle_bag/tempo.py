@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 
 SLICE = 0.02
-"""s between two looks at what a person or another program wants."""
+"""Time between two checks for keys and services, s."""
 FASTER = 1.1
 """Factor of the speed for one key press."""
 SLOWEST, FASTEST = 0.01, 100.0

@@ -1,4 +1,4 @@
-"""Messages of an earlier version of their type: as the installed version holds them.
+"""Conversion of messages of earlier versions to the installed version of their type.
 
 A field that an earlier version lacked is zero or empty, or no number (see UNKNOWN); one that the
 installed version lacks is left out. Up to version 2 a BicycleState named the command that led to
@@ -37,11 +37,11 @@ AHEAD = 64
 """Messages within which a command may be recorded after the state that it led to."""
 Encode = Callable[[Any], bytes]
 Commands = dict[str, dict[tuple[int, int, str], Any]]
-"""By topic of the states, then by episode, step and sender."""
+"""Commands by topic of the states, then by episode, step and sender."""
 
 
 class TodaysReader(BagReader):
-    """A bag as today's release would have recorded it.
+    """A bag, read as today's release would have recorded it.
 
     Messages of bicycle_msgs come in the installed versions of their types, and before each state
     of version 2 or less comes the echo of the command that led to it.
@@ -202,7 +202,7 @@ class TodaysReader(BagReader):
         return all(name in old and name not in new for name in COMMAND_IN_STATE)
 
     def _encoder(self, topic: str) -> tuple[Callable[[bytes], Any], Encode] | None:
-        """Return what reads and what writes a topic's messages; None if they need no rewriting."""
+        """Return reader and writer of a topic's messages; None if they need no rewriting."""
         if topic not in self._encoders:
             kind = self._topics[topic].type
             old, new = self._both(topic) if kind.startswith(OURS) else ([], [])
@@ -244,7 +244,7 @@ def _fields(definition: str) -> dict[str, tuple[str, str]]:
 
 
 def _encode(kind: str, schemas: Schemas) -> Encode:
-    """Return what writes a message of an installed type; fields that are not given are zero."""
+    """Return the writer of a message of an installed type; omitted fields are zero."""
     package, _, name = kind.split("/")
     encode: Encode = serialize_dynamic(kind, schemas.definition(kind))[f"{package}/{name}"]
     return encode

@@ -30,7 +30,7 @@ class Display:
         )
 
     def waiting(self, for_what: str) -> None:
-        """Show what delays the start of the ride."""
+        """Show the reason why the ride has not started yet."""
         self._bar.set_description_str(f"waiting for {for_what} ")
 
     def show(self, number: int, done: float, text: str) -> None:

@@ -1,4 +1,4 @@
-"""Result of a fleet's ride: what each bicycle did, how near they came, how punctual all were."""
+"""Result of a fleet's ride: each bicycle's goals, the least distances, and the punctuality."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Rider:
 
 
 def facts(riders: Sequence[Rider], nearest: Mapping[tuple[str, str], float]) -> dict[str, Any]:
-    """Return what `fleet.json` holds; `nearest` is the least distance of each pair, m."""
+    """Return the content of `fleet.json`; `nearest` is the least distance of each pair, m."""
     pair = min(nearest, key=lambda key: nearest[key], default=None)
     every = [value for one in riders for value in one.lateness]
     answers = [value for one in riders for value in one.latency]

@@ -27,7 +27,7 @@ from bicycle_tools.course import random_goals
 
 MOST_GOALS = 10_000
 MOST_MINUTES = 10_000.0
-"""A week."""
+"""Longest ride, minutes: a week."""
 
 
 @dataclass(frozen=True)
@@ -205,7 +205,7 @@ def _on_bench(parameters: list[str]) -> list[str]:
 
 
 def _suited(parameters: list[str], wanted: Mapping[str, str]) -> list[str]:
-    """Return parameters with those that are wanted, unless they name others."""
+    """Return the given parameters, and the wanted ones that they do not name."""
     given = {word.partition(":=")[0] for word in parameters}
     return [
         *(f"{name}:={value}" for name, value in wanted.items() if name not in given),

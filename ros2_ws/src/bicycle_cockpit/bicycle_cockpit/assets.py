@@ -11,7 +11,7 @@ from pathlib import Path
 from aiohttp import web
 
 KINDS = {".js": "text/javascript", ".css": "text/css", ".html": "text/html"}
-"""By suffix; the system's own table may say otherwise."""
+"""MIME types by suffix; the system's own table may differ."""
 ALREADY_SMALL = (".png", ".woff2")
 
 
@@ -24,7 +24,7 @@ class Asset:
     kind: str
     """MIME type."""
     tag: str
-    """For If-None-Match."""
+    """Entity tag, for If-None-Match."""
     plain: bytes
     packed: bytes
     """gzip; empty where that would gain nothing."""

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from bicycle_cockpit.shelf import Signature, signature
 
 WORKER = (sys.executable, "-m", "bicycle_cockpit.bag_worker")
-"""The process; it is told the folder besides."""
+"""Command of the worker process, without the folder of the bags."""
 ENTRY_TIME = 10.0
 """s for one bag of the list, which needs its index only."""
 LIST_TIME = 60.0
@@ -133,7 +133,7 @@ class BagDesk:
             self._waiting -= 1
 
     def _look_again(self) -> None:
-        """Forget what took too long, where it has changed since."""
+        """Retry bags that took too long and have changed since."""
         for name, (was, _) in list(self._too_slow.items()):
             if signature(self._folder / name) != was:
                 del self._too_slow[name]

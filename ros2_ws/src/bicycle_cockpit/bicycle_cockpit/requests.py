@@ -93,7 +93,7 @@ class SwitchController(Request):
     """Switch to another controller."""
 
     name: str
-    """One of the names offered to the page."""
+    """Policy's name, one of those offered to the page."""
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class SetUp(Request):
     values: dict[str, str | float]
     """Fields of `RideSetup`."""
     controller: str
-    """One of the names offered to the page; empty for the one in charge."""
+    """Policy's name, one of those offered to the page; empty for the one in charge."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class FollowCourse(Request):
     """Ride along a course."""
 
     name: str
-    """One of the names offered to the page."""
+    """Name of a choice that was offered to the page."""
 
 
 def parse(text: str) -> Request:

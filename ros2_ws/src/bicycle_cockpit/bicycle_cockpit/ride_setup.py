@@ -40,7 +40,7 @@ class RideSetup:
     scenario: str = "random-start-random-goal"
     plant: str = "choi"
     bicycle: str = ""
-    """Of whipple and mujoco; empty is their default."""
+    """Bicycle's name, for whipple and mujoco; empty for their default."""
     sensors: str = ""
     """Preset of the sensors whose estimate the controller sees; empty shows it the truth."""
     speed: float = -1.0
@@ -145,7 +145,7 @@ def with_policy(words: Iterable[str], path: str) -> tuple[str, ...]:
 
 
 def command(setup: RideSetup, before: RideSetup) -> str:
-    """Return what to type where the cockpit has not started the ride."""
+    """Return the command that begins such a ride, for a cockpit that did not start the ride."""
     words = merged((), setup, before)
     nodes = {"simulator": "sim.sh", "controller": "controller.sh"}
     lines = []

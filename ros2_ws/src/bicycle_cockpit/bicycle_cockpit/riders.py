@@ -42,7 +42,7 @@ LABELS = {
 
 
 def label(name: str) -> str:
-    """Return what a person reads for a policy's name."""
+    """Return the label of a policy's name, for people."""
     return LABELS[name][0] if name in LABELS else name
 
 
@@ -51,9 +51,9 @@ class Rider:
     """A policy as displayed by the pages."""
 
     policy: str
-    """Its id."""
+    """Policy's id."""
     name: str
-    """Its name on the command line, or the word of its id."""
+    """Policy's name on the command line, or the name in its id."""
     colour: str
     """Key in the palette: the name if that identifies the policy, else the id."""
     label: str

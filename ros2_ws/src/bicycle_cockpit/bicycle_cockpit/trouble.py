@@ -11,7 +11,7 @@ class Line(NamedTuple):
     level: str
     """good, info, warn or bad."""
     text: str
-    """One line."""
+    """Description in one line."""
     process: str = ""
     """Process that has died or was restarted."""
     death: str = ""

@@ -20,7 +20,7 @@ PATIENCE = 10.0
 FIRST_WORD, NEXT_WORD = 2.0, 10.0
 """Wait before the first message about a process that is still saving, and between messages (s)."""
 ASKED = (-signal.SIGINT, -signal.SIGTERM, 128 + signal.SIGINT, 128 + signal.SIGTERM)
-"""Exit statuses that are clean for a process with nothing to save, such as one starting up."""
+"""Exit statuses of a clean end of a process with nothing to save, such as one starting up."""
 LOOK = 0.05
 """Polling period while waiting for a process (s)."""
 BACK_OFF = 1.0
@@ -61,7 +61,7 @@ class Vigil:
         self.begin("")
 
     def begin(self, what: str) -> None:
-        """Begin to wait; `what` describes for what, in the present tense."""
+        """Begin to wait; `what` names the activity, in the present tense."""
         self._what = what
         self._told: int | None = None
         self._next = FIRST_WORD

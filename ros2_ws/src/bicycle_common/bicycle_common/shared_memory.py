@@ -13,7 +13,7 @@ TRACING = "lttng-ust-wait-*"
 
 
 def refusal(folder: Path = FOLDER) -> str:
-    """Why ROS must not be loaded, with the remedy; empty where it may.
+    """Return the reason why ROS must not be loaded, with the remedy; empty if it may.
 
     A page of a mapped file is only given when it is touched: on a full file system the kernel
     ends the process then. Where the files have their pages already, nothing is needed.

@@ -175,7 +175,7 @@ def run_module(name: str) -> NoReturn:
 
 @contextlib.contextmanager
 def importing() -> Iterator[None]:
-    """Import here what `main` needs: SIGINT ends the program, as no library expects it then."""
+    """Import the modules of `main` here: SIGINT ends the program, as no library expects it."""
     mine = signal.getsignal(signal.SIGINT) is _interrupt
     if mine:
         signal.signal(signal.SIGINT, _leave)
@@ -201,7 +201,7 @@ def _status_of(main: Callable[[], int | None]) -> str | int | None:
 
 
 def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
-    """Raise what `main` may catch, again and again: C code, such as hasattr's, may swallow it."""
+    """Raise KeyboardInterrupt repeatedly, because C code, such as hasattr's, may swallow it."""
     if number == signal.SIGINT:
         signal.signal(signal.SIGINT, _leave)
         signal.signal(signal.SIGALRM, _interrupt)

@@ -14,7 +14,7 @@ import numpy as np
 GAIN = 20.0
 """N m per rad/s of lean rate and m/s below SPEED (kappa)."""
 SPEED = 6.0
-"""m/s, from which on there is no torque."""
+"""Speed from which on the torque is zero, m/s."""
 
 
 def torque(lean_rate: Any, speed: Any, limit: float, gain: float = GAIN) -> Any:

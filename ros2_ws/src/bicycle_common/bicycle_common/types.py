@@ -50,11 +50,12 @@ class Command:
     controller: str = ""
     policy: str = ""
     heading_error: float = math.nan
-    """rad, positive if what it steers to lies to the right of the state answered (psi_g)."""
+    """rad, positive if the target lies to the right in the state that the command answers (psi_g).
+    """
     goal_distance: float = math.nan
     """m from the rear contact of the state answered; NaN without a goal."""
     message: object = field(default=None, compare=False, repr=False)
-    """The message that carried it here, to be echoed as it came; None for one made here."""
+    """Message that carried the command, to be echoed unchanged; None for a command made here."""
 
     @property
     def action(self) -> tuple[float, float, float]:
@@ -158,7 +159,7 @@ class BicycleState:
     pitch: float = 0.0
     """rad, positive with the nose up; zero upright with straight steering."""
     estimated: bool = False
-    """True if an estimator made it of what sensors tell."""
+    """True if an estimator computed the state from sensors."""
 
 
 @dataclass(frozen=True)

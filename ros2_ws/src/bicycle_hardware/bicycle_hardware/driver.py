@@ -59,11 +59,11 @@ class Step:
 
     episode: int
     step: int
-    """From 0, after the rest; negative within it."""
+    """Number of the step, from 0 after the rest; negative within it."""
     time: float
     """s of the sensors' clock."""
     applied: AppliedCommand
-    """Command under which it was made."""
+    """Command that was in force during the step."""
 
 
 Heard = Measured | Step | DriverState
@@ -181,7 +181,7 @@ class Driver:
         return self._base + self._clock.unwrapped(stamp_us)
 
     def _step(self, period: Period, now: float) -> Step:
-        """Count a period."""
+        """Count a control period as a step."""
         if self._last is None or period.number <= self._last.number:
             self._begin(period)
         self._last = period
@@ -231,7 +231,7 @@ class Driver:
         self.line.send(AskTime(round(now * 1e9)))
 
     def idle(self, now: float) -> None:
-        """Ask it again, if it says nothing."""
+        """Ask the microcontroller again if it is silent."""
         if now - max(self._asked, self._heard) > ASK_AGAIN:
             self.ask(now)
 

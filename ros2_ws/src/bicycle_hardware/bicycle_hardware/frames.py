@@ -65,7 +65,7 @@ class Actuators:
     kind: ClassVar[int] = 1
     layout: ClassVar[str] = "<IffH"
     stamp_us: int
-    """Of the reading that this answers, in the microcontroller's clock."""
+    """Stamp of the reading that the command answers, in the microcontroller's clock."""
     torque: float
     """N m on the steering."""
     drive: float
@@ -143,13 +143,13 @@ class Period:
     layout: ClassVar[str] = "<IIBffH"
     stamp_us: int
     number: int
-    """From 0 since the microcontroller's start."""
+    """Number of the period, from 0 at the microcontroller's start."""
     mode: int
     torque: float
     """N m, applied last."""
     drive: float
     sequence: int
-    """Of the last command that it accepted."""
+    """Sequence number of the last accepted command."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ class DriverState:
     battery: float
     sequence: int
     age_ms: int
-    """From the reading that the last command answers."""
+    """Time since the reading that the last command answers, ms."""
     bad_frames: int
 
 

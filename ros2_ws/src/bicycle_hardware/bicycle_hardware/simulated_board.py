@@ -82,7 +82,7 @@ class SimulatedBoard:
     link: Path | None = None
     """Becomes a link to the pseudo-terminal; None makes none."""
     path: str = ""
-    """Of the pseudo-terminal."""
+    """Path of the pseudo-terminal."""
     age_us: int = 0
     """us by a real clock from the end of the last period to the last `wait`'s answer."""
     _process: subprocess.Popen[str] = field(init=False)
@@ -102,7 +102,7 @@ class SimulatedBoard:
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Id of the process."""
         return self._process.pid
 
     def tick(self, now_us: int, inputs: BoardInputs) -> BoardOutputs:

@@ -31,15 +31,15 @@ LATCHED = 10
 ACKNOWLEDGE_SECONDS = 1.0
 BAR_SECONDS = 0.1
 MOST_TOLD = 10
-"""Jumps of the recording's clock that are told one by one."""
+"""Largest number of jumps of the recording's clock that are reported one by one."""
 LATEST_CLOCK = 2**31 - 1
 """s since 1970, which ends in 2038."""
 DISCOVERY_SECONDS = 1.0
-"""For other publishers to be seen; nodes of this machine announce themselves within 0.3 s."""
+"""Time to discover other publishers (s); nodes of this machine appear within 0.3 s."""
 SETTLE_SECONDS = 0.3
-"""For all that another node publishes, and for its companions, to be seen."""
+"""Time to discover all other publishers of a node and of its companions (s)."""
 LOOK_SECONDS = 0.5
-"""Between two looks for others that begin to publish the same topics."""
+"""Time between two looks for others that begin to publish the same topics (s)."""
 
 
 class Player:
@@ -151,7 +151,7 @@ class Player:
                 bar.update(bar.total - bar.n)
 
     def _tell(self, line: str) -> None:
-        """Print what the recording's clock did; after a few times only count."""
+        """Print each jump of the recording's clock; after a few, only count them."""
         self._told += 1
         if self._told <= MOST_TOLD:
             tqdm.write(line, file=sys.stdout)

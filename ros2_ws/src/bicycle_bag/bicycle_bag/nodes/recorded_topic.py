@@ -21,7 +21,7 @@ from bicycle_bag.reader import BagMessage
 QUEUE = 10_000
 """Messages that the middleware holds for each subscription."""
 REMEMBERED = 1000
-"""Messages by which one that comes twice is known, with one subscription; `QUEUE` with more."""
+"""Number of messages remembered to drop repetitions, with one subscription; `QUEUE` with more."""
 FLOW, FLOW_SECONDS = 5, 2.0
 """A topic flows that has brought so many messages in the last so many seconds."""
 
@@ -64,7 +64,7 @@ class Ear:
 
     @property
     def publishers(self) -> int:
-        """Number of publishers that it hears."""
+        """Number of publishers that the subscription is matched with."""
         return int(self._subscription.get_publisher_count())
 
     def hear(self, data: bytes, info: dict[str, Any]) -> None:
@@ -183,7 +183,7 @@ class RecordedTopic:
         return False
 
     def _count(self, ear: Ear, sequence: int | None) -> None:
-        """Count what a publisher numbered and nobody heard."""
+        """Count the messages that a publisher numbered and no subscription received."""
         if sequence is None:
             return
         last, ear.last_sequence = ear.last_sequence, sequence
@@ -194,5 +194,5 @@ class RecordedTopic:
             self.lost += sequence - last - 1
 
     def _is_best(self, ear: Ear) -> bool:
-        """Return True if no other subscription, which may lose less, hears a publisher."""
+        """Return True if no less lossy subscription receives a publisher."""
         return next(one for one in self._ears.values() if one is ear or one.publishers) is ear

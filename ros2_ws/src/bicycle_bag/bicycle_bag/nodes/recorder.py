@@ -1,4 +1,4 @@
-"""From topics to the writer of a bag."""
+"""Recording: from topics to the writer of a bag."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Recorder:
         return sum(topic.lost for topic in self.topics.values())
 
     def poll(self) -> None:
-        """Look for new topics and write what has come."""
+        """Look for new topics and write the messages that have arrived."""
         self._polls += 1
         for name, types in self._node.get_topic_names_and_types():
             if name in self._refused or not self._chosen.accepts(name, types[0]):
@@ -94,7 +94,7 @@ class Recorder:
             self._tell()
 
     def drain(self) -> None:
-        """Take what has arrived."""
+        """Process the messages that have arrived."""
         for topic in self.topics.values():
             topic.drain()
 
@@ -138,7 +138,7 @@ class Recorder:
         self._writer.custom_data["lost_messages"] = str(self.lost)
 
     def _tell(self) -> None:
-        """Tell of each topic what it has lost since the last time, and where it begins."""
+        """Report each topic's new losses, and where it begins."""
         for name, topic in self.topics.items():
             if topic.missed and name not in self._told_missed:
                 self._told_missed.add(name)

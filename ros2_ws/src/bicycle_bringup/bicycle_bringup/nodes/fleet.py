@@ -43,9 +43,9 @@ MOST = 20
 READY = 90.0
 """Longest start of all nodes (s)."""
 SUITED = ("simulator.scenario:=learned-speed", "controller.policy:=lqr-pedal")
-"""Parameters unless named."""
+"""Default parameters of a fleet."""
 NODES = ("simulator", "controller")
-"""Of each bicycle."""
+"""Nodes of each bicycle."""
 
 
 class FleetError(Exception):

@@ -19,7 +19,7 @@ FORMATS = (".mp4", ".webm", ".gif", ".webp")
 NAMED = "BICYCLE_FFMPEG"
 """Environment variable that names the program."""
 QUALITY = 62
-"""Of WebP, 0 to 100."""
+"""Quality of WebP, 0 to 100."""
 
 
 class EncoderError(RuntimeError):

@@ -47,7 +47,7 @@ class FilmOptions:
     end: float | None = None
     """s of the ride; None for its end."""
     camera: str = TOUR
-    """One of CAMERAS, or TOUR."""
+    """Camera's name, one of CAMERAS or TOUR."""
     against: str = ""
     """Controller that rides along as a ghost, see `same_ride`; empty for none."""
 

@@ -39,7 +39,7 @@ class Ride:
         self._logs = logs
         self._words = options.parameters
         self._good: tuple[str, ...] | None = None
-        """Parameters to return to if those of a page do not run."""
+        """Parameters to return to if a page's parameters do not run."""
         self._ending: threading.Thread | None = None
         self._crew: ProcessGroup | None = None
         if options.ride:

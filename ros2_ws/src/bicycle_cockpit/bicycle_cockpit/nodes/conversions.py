@@ -114,7 +114,7 @@ class SimulatorWord(NamedTuple):
     paused: bool
     """True if time stands still, in any mode."""
     commands: str
-    """Its line about commands."""
+    """The simulator's line about commands."""
 
 
 def simulator_word(array: DiagnosticArray) -> SimulatorWord | None:

@@ -17,7 +17,7 @@ HEARD = f"{STATE.name}: first message"
 
 
 class Recording:
-    """At most one recorder at a time, into the folder of the bags.
+    """Recorder's process, at most one at a time, which writes into the folder of bags.
 
     Attributes:
         failures: a line about each recorder that ended with another status than 0.

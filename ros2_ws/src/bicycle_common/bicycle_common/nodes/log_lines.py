@@ -11,7 +11,7 @@ LONGEST = 1000
 
 
 def bound_log_lines() -> None:
-    """Cut what rclpy's loggers are given; each logger's last step, in C, is the one place."""
+    """Cut long texts in the last step of rclpy's loggers, which is in C and shared by all."""
     log = rclpy_implementation.rclpy_logging_rcutils_log
     if getattr(log, "cuts", False):
         return

@@ -137,7 +137,7 @@ MEASURED = 4000
 nobody may be there yet."""
 IMU = _topic(topic_names.IMU, Imu, depth=MEASURED, latched=True)
 ENCODERS = _topic(topic_names.ENCODERS, JointState, depth=MEASURED, latched=True)
-"""Of `steer`: position and effort; of `rear_wheel`: velocity in m/s at the rim."""
+"""Encoders: position and effort of `steer`, velocity of `rear_wheel` in m/s at the rim."""
 GNSS_FIX = _topic(topic_names.GNSS_FIX, NavSatFix, depth=MEASURED, latched=True)
 GNSS_VELOCITY = _topic(
     topic_names.GNSS_VELOCITY, TwistWithCovarianceStamped, depth=MEASURED, latched=True
@@ -145,7 +145,7 @@ GNSS_VELOCITY = _topic(
 SENSOR_TIME = _topic(topic_names.SENSOR_TIME, TimeReference, depth=RESEND)
 """The sensors' clock at a step; `source` is episode and step."""
 ESTIMATE = Topic(topic_names.ESTIMATE, BicycleState, _profile(RESEND, latched=True), _profile(5))
-"""Latched for recorders that come late: each estimate is made from the one before."""
+"""Estimates, latched for late recorders: each estimate is computed from the one before."""
 ESTIMATED_ODOMETRY = Topic(topic_names.ESTIMATED_ODOMETRY, Odometry, _profile(RESEND), _profile(5))
 DRIVER_STATE = _topic(topic_names.DRIVER_STATE, DriverState, depth=RESEND)
 CONTROLLER_SETUP = _topic(topic_names.CONTROLLER_SETUP, String, depth=1, latched=True)

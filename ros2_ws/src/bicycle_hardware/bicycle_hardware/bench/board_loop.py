@@ -14,7 +14,7 @@ PATIENCE_MS = 20
 
 
 class BoardLoop(Loop):
-    """In real time a period begins when it is due, in lock-step when the last one was answered."""
+    """Schedule of the periods: by the clock in real time, after each answer in lock-step."""
 
     simulator: BoardSimulator
     on_begin: Callable[[], None] = staticmethod(lambda: None)

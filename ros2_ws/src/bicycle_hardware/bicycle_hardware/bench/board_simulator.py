@@ -1,4 +1,4 @@
-"""One bicycle whose sensors and motors hang on a microcontroller: nothing else moves it.
+"""Simulated bicycle whose sensors and motors are connected to a microcontroller only.
 
 The microcontroller runs 200 times a second beside the bicycle: it gets the readings that have
 arrived, and the bicycle gets the torque that it gives. Before a ride the bicycle stands, held

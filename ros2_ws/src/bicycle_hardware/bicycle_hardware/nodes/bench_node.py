@@ -77,7 +77,7 @@ class BenchNode(SimNode):
         return loop
 
     def _publish_readings(self) -> None:
-        """Publish none with the state: those of the board come by its line."""
+        """Publish nothing with the state: the board's readings come over the serial line."""
 
     def _publish_fixes(self) -> None:
         """Publish the last period's satellites before the board runs on.

@@ -44,17 +44,17 @@ NAME = "bicycle_driver"
 RETRY = 0.2
 """s between two tries to open the line."""
 LISTEN = 0.05
-"""Longest wait for bytes (s), after which the thread looks whether it is to end."""
+"""Longest wait for bytes before the thread checks for the node's end (s)."""
 ANSWER = 0.5
 """Longest wait for the microcontroller's answer to arming (s)."""
 SILENCE = 0.5
-"""s without a frame that are told."""
+"""Silence of the microcontroller from which on it is reported (s)."""
 OLDEST = 8
 """Steps that a command may be late by."""
 
 
 class Unplugged:
-    """Stands for a line that is not there: what is sent is lost."""
+    """Stand-in for a missing serial line; sent messages are lost."""
 
     def send(self, message: Message) -> int:
         """Lose a message."""
@@ -178,7 +178,7 @@ class DriverNode(Node):
         )
 
     def _tell(self, heard: Heard, now: float) -> None:
-        """Publish what the microcontroller said."""
+        """Publish the microcontroller's messages."""
         if isinstance(heard, Measured):
             self._publish_reading(heard)
         elif isinstance(heard, DriverState):
@@ -313,7 +313,7 @@ class DriverNode(Node):
         return response
 
     def _ask(self, send: Any) -> DriverState | None:
-        """Send, and return the state that the microcontroller answers with; None if none comes."""
+        """Send a message, and return the state that the microcontroller answers with, or None."""
         with self._answer:
             if self._line is None:
                 return None

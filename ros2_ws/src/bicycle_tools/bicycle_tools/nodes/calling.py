@@ -25,7 +25,7 @@ NOBODY = 4
 
 
 class CallError(Exception):
-    """Why there is no answer; its text is one line with the remedy.
+    """Failure of a call; the text is one line with the remedy.
 
     Args:
         status: exit status.

@@ -53,7 +53,7 @@ class Outcome:
     """True if the goal was reached, or the path ridden to its end."""
     cancelled: bool
     message: str
-    """One line for a person."""
+    """Description for people, in one line."""
     result: Any
     """The action's own result."""
 

@@ -1,4 +1,4 @@
-"""`path.sh`: follow a course, and tell how it goes."""
+"""`path.sh`: follow a course, and report its progress."""
 
 from __future__ import annotations
 

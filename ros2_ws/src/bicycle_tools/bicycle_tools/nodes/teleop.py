@@ -64,7 +64,7 @@ def _raw(stream: int) -> Iterator[None]:
 
 
 def ride(node: Node, stream: int) -> None:
-    """Publish what the keys ask for until q."""
+    """Publish the commands that the keys ask for, until q."""
     publisher = advertise(node, topics.CMD_VEL)[topics.CMD_VEL.name]
     wish = Wish()
     print(HELP, flush=True)

@@ -82,9 +82,9 @@ class Verdict:
     checked: int = 0
     """Number of recomputed states that are equal, except for rounding."""
     rounded: int = 0
-    """Number of those that are not equal to the bit."""
+    """Number of checked states that differ by rounding."""
     largest: float = 0.0
-    """Largest difference in a field of those, in its unit."""
+    """Largest difference in a field of a rounded state, in the field's unit."""
     begun: int = 0
     """Number of states without a predecessor: the starts of episodes and of the recording."""
     head: int = 0
@@ -96,7 +96,7 @@ class Verdict:
     unknown: int = 0
     """Number of states that cannot be computed, because a state or command is missing."""
     first_unknown: str = ""
-    """First of them."""
+    """First unknown state."""
     difference: str = ""
     """First state that differs; empty if none does."""
 

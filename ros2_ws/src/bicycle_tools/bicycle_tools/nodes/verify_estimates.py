@@ -71,7 +71,7 @@ class Readings:
         self._stamps: dict[str, list[float]] = {}
 
     def add(self, reading: Reading) -> None:
-        """Take one."""
+        """Add a reading."""
         self._all[reading.sensor].append(reading)
 
     def sort(self) -> None:
@@ -81,7 +81,7 @@ class Readings:
             self._stamps[name] = [one.stamp for one in found]
 
     def between(self, sensor: str, after: float, until: float) -> Sequence[Reading]:
-        """Return those with a stamp above `after` and up to `until`, s."""
+        """Return the readings with a stamp above `after` and up to `until`, s."""
         stamps = self._stamps.get(sensor, [])
         low, high = bisect.bisect_right(stamps, after), bisect.bisect_right(stamps, until)
         return self._all[sensor][low:high] if high > low else ()
@@ -112,9 +112,9 @@ class EstimateVerdict:
     estimates: int = 0
     """Number of estimates that came out again to the bit."""
     commands: int = 0
-    """The same of commands."""
+    """Number of commands that came out again to the bit."""
     guided: int = 0
-    """Those of them by a path's guide or another policy, taken as recorded but for the limits."""
+    """Number of those from a guide or another policy, taken as recorded apart from the limits."""
     unknown: int = 0
     """Number of commands that cannot be computed here."""
     why_unknown: str = ""
@@ -272,7 +272,7 @@ def _readings(sensed: Sensed, sensors: SensorSettings) -> Readings:
 
 
 class _Controller:
-    """One controller's estimator and loop, as they were."""
+    """A controller's estimator and control loop, as recorded."""
 
     def __init__(self, setup: Setup, info: EpisodeInfo, sensed: Sensed) -> None:
         if setup.sensors is None:

@@ -86,7 +86,7 @@ def policy() -> str:
 
 
 def strips(rides: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return name, unit and digits of each strip of which some ride knows anything."""
+    """Return name, unit and digits of each strip for which a ride has values."""
     return [
         {"name": name, "unit": unit, "digits": digits}
         for name, unit, _, _, digits in STRIPS

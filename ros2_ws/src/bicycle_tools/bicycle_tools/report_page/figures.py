@@ -26,7 +26,7 @@ SHADES = {"watchdog": FAILED, "held": SHIFT}
 
 @dataclass(frozen=True)
 class Strip:
-    """One quantity over time.
+    """Quantity over time.
 
     Attributes:
         label: of the axis, with the unit.
