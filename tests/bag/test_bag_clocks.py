@@ -33,7 +33,7 @@ def message(log_ns: int, topic: str = "/a", publish_ns: int = 0) -> BagMessage:
 def played(
     path: Path, options: PlayOptions | None = None
 ) -> tuple[list[float], list[tuple[str, bytes]], list[str]]:
-    """When what is due of a bag, and what is told of its clock."""
+    """Return when each message is due, the messages, and the lines about the bag's clock."""
     told: list[str] = []
     items = list(Playback(BagReader(path), options or PlayOptions()).timeline(told.append))
     messages = [item for _, item in items if isinstance(item, BagMessage)]
@@ -285,7 +285,7 @@ def test_large_messages_are_not_held_by_the_thousand(monkeypatch: pytest.MonkeyP
 
 
 def test_a_recorder_keeps_each_topics_order_when_its_clock_is_set_back() -> None:
-    """Within one tick of the recorder: before and after lie in its hands together."""
+    """The messages from before and after arrive within one tick of the recorder."""
     order = Reorder()
     sent = [(topic, n) for n in range(8) for topic in ("/a", "/b")]
     for topic, n in sent:

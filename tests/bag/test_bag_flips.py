@@ -1,4 +1,4 @@
-"""One flipped bit, in every kind of record: nothing is invented, and what is lost is told."""
+"""A flipped bit in every kind of record: no message is invented, and each loss is reported."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ KINDS = (
 
 @pytest.fixture
 def folder() -> Iterator[Path]:
-    """In memory: a repair waits for the disk."""
+    """Return a folder in memory, because a repair waits for the disk."""
     with tempfile.TemporaryDirectory(dir=MEMORY) as name:
         yield Path(name)
 
@@ -78,7 +78,7 @@ def messages_in(data: bytes, span: tuple[int, int]) -> int:
 
 
 def read(file: Path) -> tuple[list[Message], str]:
-    """Return the messages that come out, and what the reading ends in."""
+    """Return the messages read, and the error at the end."""
     found: list[Message] = []
     trouble = ""
     try:

@@ -1,4 +1,4 @@
-"""Whatever the bytes of a bag are: messages or one line, bounded in time and memory."""
+"""Any bytes as a bag: messages or one line, bounded in time and memory."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from bicycle_bag.reader import BagReader
 STEPS = 12
 Message = tuple[str, bytes, int, int]
 MOST_BYTES = 1500 * 2**20
-"""Of address space beyond what the process has: a length that is believed would need more."""
+"""Address space beyond the process's own; believing a corrupt length would need more."""
 MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None
 """Folder of the files, in memory: a repair waits for the disk, and hundreds would be slow."""
 FUZZ = settings(
@@ -56,7 +56,7 @@ def heads(compression: str) -> list[int]:
 
 @pytest.fixture(autouse=True)
 def bounded_memory() -> Iterator[None]:
-    """Reserving what a corrupt length asks for fails the test."""
+    """Limit the memory, so that reserving a corrupt length fails the test."""
     soft, hard = resource.getrlimit(resource.RLIMIT_AS)
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MOST_BYTES, hard))
@@ -70,7 +70,7 @@ def one_line(error: BagError) -> None:
 
 
 def contents(file: Path) -> tuple[list[Message], bool]:
-    """Return the messages that come out, and whether that is told to be all."""
+    """Return the messages read, and True if they are said to be all."""
     found: list[Message] = []
     try:
         for m in BagReader(file).messages():

@@ -45,7 +45,7 @@ CONDITIONS = Conditions(
     motor_lag=0.03, torque_limit=7.0, friction=0.5, wind=1.0, speeds=(1.5, 5.0)
 )
 SHARE = 0.3
-"""Of the frames that a bad wire spoils."""
+"""Share of the frames that a bad wire spoils."""
 
 
 @dataclass

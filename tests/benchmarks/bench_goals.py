@@ -59,7 +59,7 @@ WANTED = 0.99
 SCORED = {20: 0.8, 100: 0.97, 1000: WANTED}
 """Goals of each score, and the share of them from which the next score is taken."""
 SEED = 77
-"""Of the goals that are scored, the same for all."""
+"""Seed of the scored goals, the same for all."""
 FIRST, APART = 1.0, 0.1
 """s of processor time until the first score, and the share of it between two scores."""
 REGISTERED = TrainingVariant(

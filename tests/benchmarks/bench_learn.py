@@ -30,7 +30,7 @@ SIGMAS = (0.05, 0.1, 0.15, 0.2)
 STEPS = 36_000
 """A quarter of an hour."""
 FIRST_SEED = 200
-"""Of the first bag; each next one adds 1."""
+"""Seed of the first bag; each further bag adds 1."""
 DATA = {"hour": "bags", "quarter": "bags/bag-0.1", "timid": "bags/bag-0.05"}
 LEARNERS = {
     "plain": ("offline-plain",),

@@ -42,7 +42,7 @@ PPO_STEPS = 102_400
 EPISODES = 100
 PACKAGES = ("torch", "numpy", "gymnasium", "stable-baselines3")
 EVALUATION_SEED = 50_000
-"""Of the first of the episodes that are scored."""
+"""Seed of the first scored episode."""
 
 OFF_POLICY = (
     f"steps={OFF_POLICY_STEPS}",

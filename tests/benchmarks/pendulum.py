@@ -24,7 +24,7 @@ OVERRIDES = (
     "scenario.displacement_limit=0",
     "starts.max_steps=200",
 )
-"""One action, as large as the pendulum's; its episodes end after 200 steps, never before."""
+"""Scenario whose only action is as large as the pendulum's; episodes end after 200 steps only."""
 
 
 class PendulumTask:

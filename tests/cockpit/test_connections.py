@@ -259,7 +259,7 @@ STARVED = """
 
 
 def test_a_process_with_few_files_is_not_made_unreachable(tmp_path: Path) -> None:
-    """With 200 descriptors, 260 half-open connections made 45,302 lines in 12 s and no page."""
+    """260 half-open connections at 200 descriptors once made 45,302 lines in 12 s and no page."""
 
     def few_files() -> None:
         _, hard = resource.getrlimit(resource.RLIMIT_NOFILE)

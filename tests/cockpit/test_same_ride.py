@@ -19,7 +19,7 @@ PUSHED = 343
 
 
 def table(ride: dict[str, Any]) -> dict[str, np.ndarray]:
-    """Its columns by name."""
+    """Return a ride's columns by name."""
     numbers = (np.array(column, dtype=np.float64) for column in ride["data"])
     return dict(zip(ride["columns"], numbers, strict=True))
 

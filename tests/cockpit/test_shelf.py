@@ -67,7 +67,7 @@ def test_the_list_has_the_ride_s_own_time_not_only_that_of_the_recording(bag: Pa
 
 @pytest.mark.parametrize("how", ["folder", "file"])
 def test_a_bag_without_metadata_is_listed_too(bag: Path, tmp_path: Path, how: str) -> None:
-    """As another program leaves it, or a recorder that was killed after its file was whole."""
+    """Other programs, and a recorder killed after its file was whole, leave such a bag."""
     if how == "folder":
         shutil.copytree(bag, tmp_path / "left")
         (tmp_path / "left" / "metadata.yaml").unlink()

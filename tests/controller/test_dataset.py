@@ -76,7 +76,7 @@ def test_the_ride_holds_what_the_tests_are_about(recorded: Dataset) -> None:
 def test_without_echoes_each_answer_is_taken_for_applied(
     ride: list[Message], recorded: Dataset, tmp_path: Path
 ) -> None:
-    """As of a bicycle whose driver does not tell; in lock-step that is the truth."""
+    """A bicycle's driver may publish no echoes; in lock-step the assumption is exact."""
     guessed = dataset.load([write_bag(tmp_path / "bag", iter(ride), [ECHO])])
     assert guessed.lost == {"states": 0, "commands": 0}
     assert_equal(recorded.transitions, guessed.transitions)
@@ -145,7 +145,7 @@ def test_a_lost_command_costs_nothing(
 
 def test_a_held_command_is_the_action_of_the_steps_that_it_ruled(tmp_path: Path) -> None:
     def late(messages: Iterator[Message]) -> Iterator[Message]:
-        """As if the answer to step 20 had come too late: step 20 goes on under that to 19."""
+        """Return the ride as if the answer to step 20 were late and the one to 19 held."""
         for topic, message, time in messages:
             if topic == ECHO and message.step == 21:
                 message.command_source = int(CommandSource.HELD)

@@ -19,12 +19,12 @@ Kind = Callable[[DdpgConfig, int, int], Ddpg]
 
 
 def fused(config: DdpgConfig, actions: int, seed: int) -> Ddpg:
-    """By hand in torch."""
+    """Use the hand-written updates in torch."""
     return FusedDdpg(replace(config, backend="fused"), actions, seed)
 
 
 def native(config: DdpgConfig, actions: int, seed: int) -> Ddpg:
-    """By hand in C++."""
+    """Use the hand-written updates in C++."""
     return FusedDdpg(replace(config, backend="native"), actions, seed)
 
 
@@ -272,7 +272,7 @@ def test_imitation_pulls_towards_what_the_teacher_shows() -> None:
 
 
 def distance(agent: Ddpg, replay: ReplayBuffer) -> float:
-    """Mean squared distance of the actor's answers to what the teacher showed."""
+    """Return the mean squared distance of the actor's actions from the teacher's."""
     rows = replay.table.numpy()
     return float(np.square(agent.act(rows[:, :6]) - rows[:, -2:]).mean())
 

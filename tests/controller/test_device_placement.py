@@ -26,7 +26,7 @@ LEARNERS = ("paper", "authors", "fast", "guided", "guided-speed", "offline", "na
 
 
 class CpuGenerator(torch.Generator):
-    """One of the CPU, whatever was asked for."""
+    """Generator on the CPU, whatever device was asked for."""
 
     def __new__(cls, *_: object) -> CpuGenerator:
         return super().__new__(cls)

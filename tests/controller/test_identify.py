@@ -82,7 +82,7 @@ def write(path: Path, header: list[str], rows: np.ndarray) -> Path:
 def test_a_simulated_ride_gives_its_bicycle_back(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """From another bicycle's numbers: modes within 2 % from 120 s of noisy ride."""
+    """Starting from another bicycle's numbers, 120 s of noisy ride give modes within 2 %."""
     truth = catalogue.load("browser-rider").parameters
     truth = replace(truth, motor=replace(truth.motor, lag=0.02), delay=0.02)
     b = truth.bicycle
@@ -122,7 +122,7 @@ def test_a_simulated_ride_gives_its_bicycle_back(
 def test_logs_of_three_speeds_foretell_a_real_bicycle_at_another_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """From 7.2, 14.4 and 18 km/h: the weave at 10.8 km/h, and the lean rate after a push."""
+    """Logs at 7.2, 14.4 and 18 km/h predict weave at 10.8 km/h and lean rate after a push."""
     logs = [str(DATA / f"sbw_{speed}kph.csv.gz") for speed in ("7.2", "14.4", "18")]
     held = str(DATA / "sbw_10.8kph_impulses.csv.gz")
     out = tmp_path / "found.yaml"
@@ -196,7 +196,7 @@ def test_columns_come_in_any_order_unit_and_rate_with_gaps(tmp_path: Path) -> No
 
 
 def test_a_bag_holds_the_torque_beside_the_states_that_it_leads_to() -> None:
-    """Its own bicycle explains it; with the torque turned round or a step late it does not."""
+    """The bag's own bicycle explains the ride, unless the torque is reversed or a step late."""
     path = DATA.parent / "whipple-state-2"
     physics = load_topics(BagReader(path), ["/bicycle/episode"])["/bicycle/episode"]["physics"][0]
     parameters = from_dict({k: v for k, v in json.loads(str(physics)).items() if k != "plant"})
@@ -217,7 +217,7 @@ def test_a_bag_holds_the_torque_beside_the_states_that_it_leads_to() -> None:
 
 
 def test_rides_in_one_file_are_told_apart(tmp_path: Path) -> None:
-    """By `log_kph`, as the file of impulses has it, and cut where `row` jumps."""
+    """Column `log_kph` separates rides, as in the file of impulses; a jump of `row` cuts one."""
     lines = [
         f"{kph},{row},{kph / 3.6:.4f},{0.01 * (row % 7)},0.0,0.1"
         for kph, rows in ((7.2, [*range(100), *range(300, 400)]), (18.0, range(50, 150)))

@@ -49,7 +49,7 @@ class Still:
 def test_an_lqr_catches_what_another_program_found(
     bicycle: str, speed: float, known: float
 ) -> None:
-    """One step of delay, 7 N m; that program had other weights and steps of 2 deg/s."""
+    """The figures are for a step of delay and 7 N m, with other weights, in steps of 2 deg/s."""
     ridden = plant(bicycle, 0.025, 0.0)
     found = largest(LqrController.named("lqr", ridden), ridden, speed, LIMITS, QUICK)
     assert found.straight[0] == pytest.approx(known, rel=0.1)

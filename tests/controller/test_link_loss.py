@@ -1,4 +1,4 @@
-"""When the commands stop: the firmware's law keeps bicycles upright, hold-then-zero does not."""
+"""Loss of commands: the firmware's law keeps bicycles upright, hold-then-zero does not."""
 
 from __future__ import annotations
 

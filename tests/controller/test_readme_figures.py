@@ -32,7 +32,7 @@ CONDITIONS = {
 }
 """Rows of the table, by the options of `bicycle evaluate` that they were ridden with."""
 ACTORS = ("fixed-speed", "small-displacement", "learned-speed", "naf", "ppo")
-"""In the order of the table's columns."""
+"""Actors in the order of the table's columns."""
 AGAINST = {
     "fixed-speed": "lqr-20cm",
     "small-displacement": "lqr-displacement",

@@ -192,7 +192,7 @@ def test_pending_returns_go_on_to_the_bit() -> None:
 
 @pytest.mark.parametrize("absorbing", [False, True])
 def test_one_step_returns_are_those_of_the_general_way(absorbing: bool) -> None:
-    """To the bit, and with the same pending state."""
+    """The results are equal to the bit, and the pending state is the same."""
     worth = RewardShaping(1, 0.99, 0.3, absorbing, cost_cap=2.0, step_cost=0.1)
     quick, general = (NStepAccumulator(5, 2, worth, expert_action=True) for _ in range(2))
     rng = np.random.default_rng(1)

@@ -52,7 +52,7 @@ def upright() -> np.ndarray:
 
 
 class Faulty:
-    """One bicycle's policy that fails when the test says so."""
+    """Policy for one bicycle that fails when the test says so."""
 
     policy_id = "faulty"
 
@@ -111,7 +111,7 @@ def test_below_and_beyond_the_speeds_of_the_mode_its_ends_hold() -> None:
 def test_elsewhere_the_envelope_is_the_least_of_three(
     monkeypatch: pytest.MonkeyPatch, torque: float, steering: float, limit: float
 ) -> None:
-    """Of what the torque, what the handlebar can bring back, and of a lean short of lying."""
+    """The bounds are the torque's, the handlebar's, and a lean short of lying."""
     monkeypatch.setattr(recoverable, "farthest", lambda model, torque_limit: torque)
     monkeypatch.setattr(recoverable, "within_steering", lambda model: steering)
     speeds, found = safety.envelope(registry.named("whipple", "browser-rider"))

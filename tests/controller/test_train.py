@@ -143,7 +143,7 @@ def start(words: list[str], **variables: str) -> subprocess.Popen[str]:
 
 
 def wait_for(path: Path, process: subprocess.Popen[str], lines: int) -> None:
-    """Until the log has so many lines and there is a checkpoint."""
+    """Wait until the log has so many lines and there is a checkpoint."""
     log, state = path / "log.jsonl", path / "checkpoint" / "state.pt"
     until(lambda: state.exists() and log.read_bytes().count(b"\n") >= lines, process)
 

@@ -1,4 +1,4 @@
-"""In what a ride differs from those that a controller was made for."""
+"""Differences of a ride from those that a controller was made for."""
 
 from __future__ import annotations
 

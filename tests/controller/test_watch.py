@@ -18,7 +18,7 @@ PERIOD = 0.025
 
 
 def told(speed_up: float = 0.0, /, **changed: Any) -> tuple[str, ...]:
-    """Everything that was told during a ride of 8 s with turns, by the sensor's words."""
+    """Return all problems reported during a ride of 8 s with turns, by sensor."""
     plant = registry.named("whipple", "browser-rider")
     who = LqrController(LqrConfig(torque_limit=7.0), plant)
     data = sensors.load("mpu6050-rtk").to_dict() | {"rest": 1.0}

@@ -87,7 +87,7 @@ def start_node(
 
 @pytest.fixture
 def makes_shared_memory() -> Iterator[None]:
-    """For tests that open DDS beyond loopback, which brings shared memory with it."""
+    """Allow shared memory in a test that opens DDS beyond loopback."""
     with shared_memory(fcntl.LOCK_EX):
         yield
 

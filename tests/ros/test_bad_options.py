@@ -92,7 +92,7 @@ def odd(action: argparse.Action) -> Iterator[str]:
 
 
 def options(parser: argparse.ArgumentParser) -> list[argparse.Action]:
-    """Those that are not only for help."""
+    """Return a parser's options, except those that only print help."""
     ends = argparse._HelpAction | argparse._VersionAction
     return [item for item in parser._actions if not isinstance(item, ends)]
 

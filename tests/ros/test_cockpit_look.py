@@ -58,7 +58,8 @@ def overlaps(page: BrowserPage) -> list[str]:
 
 
 def test_the_head_overlaps_itself_at_no_width(page: BrowserPage, other: Page) -> None:
-    """From 320 to 1,440 px; 200 % zoom of a laptop's 1,280 or 1,440 px are 640 and 720 of them."""
+    """The widths are 320 to 1,440 px; 200 % zoom of a laptop's 1,280 or 1,440 px makes 640 and
+    720."""
     ride(page)
     fall(page, other)
     for width, height in itertools.product(WIDTHS, (450, 900)):

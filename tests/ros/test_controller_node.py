@@ -297,7 +297,7 @@ def test_a_policy_that_cannot_be_loaded_changes_nothing(
 def test_a_policy_that_rides_another_bicycle_than_it_was_trained_on_is_warned_of(
     start_sim: Any, start_controller: Any, probe: Probe
 ) -> None:
-    """In the log, in the answer to who loads it, and in the diagnostics that the page shows."""
+    """The warning is in the log, in the service's answer, and in the diagnostics for the page."""
     told: list[str] = []
 
     def hear(array: DiagnosticArray) -> None:

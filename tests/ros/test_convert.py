@@ -90,7 +90,7 @@ def test_a_point_is_flat_and_no_point_is_not_a_number() -> None:
 @pytest.mark.parametrize("yaw", [-3.0, -1.0, 0.0, 0.25, 1.5, 3.0])
 @pytest.mark.parametrize("roll", [-0.5, 0.0, 0.3])
 def test_a_quaternion_is_roll_then_yaw(yaw: float, roll: float) -> None:
-    """By the product of the two rotations, component by component."""
+    """The reference is the product of the two rotations, component by component."""
     turn = convert.to_quaternion(yaw, roll)
     about_z = (math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2))
     about_x = (math.cos(roll / 2), math.sin(roll / 2), 0.0, 0.0)
@@ -167,7 +167,7 @@ def test_a_state_has_the_messages_signs() -> None:
 
 
 def test_a_state_survives_the_trip_to_the_bit() -> None:
-    """Over the wire, with the heading that the contacts give, as the dynamics take it."""
+    """The message is serialised; the heading is computed from the contacts, as in the dynamics."""
     state = ridden()
     message = convert.from_snapshot(state, NOW)
     wired = deserialize_message(serialize_message(message), BicycleStateMessage)
@@ -230,7 +230,7 @@ def test_a_command_without_a_goal_has_none() -> None:
 
 
 def test_an_echo_holds_the_command_as_it_came() -> None:
-    """The message itself, not one that is made again of its numbers."""
+    """The echo holds the message itself, not one rebuilt from its numbers."""
     message = convert.from_command(COMMAND, Time(sec=5))
     message.header.frame_id = "whatever its sender wrote"
     applied = AppliedCommand(CommandSource.HELD, convert.to_command(message))

@@ -76,7 +76,7 @@ PROGRAMS = {
     "bin/bicycle": ("--help",),
 }
 MOMENTS = int(os.environ.get("BICYCLE_MOMENTS", "4"))
-"""At how many moments each program is asked to end."""
+"""Number of moments at which each program is asked to end."""
 TOLD = {
     "SHELLOPTS": "xtrace",
     "PYTHONPROFILEIMPORTTIME": "1",
@@ -84,7 +84,7 @@ TOLD = {
 }
 """Has bash tell each command and Python each import: moments by what happens, not by the clock."""
 FIRST_LINES = 20
-"""Until here a script may not have come to the line where it takes signals."""
+"""Lines of a script before the one where it takes signals."""
 QUIET = 5.0
 """s without a word: it is up, or waits for somebody."""
 

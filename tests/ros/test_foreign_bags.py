@@ -169,7 +169,7 @@ def test_verify_of_a_huge_step_takes_no_memory(tmp_path: Path, step: int) -> Non
 def test_a_bag_whose_clock_was_set_back_is_played_at_once_and_proved(
     start_node: Start, tmp_path: Path
 ) -> None:
-    """By an hour, in the middle; its first messages at log time 0."""
+    """The clock goes back by an hour in the middle; the first messages have log time 0."""
     count = len(sound())
     times = [
         now - (3600 * SECOND if n > count // 2 else 0) for n, (_, _, now) in enumerate(sound())

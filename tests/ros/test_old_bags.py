@@ -106,7 +106,7 @@ def _echoes(path: Path) -> list[list[tuple[CommandEcho, BicycleState]]]:
 
 
 def test_its_states_come_out_again(old: Path) -> None:
-    """To the bit on the kind of processor that recorded it, but for rounding on another."""
+    """States are equal to the bit on the recording processor's kind, else but for rounding."""
     (*_, verdict) = verify.verify(verify.read(old))
     assert verdict.same, verdict
     assert verdict.largest < 1e-12

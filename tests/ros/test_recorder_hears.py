@@ -100,7 +100,7 @@ def test_what_was_sent_before_the_end_is_recorded_however_late_it_is_heard(
 def test_what_waits_when_the_clock_is_set_is_recorded(
     start_node: Start, tmp_path: Path, jump: int
 ) -> None:
-    """By an hour, while a recorder that is late has messages unheard; then it ends."""
+    """The clock goes back by an hour while messages wait for a late recorder; then it ends."""
     moved, library = tmp_path / "moved", tmp_path / "clock_jump.so"
     moved.write_bytes(struct.pack("q", 0))
     build = ["g++", "-x", "c", "-shared", "-fPIC", str(CLOCK_JUMP), "-o", str(library)]
@@ -183,7 +183,7 @@ def test_a_best_effort_publisher_that_came_and_went_costs_a_reliable_one_nothing
 def test_a_recorder_that_stood_still_for_longer_than_the_lease_loses_no_step(
     start_node: Start, tmp_path: Path, ros_domain: int
 ) -> None:
-    """Nor where its socket holds next to nothing."""
+    """This holds for a very small socket buffer, too."""
     bag, profiles = tmp_path / "bag", tmp_path / "profiles.xml"
     given = Path(os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"]).read_text()
     small = re.sub(r"(<receiveBufferSize>)\d+", r"\g<1>65536", given)

@@ -31,7 +31,7 @@ pytestmark = [pytest.mark.ros, pytest.mark.slow]
 RIDE = Path(__file__).resolve().parents[2] / "ros2_ws" / "ride.sh"
 NEAR = ("--goals", "3", "--field", "20", "--seed", "1", "controller.policy:=lqr")
 MANY = ("--goals", "20", *NEAR[2:])
-"""As many as nobody reaches before the test has seen the first, though the machine is busy."""
+"""More goals than can be reached before the test has seen the first, on a busy machine too."""
 ENDLESS = ("--minutes", "1000", *NEAR[2:])
 LOCKSTEP = "simulator.pace:=lockstep"
 Start = Callable[..., NodeProcess]

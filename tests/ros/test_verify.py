@@ -222,7 +222,7 @@ def test_no_number_is_no_rounding(ride: list[Message], tmp_path: Path, wrong: fl
 
 @pytest.mark.parametrize("topic", [COMMANDS, ECHOES])
 def test_a_missing_command_is_told(ride: list[Message], tmp_path: Path, topic: str) -> None:
-    """Of the commands also the sent one, for the echo alone proves nothing."""
+    """A sent command without its echo is missed too, for the echo alone proves nothing."""
     steps = (30, 40) if topic == COMMANDS else (31, 41)
     verdict = judged(tmp_path / "bag", changed(ride, without(topic, *steps)))
     assert (verdict.checked, verdict.unknown, verdict.head) == (STEPS - 2, 2, 0)

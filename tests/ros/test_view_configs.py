@@ -120,7 +120,7 @@ PANELS = {
 }
 """Panels by their name in a layout file, and the SDK's definition of their settings."""
 TITLE = {"title"}
-"""Of a panel's frame, not of its settings."""
+"""Fields of a panel's frame, as opposed to its settings."""
 OF_TOPIC = {
     "/robot_description": "BaseRendererUrdfTopicSettings",
     "/bicycle/markers": "BaseRendererRosMarkerTopicSettings",

@@ -17,12 +17,12 @@ from bicycle_sim.plants.base import Array, BodyState, Geometry, Linear, Loads, P
 
 GRAVITY, HEIGHT, LENGTH = 9.81, 1.0, 1.0
 STATES = ("steer_rate", "heading_error", "lean_rate", "steer_angle", "lean_angle")
-"""In an order of its own: whoever takes the linear model must go by names."""
+"""States in an order of their own, so that users of the linear model must go by names."""
 
 
 @dataclass
 class PointMassState(BodyState):
-    """With the torque of the step before, which still acts."""
+    """State with the torque of the step before, which still acts."""
 
     last_torque: np.ndarray
 

@@ -103,7 +103,7 @@ def tape(b: Bicycle, **more: float) -> Measured:
 
 
 def test_a_tape_measure_finds_the_weave_speed_roughly() -> None:
-    """Of ten measured bicycles: half within 0.2 m/s, all but one within 0.8 m/s."""
+    """Half of ten measured bicycles are within 0.2 m/s, all but one within 0.8 m/s."""
     errors = []
     for name in MEASURED:
         guessed, notes = measure.bicycle(tape(bicycle(name)))
@@ -153,7 +153,7 @@ def test_fork_offset_gives_the_trail() -> None:
 def test_a_rider_by_weight_and_height(
     name: str, mass: float, height: float, forward: float, mean: float
 ) -> None:
-    """Against the rider who was measured in 95 places, on the same bicycle."""
+    """The reference is the rider who was measured in 95 places, on the same bicycle."""
     rider = measure._rider(
         tape(
             bicycle(name),

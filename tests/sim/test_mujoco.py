@@ -53,7 +53,7 @@ def fitted(speed: float) -> np.ndarray:
 
 @pytest.mark.parametrize("speed", [4.0, 5.0, 6.0])
 def test_the_weave_is_the_whipple_bicycle_s(speed: float) -> None:
-    """Within 0.03 1/s and 1 % of the frequency."""
+    """Modes agree within 0.03 1/s and 1 % of the frequency."""
     exact = linear.eigenvalues(catalogue.load("benchmark").parameters.bicycle, np.array([speed]))[
         0
     ]
@@ -99,7 +99,7 @@ def test_a_push_is_recovered_from_as_on_the_whipple_bicycle() -> None:
 
 
 def test_kicks_are_caught_as_on_the_whipple_bicycle() -> None:
-    """Within 10 %, under the same LQR that knows delay and motor lag."""
+    """Kicks agree within 10 %, under the same LQR, which knows delay and motor lag."""
     known = replace(
         catalogue.load("browser-rider").parameters, delay=0.05, motor=Motor(lag=0.03, limit=7.0)
     )

@@ -26,7 +26,7 @@ def weave(bicycle: str, speed: float, gain: float) -> complex:
 
 @pytest.mark.parametrize("speed", [2.0, 3.0, 4.0, 5.0])
 def test_the_steer_by_wire_bicycle_weaves_as_measured(speed: float) -> None:
-    """With the measured parameters and the law as logged, 2 (6.5 - v) times the lean rate.
+    """The model has the measured parameters and the logged law, 2 (6.5 - v) times the lean rate.
 
     The bicycle computes its law from its own wheel's speed, which reads 2 to 4 % more than the
     treadmill; the logs hold both, the torque that was commanded and the treadmill's speed.

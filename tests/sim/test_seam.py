@@ -88,7 +88,7 @@ def test_one_bicycle_rides_as_many_do(plant: Plant[Any]) -> None:
 
 @pytest.mark.parametrize("begun", [0, 2, 9])
 def test_restored_from_any_state_it_repeats_every_bit(plant: Plant[Any], begun: int) -> None:
-    """From the numbers that a message carries, with plant and scenario as JSON carries them."""
+    """The state comes from a message's numbers, plant and scenario from JSON."""
     simulator = Simulator(SCENARIO, plant, seed=5)
     states: list[BicycleState] = [simulator.reset(InitialPose(0.0, 0.0, 0.5, 4.0))]
     given = commands(plant, 20)
@@ -128,7 +128,7 @@ def test_where_it_lies_says_the_plant() -> None:
 
 
 def test_an_lqr_of_its_own_model_rides_each(plant: Plant[Any]) -> None:
-    """To goals all around, by the observation alone; fallen or lost none."""
+    """It reaches goals all around by the observation alone, without a fall."""
     near = Region((-20.0, -20.0), (20.0, 20.0))
     scenario = replace(NEAR, start=near, goal=near)
     controller = LqrController(None, plant)

@@ -76,7 +76,7 @@ def test_wheel_loads_of_the_published_bicycle() -> None:
 
 @pytest.mark.slow
 def test_energy_and_the_front_wheel_for_ten_seconds() -> None:
-    """At 1 ms, after a push, within the self-stable speeds; lean becomes speed (4.6 to 4.62)."""
+    """Steps of 1 ms after a push at a self-stable speed; lean becomes speed (4.6 to 4.62)."""
     plant = WhipplePlant(Parameters(benchmark(), substeps=25))
     state = riding(plant, 4.6, 0.5)
     begun, drift, height = energy(plant, state), 0.0, 0.0

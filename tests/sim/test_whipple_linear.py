@@ -63,7 +63,7 @@ def polished(root: complex, coefficients: list[Decimal]) -> complex:
 
 
 def test_eigenvalues_between_the_published_speeds() -> None:
-    """Against the roots, in 50 digits, of the polynomial that the exact matrices have."""
+    """The reference is the polynomial of the exact matrices, with roots in 50 digits."""
     exact = published("benchmark_matrices.json")["exact"]
     m, c, k0, k2 = (
         [[Decimal(value) for value in row] for row in exact[name]]
@@ -108,7 +108,7 @@ def test_modes_have_the_names_of_the_literature() -> None:
 
 
 def test_self_stable_speeds_of_measured_bicycles() -> None:
-    """Of the rounded sets of BicycleParameters' wheel, found there on a grid of 0.01 m/s."""
+    """The sets are BicycleParameters' rounded ones; it found the speeds on a 0.01 m/s grid."""
     data = published("rounded_bicycles.json")
     assert len(data["sets"]) == 12
     for name, values in data["sets"].items():
@@ -119,7 +119,7 @@ def test_self_stable_speeds_of_measured_bicycles() -> None:
 
 
 def test_the_two_mass_skate_balances_itself_above_2_8_m_s() -> None:
-    """As Kooijman et al. 2011 (10.1126/science.1201959) found, though nothing in it spins."""
+    """Kooijman et al. 2011 (10.1126/science.1201959) found this, though nothing in it spins."""
     skate = catalogue.load("two-mass-skate").parameters.bicycle
     (stable,) = linear.critical_speeds(skate).stable
     assert stable[0] == pytest.approx(2.8, abs=0.05)

@@ -99,7 +99,7 @@ def test_it_never_changes_its_input(library: Library) -> None:
 
 
 def test_no_product_is_fused(tmp_path: Path) -> None:
-    """Compiled for the widest instructions, there is no fused multiply-add in it."""
+    """Code compiled for the widest instructions has no fused multiply-add."""
     objdump = shutil.which("objdump")
     if objdump is None:
         pytest.skip("no objdump here")

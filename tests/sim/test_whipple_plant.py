@@ -79,7 +79,7 @@ def test_delay_in_whole_substeps_is_exact(delay: float) -> None:
 
 
 def test_delay_within_a_substep_keeps_the_impulse() -> None:
-    """Between the responses to the delays of the substep's two ends, by its share of it."""
+    """The response lies between those for the substep's two ends, by the delay's share of it."""
 
     def response(delay: float) -> np.ndarray:
         plant = plant_with(delay=delay)

@@ -12,7 +12,7 @@ SECOND = 1_000_000_000
 HOUR = 3600 * SECOND
 
 Clock = Callable[[float, int], int]
-"""From the share of the messages that came before and a sound time to what is written, ns."""
+"""Clock that writes a bag: log time (ns) from the share of messages written and the true time."""
 
 
 def _set_back(share: float, now: int) -> int:

@@ -56,7 +56,7 @@ def lived_in() -> set[int]:
 
 
 def left_at(domain: int) -> float:
-    """When a test left a domain, s since 1970; 0 where none did."""
+    """Return the time at which a test left a domain, s since 1970; 0 if none did."""
     path = LOCKS / str(domain)
     return path.stat().st_mtime if path.exists() else 0.0
 

@@ -1,4 +1,4 @@
-"""One bicycle in plain Python, as Randlov & Alstrom's program has it: what tests compare with.
+"""One bicycle in plain Python, as in Randlov & Alstrom's program: the reference of tests.
 
 It follows the errata table's section on their equations word for word, radii, large constant
 and all, and shares no code with `bicycle_sim.plants.choi.dynamics`.

@@ -23,7 +23,7 @@ TYPES = {
     "/bicycle/episode": "EpisodeInfo",
 }
 STEPS = 200
-"""Of each of the two episodes; the first ends with a fall 10 steps before."""
+"""Steps of each of the two episodes; the first ends with a fall 10 steps before."""
 FELL_AT = STEPS - 10
 WATCHDOG = range(50, 60)
 EVIL = '<script>alert("x")</script>'

@@ -187,21 +187,21 @@ Rule = Callable[..., None]
 One = TypeVar("One")
 
 
-def chosen(those: Sequence[One], which: int) -> One:
-    """Return one of what is there, by a number that knows nothing of it."""
-    return those[which % len(those)]
+def chosen(items: Sequence[One], number: int) -> One:
+    """Return an item by any number, also one beyond the last item."""
+    return items[number % len(items)]
 
 
 @dataclass(frozen=True)
 class Command:
-    """When a command can be given, and with what."""
+    """Condition of a command, and its arguments."""
 
     needs: Callable[[Any], object]
     drawn: dict[str, st.SearchStrategy[Any]]
 
 
 COMMANDS: dict[str, Command] = {}
-"""By the name of the method that gives it."""
+"""Commands by the name of the method that gives them."""
 
 
 def command(
