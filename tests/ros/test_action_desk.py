@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import pytest
+from bicycle_msgs.action import RideToPose
 from node_process import NodeProcess
 from probe import Probe
+from rclpy.action import ActionClient
 from waiting import PATIENCE, until
 
 from bicycle_common.nodes import topics
+from bicycle_common.nodes.goal_orders import to_order
 from bicycle_common.nodes.topics import STATE
 from bicycle_controller.control.goals import Status
 from bicycle_controller.control.guide import PathEnd
@@ -73,9 +77,11 @@ def test_goals_courses_and_paths_by_action(bicycle: BicycleCommander, probe: Pro
     assert path.result.status == PathEnd.FINISHED
     assert path.result.rms < 0.3
     probe.spin_until(
-        lambda: any(one.status == PathEnd.FINISHED for one in probe[topics.PATH_STATUS])
+        lambda: any(
+            (one.name, one.status) == ("lane-change", PathEnd.FINISHED)
+            for one in probe[topics.PATH_STATUS]
+        )
     )
-    assert {one.name for one in probe[topics.PATH_STATUS]} >= {"lane-change"}
     assert len(probe[topics.FOLLOWED_PATH]) >= 1
     policies = {one.policy.partition("-")[0] for one in probe[topics.COMMAND]}
     assert "follow" in policies
@@ -88,6 +94,25 @@ def test_goals_courses_and_paths_by_action(bicycle: BicycleCommander, probe: Pro
 
     bicycle.follow_course("slalon")
     assert "did you mean 'slalom'" in bicycle.wait(timeout=PATIENCE).message
+
+
+def test_an_order_that_comes_as_soon_as_it_can_is_taken(
+    start_node: StartNode, ros_domain: int
+) -> None:
+    start_node("bicycle_sim.nodes.sim_node", words(pace="lockstep")).wait_for_line("waits")
+    for _ in range(5):  # the actions' thread may serve while the node is still being made
+        probe = Probe(ros_domain, topics.GOAL_STATUS)
+        client = ActionClient(probe.node, RideToPose, topics.RIDE_TO_POSE.name)
+        controller = start_node("bicycle_controller.nodes.controller_node", words(policy="lqr"))
+        until(client.server_is_ready)
+        client.send_goal_async(to_order([(1e4, 0.0)]))
+        heard = probe[topics.GOAL_STATUS]
+        probe.spin_until(partial(len, heard))
+        told = heard[0]
+        assert told.status != Status.REJECTED, told.message
+        client.destroy()
+        probe.close()
+        assert controller.stop() == 0
 
 
 def test_goals_in_order_with_a_direction_at_the_last(

@@ -121,11 +121,6 @@ class ControllerNode(LifecycleNode):
         listen(self, topics.GOAL_POSE, self._on_goal_pose)
         listen(self, topics.GOAL_PATH, self._on_goal_path)
         self._newest: tuple[Snapshot | None, float] = None, 0.0
-        self._desk = ActionDesk(
-            self,
-            Orders(self._order_ride, self._order_path, self._order_cancel, lambda: self._newest),
-        )
-        self._guiding.on_report = self._desk.tell
         self._loader = PolicyLoader(self, lambda: self._driver.policy.policy_id, self._swap)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self._settings.diagnostics_period, self._on_report, clock=steady)
@@ -137,6 +132,12 @@ class ControllerNode(LifecycleNode):
         else:
             self.trigger_configure()
             self.trigger_activate()
+        # The desk's thread serves at once: made earlier, it would refuse an order as inactive.
+        self._desk = ActionDesk(
+            self,
+            Orders(self._order_ride, self._order_path, self._order_cancel, lambda: self._newest),
+        )
+        self._guiding.on_report = self._desk.tell
 
     # Managed states. The policy is loaded before, so that a bad one ends the process with a line.
 
