@@ -12,15 +12,19 @@ from pathlib import Path
 import pytest
 from bicycle_msgs.msg import BicycleCommand, BicycleState
 from domains import claimed_domain
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from node_process import NodeProcess
+from probe import Probe
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.highlevel import AnyReader
 from waiting import until
 
 from bicycle_bag.reader import BagReader
 from bicycle_bag.writer import BagWriter
+from bicycle_common.nodes.topics import Service
 from bicycle_controller.policy.policy import load_controller
 from bicycle_sim.plants import registry
 from bicycle_tools.nodes import verify
@@ -215,6 +219,22 @@ def test_a_controller_killed_on_the_way_is_reported(
     assert events[0].startswith("controller was killed by SIGKILL at t = ")
     assert events[1].startswith("controller started again, ready at t = ")
     assert "20 of 20 reached" in ride.output
+
+
+def test_goals_that_are_rejected_are_sent_again(
+    start_node: Start, ros_domain: int, tmp_path: Path
+) -> None:
+    words = [*NEAR, LOCKSTEP, "controller.managed:=true", "--output", tmp_path / "run"]
+    ride = start_node(RIDE, words)
+    ride.wait_for_line("the goals are sent again, for the controller is not active")
+    probe = Probe(ros_domain)
+    change = Service("bicycle_controller/change_state", ChangeState)
+    for number in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+        request = ChangeState.Request(transition=Transition(id=number))
+        assert probe.call(change, request).success
+    probe.close()
+    assert ride.wait() == 0, ride.output
+    assert "3 of 3 reached" in ride.output
 
 
 def test_a_policy_that_rides_another_bicycle_than_it_was_trained_on_is_warned_of(

@@ -19,7 +19,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import rclpy
-from bicycle_msgs.msg import PathStatus
+from bicycle_msgs.msg import GoalStatus, PathStatus
 
 from bicycle_bag.errors import BagError
 from bicycle_bringup.display import Display
@@ -221,6 +221,9 @@ class Ride:
             change = self._rider.changes.popleft()
             position = (change.position.x, change.position.y)
             if not self._plan.finished and position == self._plan.remaining[0]:
+                if change.status == GoalStatus.REJECTED:
+                    self._note_once(f"the goals are sent again, for {change.message}")
+                    continue
                 self._sent = math.inf  # the controller has confirmed it
             number = self._plan.take(position, Status(change.status))
             if number is None:
@@ -309,6 +312,11 @@ class Ride:
                 self._display.show(1, path.along / path.length, text)
             return
         self._display.show(self._plan.number, done, self._rider.progress_text())
+
+    def _note_once(self, line: str) -> None:
+        """Keep a line for the summary that it lacks."""
+        if line not in self.events:
+            self._note(line)
 
     def _note(self, line: str) -> None:
         """Keep a line for the summary."""
