@@ -129,7 +129,12 @@ PATH_STATUS = _topic(topic_names.PATH_STATUS, PathStatus, depth=10, latched=True
 CMD_VEL = _topic(topic_names.CMD_VEL, TwistStamped, depth=1)
 CMD_VEL_PLAIN = _topic(topic_names.CMD_VEL_PLAIN, Twist, depth=1)
 ACTIVE_GOAL = _topic(topic_names.ACTIVE_GOAL, PoseStamped, depth=1, latched=True)
-GOAL_STATUS = _topic(topic_names.GOAL_STATUS, GoalStatus, depth=10, latched=True)
+GOAL_STATUS = Topic(
+    topic_names.GOAL_STATUS,
+    GoalStatus,
+    _profile(10, latched=True),
+    _profile(RESEND, latched=True),  # an order of many goals tells all of them at once
+)
 HAND_OVER = _topic(topic_names.HAND_OVER, HandOver, depth=10, latched=True)
 TRAINER = _topic(topic_names.TRAINER, TrainerStatus, depth=1, latched=True)
 MEASURED = 4000
