@@ -80,12 +80,19 @@ class Probe:
         self.spin_while(lambda: True, seconds)
 
     def publisher(self, topic: Topic) -> Any:
-        """Return a publisher that somebody listens to."""
+        """Return a publisher that somebody besides a recorder listens to."""
         if topic.name not in self._publishers:
-            made = self.node.create_publisher(topic.type, topic.name, topic.publish)
-            self._publishers[topic.name] = made
-            self.spin_until(lambda: made.get_subscription_count() > 0)
+            publisher = self.node.create_publisher(topic.type, topic.name, topic.publish)
+            self._publishers[topic.name] = publisher
+            self.spin_until(lambda: self._is_heard(publisher))
         return self._publishers[topic.name]
+
+    def _is_heard(self, publisher: Any) -> bool:
+        """Return True if all known subscribers are connected, and one is not a recorder's."""
+        ends = self.node.get_subscriptions_info_by_topic(publisher.topic_name)
+        names = {str(end.node_name) for end in ends}
+        others = any(not name.startswith("bicycle_recorder") for name in names)
+        return others and int(publisher.get_subscription_count()) >= len(ends)
 
     def say(self, topic: Topic, message: Any) -> None:
         self.publisher(topic).publish(message)
