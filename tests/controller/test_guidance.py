@@ -11,6 +11,7 @@ import pytest
 
 from bicycle_common.geometry import heading_to_yaw, wrap_angle
 from bicycle_common.types import Command, InitialPose
+from bicycle_controller.control import followers
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.courses import Course
 from bicycle_controller.control.goals import GoalTracker, Status
@@ -108,6 +109,39 @@ def test_a_goal_ends_a_path_and_a_path_ends_a_goal() -> None:
     ride.until(lambda: ride.loop.guide is not None)
     ride.until(lambda: not ride.loop.tracker.has_goal)
     assert ride.events[-1].status is Status.CANCELLED
+
+
+def test_an_order_waits_for_the_speed_without_which_no_turn_can_be_judged() -> None:
+    """A bicycle without a pedal keeps its speed; at 5 m/s it cannot turn as at 2 m/s."""
+    fixed = np.array([2.0, 0.0, 0.0])
+    simulator = Simulator(named("random-start-random-goal"), WHIPPLE)
+    simulator.reset(InitialPose(0.0, 0.0, -math.pi / 2, 5.0))
+    loop = ControlLoop("test", LqrController(plant=WHIPPLE), GoalTracker(), fixed)
+    guidance = Guidance(loop, GuidanceConfig())
+    asked: list[float] = []
+
+    def make(radius: float) -> Course:
+        asked.append(radius)
+        return course((0.0, 0.0), (50.0, 0.0))(radius)
+
+    guidance.ride(WHIPPLE, fixed)
+    # The gains are ready before the first state is.
+    while guidance._ready.empty():
+        time.sleep(0.01)
+    guidance._ready.get()()
+    assert guidance.ready
+    guidance.follow("early", make)
+    time.sleep(0.2)
+    assert not asked
+    guidance.poll(simulator.snapshot)
+    guidance.follow("late", make)
+    deadline = time.monotonic() + 60.0
+    while len(asked) < 2:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    assert asked[0] == asked[1]
+    assert guidance._follower is not None
+    assert asked[0] > followers.tightest(guidance._follower, guidance.config.slowest)
 
 
 def test_a_path_too_sharp_is_refused_with_the_number() -> None:

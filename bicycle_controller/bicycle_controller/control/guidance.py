@@ -99,6 +99,7 @@ class Guidance:
         if key == self._key:
             return
         self._key, self._limits, self._follower, self._unable = key, limits, None, ""
+        self._snapshot = None  # of the bicycle before, at another speed perhaps
         torque = float(limits[0]) if math.isfinite(limits[0]) else 2.0
         pedal = float(limits[2]) if math.isfinite(limits[2]) else 100.0
 
@@ -118,14 +119,16 @@ class Guidance:
         if key != self._key:
             return
         self._follower, self._unable = made, unable
-        waiting, self._waiting = self._waiting, []
-        for order in waiting:
-            self._begin(*order)
 
     @property
     def ready(self) -> bool:
         """True once the follower's gains are computed, or it is known that there are none."""
         return self._follower is not None or bool(self._unable)
+
+    @property
+    def _may_begin(self) -> bool:
+        """True if paths can be judged: without a pedal the speed decides how sharply it turns."""
+        return bool(self._unable) or (self._follower is not None and self._snapshot is not None)
 
     @property
     def _pedals(self) -> bool:
@@ -134,7 +137,8 @@ class Guidance:
     def _radius(self) -> float:
         """Return the radius that a path may turn with, m."""
         assert self._follower is not None
-        if self._pedals or self._snapshot is None:
+        assert self._snapshot is not None
+        if self._pedals:
             return followers.tightest(self._follower, self.config.slowest)
         # Without a pedal the speed stays what it is.
         return 1.0 / float(self._follower.sharpest(np.array([self._snapshot.speed]))[0])
@@ -153,10 +157,10 @@ class Guidance:
         number, self._next_id = self._next_id, self._next_id + 1
         self._newest = number
         order = number, name, make, laps, speed
-        if self._follower is None and not self._unable:
-            self._waiting.append(order)
-        else:
+        if self._may_begin:
             self._begin(*order)
+        else:
+            self._waiting.append(order)
         return number
 
     def _begin(self, number: int, name: str, make: MakeCourse, laps: int, speed: float) -> None:
@@ -313,6 +317,10 @@ class Guidance:
         self._snapshot = snapshot
         while not self._ready.empty():
             self._ready.get()()
+        if self._waiting and self._may_begin:
+            waiting, self._waiting = self._waiting, []
+            for order in waiting:
+                self._begin(*order)
         self._look_at_arrival()
         tracker = self._loop.tracker
         if self._arrival is not None and tracker.has_goal and tracker.waiting == 0:
