@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from rides import SPEED, commands, joined, ride, states, statuses, timing
 
+from bicycle_controller.control.guide import PathEnd
 from bicycle_tools.outcomes import outcomes
 from bicycle_tools.ride_log import distinct
 from bicycle_tools.summary import path_ratio, summarise
@@ -130,3 +132,18 @@ def test_the_screen_names_events_and_numbers() -> None:
     assert "40.00 Hz, real time" in text
     assert "controller exited with status 1 at t = 3.0 s" in text
     assert max(map(len, text.splitlines())) < 100
+
+
+def test_of_a_course_the_screen_tells_the_course_s_result_and_no_goals() -> None:
+    followed = {
+        "path_id": np.array([1, 1]),
+        "name": np.array(["slalom", "slalom"], dtype=object),
+        "status": np.array([int(PathEnd.ACTIVE), int(PathEnd.FINISHED)]),
+        "message": np.array(["", "ridden to its end; 0.07 m rms"], dtype=object),
+        **{name: np.array([1.0, 2.0]) for name in ("length", "rms", "largest", "elapsed")},
+    }
+    log = replace(ride(states(201)), path_statuses=followed)
+    lines = [" ".join(line.split()) for line in render(summarise(log)).splitlines()]
+    assert "course slalom finished: ridden to its end; 0.07 m rms" in lines
+    assert "path 10.0 m" in lines
+    assert not [line for line in lines if line.startswith("goals")]

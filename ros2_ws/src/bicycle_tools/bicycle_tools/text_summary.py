@@ -28,15 +28,18 @@ def _ride_rows(summary: RideSummary) -> list[tuple[str, str]]:
         "not over at the end": summary.open,
     }
     reached += "".join(f", {count} {name}" for name, count in others.items() if count)
-    followed = [
-        (f"path {one.name}".strip(), f"{one.status}: {one.message}") for one in summary.paths
+    asked = [("goals", reached)] if summary.goals else []
+    asked += [
+        (f"course {one.name}".strip(), f"{one.status}: {one.message}") for one in summary.paths
     ]
+    length = f"{summary.path_length:.1f} m"
+    if math.isfinite(summary.path_ratio):
+        length += f", {summary.path_ratio:.2f} × straight line"
     return [
-        ("goals", reached if summary.goals else "none"),
-        *followed,
+        *(asked or [("goals", "none")]),
         ("falls", str(summary.falls)),
         ("time", f"{summary.ridden_time:.1f} s of simulated time at {summary.mean_speed:.2f} m/s"),
-        ("path", f"{summary.path_length:.1f} m, {_number(summary.path_ratio)} × straight line"),
+        ("path", length),
         ("peak lean", f"{math.degrees(summary.peak_lean):.1f}°"),
         ("policy", ", ".join(summary.policies) or "none"),
     ]
