@@ -11,6 +11,7 @@ from bicycle_cockpit.ride_setup import (
     command,
     merged,
     of_parameters,
+    own_bicycle,
     with_policy,
 )
 from bicycle_sim.nodes.sim_settings import SimSettings
@@ -42,6 +43,26 @@ def test_a_bicycle_of_ones_own_stays_unless_another_is_chosen() -> None:
     faster = before.changed({"rate": 2})
     assert merged(words, faster, before)[:2] == words
     assert "simulator.real_time_factor:=2.0" in merged(words, faster, before)
+
+
+def test_first_values_are_those_that_the_nodes_have_and_words_win() -> None:
+    told = {"simulator.plant": "whipple", "simulator.bicycle": "browser-rider"}
+    told |= {"simulator.start_speed": 4.0, "simulator.real_time_factor": 0.5}
+    found = of_parameters((), told)
+    assert found == RideSetup(plant="whipple", bicycle="browser-rider", speed=4.0, rate=0.5)
+    words = ("simulator.start_speed:=3.0",)
+    assert of_parameters(words, told) == found.changed({"speed": 3.0})
+    back = merged(words, found.changed({"plant": "choi", "bicycle": ""}), found)
+    assert "simulator.plant:=choi" in back
+    assert "simulator.bicycle:=''" in back
+
+
+def test_a_bicycle_of_ones_own_is_named() -> None:
+    mine = {"simulator.plant": "whipple", "simulator.bicycle": "mine.yaml"}
+    assert own_bicycle((), mine) == "mine.yaml"
+    assert own_bicycle(("simulator.plant:=choi",), mine) == ""
+    assert own_bicycle(("simulator.bicycle:='browser'",), mine) == ""
+    assert own_bicycle(()) == ""
 
 
 def test_the_simulator_takes_all_that_is_offered() -> None:

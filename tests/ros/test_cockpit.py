@@ -22,6 +22,7 @@ from bicycle_tools.nodes import verify
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
+SIM = "bicycle_sim.nodes.sim_node"
 Start = Callable[..., NodeProcess]
 Made = tuple[NodeProcess, Page, Path, int]
 
@@ -297,6 +298,24 @@ def test_a_cockpit_that_gives_up_tells_its_pages_why(start_node: Start) -> None:
 def starts(page: Page) -> int:
     """Return the number of messages that the simulator was started again."""
     return sum(m.get("text") == "simulator started again" for m in list(page.heard))
+
+
+def test_the_form_begins_with_what_the_simulator_has(start_node: Start, tmp_path: Path) -> None:
+    """Also where its parameters came from a file, and from another terminal."""
+    file = tmp_path / "mine.yaml"
+    values = "{plant: whipple, bicycle: browser-rider, start_speed: 4.5, sensors: mpu6050}"
+    file.write_text(f"/**: {{ros__parameters: {values}}}")
+    start_node(SIM, ["--ros-args", "--params-file", file]).wait_for_line("episode 1 waits")
+    words = ["--no-ride", "--port", "0", "--bags", tmp_path]
+    page = Page(address_of(start_node(COCKPIT, words)))
+    page.until(lambda: page.newest("setup")["plant"] == "whipple")
+    told = page.newest("setup")
+    assert (told["bicycle"], told["speed"], told["sensors"]) == ("browser-rider", 4.5, "mpu6050")
+    assert told["own_bicycle"] == ""
+    later = Page(page.address)
+    assert later.newest("hello")["setup"]["bicycle"] == "browser-rider"
+    for one in (page, later):
+        one.close()
 
 
 def test_without_a_ride_it_says_what_is_missing(start_node: Start, tmp_path: Path) -> None:

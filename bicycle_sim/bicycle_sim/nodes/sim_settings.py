@@ -17,6 +17,9 @@ from bicycle_sim.sensors import settings as sensors
 from bicycle_sim.sensors.settings import SensorSettings
 from bicycle_sim.task.scenario import SCENARIOS, Scenario, named
 
+NAME = "bicycle_sim"
+"""Name of the simulator's node."""
+
 
 @dataclass(frozen=True)
 class SimSettings:

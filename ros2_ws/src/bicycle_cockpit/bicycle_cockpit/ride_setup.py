@@ -108,20 +108,38 @@ NAMES = {
 """Fields of `RideSetup` by the parameter that sets them."""
 
 
-def of_parameters(words: Iterable[str]) -> RideSetup:
-    """Return the conditions that ``NODE.name:=value`` ask for, as far as pages know them.
+def of_parameters(words: Iterable[str], told: Mapping[str, Any] | None = None) -> RideSetup:
+    """Return the conditions of a ride, as far as pages know them.
 
     A value that pages do not offer, such as a bicycle's file, stays out: the pages show the
     default, and leave the parameter alone unless another value is chosen.
+
+    Args:
+        words: ``NODE.name:=value`` that the ride was started with.
+        told: values by ``NODE.name`` that the nodes say they have; words win over them.
     """
     setup = RideSetup()
-    values = dict(word.split(":=", 1) for word in words)
+    values = _values(words, told)
     for name, field in NAMES.items():  # the plant before its bicycle
         if name in values:
             with contextlib.suppress(ValueError):
                 kind = type(getattr(setup, field))
-                setup = setup.changed({field: kind(values[name].strip("'\""))})
+                setup = setup.changed({field: kind(values[name])})
     return setup
+
+
+def own_bicycle(words: Iterable[str], told: Mapping[str, Any] | None = None) -> str:
+    """Return the bicycle's file of a ride, which pages do not offer; empty without one."""
+    values = _values(words, told)
+    name = values.get("simulator.bicycle", "")
+    rides = values.get("simulator.plant", RideSetup.plant) != "choi"
+    return name if rides and name not in ("", *_bicycles()) else ""
+
+
+def _values(words: Iterable[str], told: Mapping[str, Any] | None) -> dict[str, str]:
+    given = dict(word.split(":=", 1) for word in words)
+    found = {name: str(value) for name, value in (told or {}).items()}
+    return found | {name: value.strip("'\"") for name, value in given.items()}
 
 
 def merged(words: Iterable[str], setup: RideSetup, before: RideSetup) -> tuple[str, ...]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import queue
 from collections.abc import Callable
-from dataclasses import asdict
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
@@ -15,7 +14,8 @@ from bicycle_cockpit import ride_setup
 from bicycle_cockpit.event_room import EventRoom
 from bicycle_cockpit.nodes.hearing import Hearing
 from bicycle_cockpit.nodes.recording import Recording
-from bicycle_cockpit.nodes.request_handler import RequestHandler, StartedRide
+from bicycle_cockpit.nodes.request_handler import RequestHandler
+from bicycle_cockpit.nodes.ride_conditions import RideConditions, StartedRide
 from bicycle_cockpit.options import Options
 from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_cockpit.requests import Request
@@ -59,9 +59,12 @@ class CockpitNode(Node):
         self._choices = PolicyCatalogue(options.models)
         self._recording, self._on_tick = recording, on_tick
         self._trouble = Trouble(options.ride)
-        self._asking = RequestHandler(self, self.live, self._choices, recording, ride)
+        self._conditions = RideConditions(self, ride)
+        self._asking = RequestHandler(
+            self, self.live, self._choices, recording, ride, self._conditions
+        )
         self._setups = {"ours": ride.ours, **ride_setup.choices()}
-        self._ride, self._told_setup = ride, ride.parameters
+        self._told_setup = self._conditions.facts()
         self._room = EventRoom()
         self._inbox: queue.SimpleQueue[tuple[int, Request | None]] = queue.SimpleQueue()
         self.server = Server(
@@ -73,6 +76,7 @@ class CockpitNode(Node):
             log=self.get_logger().warning,
         )
         self._hearing = Hearing(self, self.live, self._trouble, self._tell, self._newest)
+        topics.listen(self, topics.EPISODE, lambda message: self._conditions.episode_began())
         try:
             self.server.start()
         except OSError as error:
@@ -118,9 +122,11 @@ class CockpitNode(Node):
         if line is not None:
             self._tell(line.level, line.text, kind="process")
             self._trouble.told(line)
-        if self._ride.parameters is not self._told_setup:
-            self._told_setup = self._ride.parameters
-            self._newest({"type": "setup", **asdict(self._asking.setup)})
+        self._conditions.look()
+        facts = self._conditions.facts()
+        if facts != self._told_setup:
+            self._told_setup = facts
+            self._newest({"type": "setup", **facts})
         left_out = self._room.left_out()
         if left_out:
             words = f"{left_out} more events came at once and are not listed"
@@ -139,7 +145,7 @@ class CockpitNode(Node):
     def _welcome(self, page: int) -> None:
         choices = {"controllers": self._choices.offered(), "largest_push": LARGEST_PUSH}
         choices["setups"] = self._setups
-        choices["setup"] = asdict(self._asking.setup)
+        choices["setup"] = self._conditions.facts()
         hello = {**self.live.hello(), **choices}
         self.server.greet(page, hello, self.live.history())
 

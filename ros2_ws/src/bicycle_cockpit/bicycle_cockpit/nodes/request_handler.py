@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import singledispatchmethod
-from typing import Any, Protocol
+from typing import Any
 
 from bicycle_msgs.action import FollowPath
 from bicycle_msgs.srv import LoadPolicy
@@ -20,6 +20,7 @@ from std_srvs.srv import SetBool, Trigger
 from bicycle_cockpit import requests, ride_setup
 from bicycle_cockpit.fit import Suits
 from bicycle_cockpit.nodes.recording import Recording
+from bicycle_cockpit.nodes.ride_conditions import RideConditions, StartedRide
 from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_cockpit.rate_limiter import RateLimiter
 from bicycle_cockpit.ride_setup import RideSetup
@@ -45,24 +46,6 @@ Words = Callable[[Any], str]
 """Text for the user about a service's answer."""
 
 
-class StartedRide(Protocol):
-    """Simulator and controller, where the cockpit started them."""
-
-    @property
-    def ours(self) -> bool:
-        """True if it did."""
-
-    @property
-    def parameters(self) -> tuple[str, ...]:
-        """Their ``NODE.name:=value``."""
-
-    def keep(self, words: tuple[str, ...]) -> None:
-        """Use other parameters from the next start on."""
-
-    def restart(self, words: tuple[str, ...]) -> bool:
-        """Start them again with other parameters; False if that is going on already."""
-
-
 @dataclass
 class _Call:
     """Pending service call."""
@@ -83,6 +66,7 @@ class RequestHandler:
         choices: controllers that can be chosen.
         recording: recorder that pages can start.
         ride: simulator and controller, which pages can set up anew.
+        conditions: of that ride.
 
     Attributes:
         suits: compatibility of the chosen controller with the bicycle.
@@ -95,8 +79,10 @@ class RequestHandler:
         choices: PolicyCatalogue,
         recording: Recording,
         ride: StartedRide,
+        conditions: RideConditions,
     ) -> None:
         self._node, self._live, self._ride = node, live, ride
+        self._conditions = conditions
         self._choices, self._recording = choices, recording
         self.suits = Suits(choices, live)
         self._goal_bucket = RateLimiter(GOAL_RATE, GOAL_BURST)
@@ -243,7 +229,7 @@ class RequestHandler:
 
     @_do.register
     def _(self, request: requests.Reset, reply: Reply) -> None:
-        speed = self.setup.speed
+        speed = self._conditions.setup.speed
         question = ResetService.Request(random_start=request.random, speed=speed, seed=-1)
         where = "at a random start" if request.random else "at the origin"
 
@@ -276,14 +262,9 @@ class RequestHandler:
 
         self._call(topics.LOAD_POLICY, LoadPolicy.Request(path=path), reply, words)
 
-    @property
-    def setup(self) -> RideSetup:
-        """Return the ride's conditions, as far as pages may choose them."""
-        return ride_setup.of_parameters(self._ride.parameters)
-
     @_do.register
     def _(self, request: requests.SetUp, reply: Reply) -> None:
-        before, ride = self.setup, self._ride
+        before, ride = self._conditions.setup, self._ride
         chosen = self._live.names.get(self._live.who.chosen, "")
         try:
             setup = before.changed(request.values)

@@ -29,7 +29,7 @@ export class Setup {
     const { scenarios, plants, bicycles, sensors, courses, fastest } = setups;
     byId("setup-scenario").replaceChildren(...options(scenarios));
     byId("setup-plant").replaceChildren(...options(plants));
-    byId("setup-bicycle").replaceChildren(...options(bicycles.map(([name, about]) => [name, `${name}: ${about}`])));
+    this.bicycles = bicycles.map(([name, about]) => [name, `${name}: ${about}`]);
     byId("setup-sensors").replaceChildren(...options([["", "none: the controller sees the truth"], ...sensors.map((name) => [name, `estimated from ${name}`])]));
     byId("setup-speed").max = String(fastest);
     byId("setup-note").hidden = setups.ours;
@@ -42,8 +42,10 @@ export class Setup {
   open() {
     const { values } = this;
     if (!values) return;
+    const own = values.own_bicycle ? [["", `${values.own_bicycle}: your own`]] : [];
+    byId("setup-bicycle").replaceChildren(...options([...own, ...this.bicycles]));
     for (const name of WORDS) byId(`setup-${name}`).value = values[name];
-    if (!values.bicycle) byId("setup-bicycle").value = "benchmark";
+    if (!values.bicycle && !own.length) byId("setup-bicycle").value = "benchmark";
     byId("setup-speed").value = values.speed < 0 ? "" : String(values.speed);
     byId("setup-noise").value = String(Math.round(1e4 * values.noise) / 100);
     byId("setup-rate").value = String(values.rate);
@@ -71,7 +73,8 @@ export class Setup {
   send() {
     const number = (id, otherwise) => (byId(id).value === "" ? otherwise : Number(byId(id).value));
     const fields = Object.fromEntries(WORDS.map((name) => [name, byId(`setup-${name}`).value]));
-    if (fields.plant === "choi" || (fields.bicycle === "benchmark" && !this.values.bicycle)) fields.bicycle = "";
+    const { bicycle, own_bicycle: own } = this.values;
+    if (fields.plant === "choi" || (fields.bicycle === "benchmark" && !bicycle && !own)) fields.bicycle = "";
     this.ask("setup", { ...fields, speed: number("setup-speed", -1), noise: number("setup-noise", 0) / 100, rate: number("setup-rate", 1), controller: byId("setup-controller").value });
   }
 

@@ -23,8 +23,8 @@ from bicycle_common.parameters import describe, parameter
 from bicycle_hardware.bench.board_loop import BoardLoop
 from bicycle_hardware.bench.board_simulator import BoardSimulator
 from bicycle_hardware.simulated_board import SimulatedBoard, build
-from bicycle_sim.nodes.sim_node import NAME, OUTPUTS, SimNode
-from bicycle_sim.nodes.sim_settings import SimSettings
+from bicycle_sim.nodes.sim_node import OUTPUTS, SimNode
+from bicycle_sim.nodes.sim_settings import NAME, SimSettings
 from bicycle_sim.runtime.loop import Loop
 
 BY_DRIVER = (topics.COMMAND_ECHO, topics.EPISODE)
