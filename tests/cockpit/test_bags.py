@@ -64,7 +64,7 @@ def test_marks_are_where_it_happened_also_beside_a_reset(bag: Path) -> None:
 def test_the_hand_over_says_who_took_over_and_why(bag: Path) -> None:
     (mark,) = [mark for mark in session(bag)["marks"] if mark["kind"] == "hand_over"]
     assert mark["text"] == (
-        "LQR takes over: it leaned too fast (lean rate 0.6 rad/s is beyond 0.5 rad/s)"
+        "LQR takes over: it leaned too fast (lean rate 34.4°/s is beyond 28.6°/s)"
     )
     assert (mark["level"], mark["x"]) == ("warn", pytest.approx(7.5))
 

@@ -70,7 +70,7 @@ def test_the_controller_says_which_policy_is_in_charge() -> None:
 def test_reasons_are_told_without_ids() -> None:
     names = {NAF: "naf", LQR: "lqr-displacement"}
     over = f"lean rate 0.6 rad/s is beyond 0.5 rad/s: {LQR} takes over from policy {NAF}"
-    detail = "lean rate 0.6 rad/s is beyond 0.5 rad/s"
+    detail = "lean rate 34.4°/s is beyond 28.6°/s"
     assert explained(Reason.LEAN_RATE, over, LQR, names) == f"it leaned too fast ({detail})"
     assert explained(99, over, LQR, names) == detail, "a reason of a later version"
     fails = f"policy {NAF} fails with ValueError: {LQR} takes over"

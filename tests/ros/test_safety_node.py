@@ -19,9 +19,11 @@ from bicycle_common.nodes.topics import (
     GOAL_POSE,
     GOAL_STATUS,
     HAND_OVER,
+    HAND_OVER_MARKERS,
     STATE,
 )
 from bicycle_controller.control.safety import Reason
+from bicycle_controller.nodes.hand_over_marks import WHERE
 from bicycle_controller.policy.policy import Policy, load_policy, save_policy
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
@@ -33,7 +35,7 @@ StartNode = Callable[..., NodeProcess]
 
 @pytest.fixture
 def probe(ros_domain: int) -> Iterator[Probe]:
-    result = Probe(ros_domain, STATE, GOAL_STATUS, HAND_OVER, DIAGNOSTICS)
+    result = Probe(ros_domain, STATE, GOAL_STATUS, HAND_OVER, HAND_OVER_MARKERS, DIAGNOSTICS)
     yield result
     result.close()
 
@@ -78,6 +80,8 @@ def test_under_a_policy_that_is_garbage_the_goal_is_reached_and_each_hand_over_t
     assert told[0].policy.startswith("lqr-")
     assert told[1].policy.startswith("fixed-speed@")
     assert "rad is beyond" in told[0].message
+    spots = [one for one in probe[HAND_OVER_MARKERS][-1].markers if one.ns == WHERE]
+    assert len(spots[0].points) == len(told[::2]), "one for each hand-over"
     assert [one.hand_overs for one in told[::2]] == list(range(1, len(told[::2]) + 1))
     facts = probe.spin_until(lambda: controller_facts(probe))
     assert int(facts["hand-overs"]) >= 1

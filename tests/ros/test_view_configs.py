@@ -17,6 +17,12 @@ from visualization_msgs.msg import Marker, MarkerArray
 from bicycle_common.node_commands import config_folder
 from bicycle_common.nodes import topics
 from bicycle_common.nodes.topics import ODOM_FRAME, TOPICS, Topic
+from bicycle_common.types import InitialPose
+from bicycle_controller.nodes.hand_over_marks import WHERE, WHO, HandOverMarks
+from bicycle_sim.nodes import visualization
+from bicycle_sim.plants import registry
+from bicycle_sim.runtime.simulator import Simulator
+from bicycle_sim.task.scenario import named
 from bicycle_tools.nodes.filling import filled
 
 pytestmark = pytest.mark.ros
@@ -125,6 +131,7 @@ OF_TOPIC = {
     "/robot_description": "BaseRendererUrdfTopicSettings",
     "/bicycle/markers": "BaseRendererRosMarkerTopicSettings",
     "/bicycle/goal_marker": "BaseRendererRosMarkerTopicSettings",
+    "/bicycle/hand_over_markers": "BaseRendererRosMarkerTopicSettings",
     "/bicycle/active_goal": "BaseRendererPoseTopicSettings",
     "/goal_path": "BaseRendererPosesTopicSettings",
     "/bicycle/path": "BaseRendererPosesTopicSettings",
@@ -181,6 +188,26 @@ def test_rviz_shows_and_sends_what_the_topics_carry(item: dict[str, Any]) -> Non
     assert topic.type is IN_RVIZ[item["Class"].split("/")[1]]
     latched = topic.publish.durability == DurabilityPolicy.TRANSIENT_LOCAL
     assert topic_of(item)["Durability Policy"] == ("Transient Local" if latched else "Volatile")
+
+
+def published_namespaces() -> dict[str, set[str]]:
+    """Return the namespaces of the marker arrays that the nodes make, by topic."""
+    snapshot = Simulator(named("random-start-random-goal")).reset(InitialPose(0.0, 0.0, 0.0, 2.8))
+    arrays = {
+        topics.MARKERS.name: visualization.markers(snapshot, 0, registry.default().geometry),
+        topics.HAND_OVER_MARKERS.name: HandOverMarks().clear(),
+    }
+    return {f"/{name}": {one.ns for one in array.markers} for name, array in arrays.items()}
+
+
+def test_rviz_switches_every_namespace_of_markers_and_no_other() -> None:
+    """One that the file does not name would be shown, and hide the model under a drawing."""
+    arrays = [one for one in RVIZ["Displays"] if one["Class"].endswith("/MarkerArray")]
+    found = {one["Topic"]["Value"]: set(one["Namespaces"]) for one in arrays}
+    assert found == published_namespaces()
+    shown = {name for one in arrays for name, on in one["Namespaces"].items() if on}
+    assert shown == {"numbers", WHO, WHERE}
+    assert all(one["Enabled"] for one in arrays)
 
 
 def test_rviz_has_the_goal_and_the_frame() -> None:

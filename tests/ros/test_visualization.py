@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import Quaternion
+from visualization_msgs.msg import Marker
 
 from bicycle_common.nodes import convert
 from bicycle_common.types import BicycleState, Command, InitialPose
-from bicycle_sim.nodes.visualization import odometry
+from bicycle_sim.nodes.visualization import markers, numbers, odometry
+from bicycle_sim.plants import registry
 from bicycle_sim.plants.choi.parameters import Constants
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_sim.task.scenario import named
@@ -79,3 +82,15 @@ def test_odometrys_rates_are_those_of_its_pose(torque: float) -> None:
         assert twist.angular.z == pytest.approx(yaw_rate * math.cos(roll), rel=0.1)
         assert twist.angular.y == pytest.approx(yaw_rate * math.sin(roll), rel=0.1, abs=1e-6)
         assert twist.linear.x == after.speed
+
+
+def test_markers_tell_the_angles_in_degrees_and_to_which_side() -> None:
+    state = replace(ride(0.0)[0], lean_angle=math.radians(-3.14), steer_angle=math.radians(1.26))
+    assert numbers(state) == "lean 3.1° right\nsteering 1.3° left\n2.8 m/s"
+    assert numbers(replace(state, lean_angle=-1e-6)).startswith("lean 0.0°\n")
+    assert numbers(replace(state, fallen=True)) == "fallen"
+    drawn = markers(state, 0, registry.default().geometry, "b1/").markers
+    assert {one.header.frame_id for one in drawn} == {"b1/odom"}
+    (words,) = [one for one in drawn if one.type == Marker.TEXT_VIEW_FACING]
+    assert words.text == numbers(state)
+    assert (words.pose.position.x, words.pose.position.y) == (state.rear_x, state.rear_y)

@@ -45,12 +45,14 @@ from bicycle_controller.nodes.action_desk import ActionDesk, Orders
 from bicycle_controller.nodes.controller_settings import ControllerSettings
 from bicycle_controller.nodes.estimator import Estimator
 from bicycle_controller.nodes.guiding import Guiding, course_named, course_of, to_points
+from bicycle_controller.nodes.hand_over_marks import HandOverMarks
 from bicycle_controller.nodes.messages import from_event, from_hand_over, goal_marker
 from bicycle_controller.nodes.policy_loader import Making, PolicyLoader
 from bicycle_controller.nodes.setup import NO_LIMITS, Setup, designed, limits_of
 from bicycle_controller.policy.policy import PolicyError, load_controller
 from bicycle_controller.policy.trained_for import UNLIKE, rides_any, unlike_training, warning
 from bicycle_sim.nodes.episode_setting import to_setting
+from bicycle_sim.nodes.robot_model import frames_of
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.sensors.settings import SensorSettings
@@ -92,6 +94,7 @@ class ControllerNode(LifecycleNode):
         self._heard = time.monotonic()
         self._active = False
         self._state_was_bad = False
+        self._marks = HandOverMarks(frames_of(self.get_namespace()))
         self._echoes: EchoPairing[BicycleState, CommandEcho] = EchoPairing()
         self._publishers_by_name = advertise(
             self,
@@ -101,6 +104,7 @@ class ControllerNode(LifecycleNode):
             topics.ACTIVE_GOAL,
             topics.GOAL_MARKER,
             topics.HAND_OVER,
+            topics.HAND_OVER_MARKERS,
             topics.DIAGNOSTICS,
             topics.FOLLOWED_PATH,
             topics.PATH_STATUS,
@@ -281,7 +285,10 @@ class ControllerNode(LifecycleNode):
         if answer.warning:
             self._warn(answer.warning)
         if answer.hand_over is not None:
-            self._publish(topics.HAND_OVER, from_hand_over(answer.hand_over, stamp))
+            told = from_hand_over(answer.hand_over, stamp)
+            self._publish(topics.HAND_OVER, told)
+            place = snapshot.rear_x, snapshot.rear_y
+            self._publish(topics.HAND_OVER_MARKERS, self._marks.add(told, place))
             self._warn(f"at step {snapshot.step} {answer.hand_over.message}")
         for event in answer.events:
             self._desk.tell(event)
@@ -313,6 +320,7 @@ class ControllerNode(LifecycleNode):
             return
         if self._settings.goal_radius == 0:
             self._driver.tracker.radius = scenario.goal_radius
+        self._publish(topics.HAND_OVER_MARKERS, self._marks.clear())
         with self._in_use:
             self._simulator_limits = scenario.action_limits
             self._ridden = plant, scenario
@@ -517,7 +525,8 @@ class ControllerNode(LifecycleNode):
     def _goal_marker(self) -> Marker:
         """Return the active goal with its radius for visualization tools."""
         tracker = self._driver.tracker
-        return goal_marker(tracker.active.point if tracker.active else None, tracker.radius)
+        goal = tracker.active.point if tracker.active else None
+        return goal_marker(goal, tracker.radius, frames_of(self.get_namespace()))
 
     def _swap(self, policy: Controller) -> str:
         """Use another policy from the next state on; called in another thread.

@@ -10,6 +10,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker
 
 from bicycle_common.nodes import convert
+from bicycle_common.nodes.topics import ODOM_FRAME
 from bicycle_common.types import Point2D
 from bicycle_controller.control.control_output import ControllerSwitch
 from bicycle_controller.control.goals import Event
@@ -44,9 +45,16 @@ def from_hand_over(told: ControllerSwitch, stamp: Time) -> HandOverMessage:
     )
 
 
-def goal_marker(goal: Point2D | None, radius: float) -> Marker:
-    """Return a disc of `radius`, m, at the goal; without a goal, its removal."""
-    marker = Marker(header=convert.to_header(0), ns="goal", type=Marker.CYLINDER)
+def goal_marker(goal: Point2D | None, radius: float, prefix: str = "") -> Marker:
+    """Return a disc of `radius`, m, at the goal; without a goal, its removal.
+
+    Args:
+        goal: m.
+        radius: m.
+        prefix: before the frame, see `robot_model.frames_of`.
+    """
+    header = convert.to_header(0, prefix + ODOM_FRAME)
+    marker = Marker(header=header, ns="goal", type=Marker.CYLINDER)
     marker.pose.orientation.w = 1.0
     if goal is None:
         marker.action = Marker.DELETE

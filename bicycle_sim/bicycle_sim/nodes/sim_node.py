@@ -36,11 +36,9 @@ from bicycle_sim import __version__
 from bicycle_sim.nodes import robot_model, sensor_messages, visualization
 from bicycle_sim.nodes.exclusive import refuse_second_simulator
 from bicycle_sim.nodes.sim_diagnostics import SimReport
-from bicycle_sim.nodes.sim_settings import SimSettings
+from bicycle_sim.nodes.sim_settings import NAME, SimSettings
 from bicycle_sim.runtime.loop import WITHOUT_COMMANDS, Loop, StepResult
 from bicycle_sim.runtime.simulator import Simulator
-
-NAME = "bicycle_sim"
 
 SENSOR_TOPICS = (
     topics.IMU,
@@ -395,7 +393,7 @@ class SimNode(Node):
         due = rate > 0 and clock - self._last_markers >= 1.0 / rate
         if due and self._is_heard(topics.MARKERS):
             self._last_markers = clock
-            drawn = visualization.markers(snapshot, now, self._geometry)
+            drawn = visualization.markers(snapshot, now, self._geometry, self._frames)
             self._publish(topics.MARKERS, drawn)
 
 

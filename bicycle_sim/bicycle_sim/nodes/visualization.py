@@ -18,10 +18,16 @@ from bicycle_sim.plants.base import Geometry
 
 JOINTS = ("steer", "front_wheel", "rear_wheel", "crank")
 WHEEL_SEGMENTS = 24
+HEIGHT_OF_NUMBERS = 2.1
+"""Height of the words above the ground (m)."""
+LETTERS = 0.18
+"""Height of a capital letter (m)."""
 
 _TYRE = ColorRGBA(r=0.1, g=0.1, b=0.1, a=1.0)
 _FRAME = ColorRGBA(r=0.8, g=0.1, b=0.1, a=1.0)
 _RIDER = ColorRGBA(r=0.1, g=0.3, b=0.8, a=1.0)
+_WORDS = ColorRGBA(r=0.9, g=0.9, b=0.9, a=1.0)
+_FALLEN = ColorRGBA(r=1.0, g=0.2, b=0.2, a=1.0)
 
 
 EXACT = 1e-9
@@ -115,8 +121,17 @@ class _Plane:
         return [self.at(front, radius * math.sin(a), radius * (1.0 - math.cos(a))) for a in angles]
 
 
-def markers(snapshot: BicycleState, nanoseconds: int, geometry: Geometry) -> MarkerArray:
-    """Return markers: two wheels, a frame and the rider's mass."""
+def markers(
+    snapshot: BicycleState, nanoseconds: int, geometry: Geometry, prefix: str = ""
+) -> MarkerArray:
+    """Return markers: two wheels, a frame, the rider's mass, and words with angles in degrees.
+
+    Args:
+        snapshot: the state.
+        nanoseconds: its simulated time.
+        geometry: the bicycle's geometry.
+        prefix: before the frames, see `robot_model.frames_of`.
+    """
     plane = _Plane(snapshot)
     rear, front = geometry.rear_radius, geometry.front_radius
     frame = [
@@ -134,7 +149,35 @@ def markers(snapshot: BicycleState, nanoseconds: int, geometry: Geometry) -> Mar
     )
     made = [_line(name, points, colour, nanoseconds) for name, points, colour in lines]
     made.append(_rider(plane, geometry, nanoseconds))
+    made.append(_numbers(snapshot, nanoseconds))
+    for marker in made:
+        marker.header.frame_id = prefix + ODOM_FRAME
     return MarkerArray(markers=made)
+
+
+def numbers(snapshot: BicycleState) -> str:
+    """Return lean, steering and speed in words, such as "lean 3.1° right"."""
+    if snapshot.fallen:
+        return "fallen"
+    lean, steer = _sided(snapshot.lean_angle), _sided(snapshot.steer_angle)
+    return f"lean {lean}\nsteering {steer}\n{snapshot.speed:.1f} m/s"
+
+
+def _sided(angle: float) -> str:
+    """Return an angle that is positive to the left, rad, in degrees and words."""
+    shown = f"{abs(math.degrees(angle)):.1f}°"
+    if float(shown[:-1]) == 0.0:
+        return shown
+    return f"{shown} {'left' if angle > 0 else 'right'}"
+
+
+def _numbers(snapshot: BicycleState, nanoseconds: int) -> Marker:
+    marker = _marker("numbers", Marker.TEXT_VIEW_FACING, nanoseconds)
+    marker.pose.position = to_point((snapshot.rear_x, snapshot.rear_y))
+    marker.pose.position.z = HEIGHT_OF_NUMBERS
+    marker.scale.z = LETTERS
+    marker.text, marker.color = numbers(snapshot), _FALLEN if snapshot.fallen else _WORDS
+    return marker
 
 
 def _marker(name: str, kind: int, nanoseconds: int) -> Marker:

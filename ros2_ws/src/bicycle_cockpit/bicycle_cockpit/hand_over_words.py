@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from bicycle_cockpit.riders import rider
+from bicycle_common.angles import in_degrees
 from bicycle_controller.control.safety import Reason
 
 REASONS = {
@@ -19,7 +20,7 @@ REASONS = {
 
 
 def explained(reason: int, message: str, policy: str, names: Mapping[str, str]) -> str:
-    """Explain a switch, such as "it leaned too fast (lean rate 0.6 rad/s is beyond ...)".
+    """Explain a switch, such as "it leaned too fast (lean rate 34.4°/s is beyond ...)".
 
     Args:
         reason: of the switch, see `Reason`; an unknown one is described by the message alone.
@@ -35,6 +36,6 @@ def explained(reason: int, message: str, policy: str, names: Mapping[str, str]) 
         bare = word.rstrip(":,.;")
         is_policy = bare in names or "@" in bare or bare.startswith("lqr-")
         words.append(rider(bare, names).label + word[len(bare) :] if is_policy else word)
-    detail = " ".join(words).removeprefix("policy ")
+    detail = in_degrees(" ".join(words).removeprefix("policy "))
     meaning = REASONS.get(Reason(reason)) if reason in set(Reason) else None
     return f"{meaning} ({detail})" if meaning else detail

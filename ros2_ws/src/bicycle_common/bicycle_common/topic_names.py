@@ -36,6 +36,7 @@ CMD_VEL_PLAIN = "cmd_vel_unstamped"
 ACTIVE_GOAL = "bicycle/active_goal"
 GOAL_STATUS = "bicycle/goal_status"
 HAND_OVER = "bicycle/hand_over"
+HAND_OVER_MARKERS = "bicycle/hand_over_markers"
 TRAINER = "bicycle/trainer"
 
 RIDE_TO_POSE = "bicycle/ride_to_pose"

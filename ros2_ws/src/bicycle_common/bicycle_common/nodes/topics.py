@@ -136,6 +136,7 @@ GOAL_STATUS = Topic(
     _profile(RESEND, latched=True),  # an order of many goals tells all of them at once
 )
 HAND_OVER = _topic(topic_names.HAND_OVER, HandOver, depth=10, latched=True)
+HAND_OVER_MARKERS = _topic(topic_names.HAND_OVER_MARKERS, MarkerArray, depth=1, latched=True)
 TRAINER = _topic(topic_names.TRAINER, TrainerStatus, depth=1, latched=True)
 MEASURED = 4000
 """Readings that wait for a slow or late reader: a rest of some seconds is published at once, when
@@ -185,6 +186,7 @@ TOPICS: tuple[Topic, ...] = (
     ACTIVE_GOAL,
     GOAL_STATUS,
     HAND_OVER,
+    HAND_OVER_MARKERS,
     TRAINER,
     IMU,
     ENCODERS,
