@@ -334,7 +334,8 @@ function showSource() {
   byId("live").setAttribute("aria-pressed", String(!bag));
   byId("bag").setAttribute("aria-pressed", String(Boolean(bag)));
   byId("follow").setAttribute("aria-pressed", String(view.following));
-  answer({ ok: true, message: bag ? `${bag.name}: drag the slider below, or press Play. Live brings the ride back.` : "" });
+  const back = RIDES ? "" : " Live brings the ride back.";
+  answer({ ok: true, message: bag ? `${bag.name}: drag the slider below, or press Play.${back}` : "" });
   showStatus();
   redraw();
 }
