@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("mkdocs")
 
 from axe_rules import problems
-from chromium import BrowserContext, chromium
+from chromium import BrowserContext, chromium, opened
 from node_process import NodeProcess
 
 pytestmark = pytest.mark.slow
@@ -92,3 +92,12 @@ def test_the_site_breaks_no_rule(
     made.set_viewport_size({"width": 390, "height": 844})
     assert made.evaluate("() => document.documentElement.scrollWidth <= innerWidth + 1")
     made.close()
+
+
+def test_the_reader_chooses_light_or_dark(browser: BrowserContext, address: str) -> None:
+    with opened(browser, address) as made:  # which fails on an error in the console
+        made.emulate_media(color_scheme="light")
+        for wanted in ("dark", "light"):
+            made.locator("#theme-menu").click()
+            made.locator(f"[data-bs-theme-value={wanted}]").click()
+            assert made.locator("html").get_attribute("data-bs-theme") == wanted
