@@ -142,7 +142,7 @@ def test_jumps_of_the_systems_clock_do_not_matter(
             probe.spin_until(partial(rides_on, probe, begun + 30))
             stamps.append(probe[COMMAND][-1].header.stamp.sec)
             if jump < 0:
-                probe.say(LATE, String(data="after the jump"))
+                probe.say(LATE, String(data="after the jump"), recorder=True)
         last = probe[STATE][-1].step
         assert recorder.stop() == 0
     finally:

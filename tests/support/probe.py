@@ -79,23 +79,23 @@ class Probe:
         """Serve callbacks for a while, to see that something does not happen."""
         self.spin_while(lambda: True, seconds)
 
-    def publisher(self, topic: Topic) -> Any:
-        """Return a publisher that somebody besides a recorder listens to."""
+    def publisher(self, topic: Topic, recorder: bool = False) -> Any:
+        """Return a publisher that somebody listens to: a recorder alone only counts if asked."""
         if topic.name not in self._publishers:
             publisher = self.node.create_publisher(topic.type, topic.name, topic.publish)
             self._publishers[topic.name] = publisher
-            self.spin_until(lambda: self._is_heard(publisher))
+            self.spin_until(lambda: self._is_heard(publisher, recorder))
         return self._publishers[topic.name]
 
-    def _is_heard(self, publisher: Any) -> bool:
-        """Return True if all known subscribers are connected, and one is not a recorder's."""
+    def _is_heard(self, publisher: Any, recorder: bool) -> bool:
+        """Return True if all known subscribers are connected, and one of them is meant."""
         ends = self.node.get_subscriptions_info_by_topic(publisher.topic_name)
-        names = {str(end.node_name) for end in ends}
-        others = any(not name.startswith("bicycle_recorder") for name in names)
-        return others and int(publisher.get_subscription_count()) >= len(ends)
+        meant = [recorder or not str(end.node_name).startswith("bicycle_recorder") for end in ends]
+        return any(meant) and int(publisher.get_subscription_count()) >= len(ends)
 
-    def say(self, topic: Topic, message: Any) -> None:
-        self.publisher(topic).publish(message)
+    def say(self, topic: Topic, message: Any, recorder: bool = False) -> None:
+        """Publish a message; with `recorder` it is enough that a recorder hears it."""
+        self.publisher(topic, recorder).publish(message)
 
     def call(self, service: Service, request: Any) -> Any:
         """Return the answer of a service."""
