@@ -13,11 +13,13 @@ from pathlib import Path
 import pytest
 from foreign_bag import ForeignFile
 from mcap.opcode import Opcode
-from ride_bag import make_bag, ride
+from ride_bag import TYPES, make_bag, ride, schemas
 
 from bicycle_bag import container, repair
 from bicycle_bag.errors import BagError
+from bicycle_bag.metadata import Topic
 from bicycle_bag.reader import BagReader
+from bicycle_bag.writer import BagWriter
 
 STEPS = 30
 HEAD = 9
@@ -68,6 +70,16 @@ def places(data: bytes) -> dict[int, list[tuple[int, int]]]:
             for offset, record in container.records(stream, len(data)):
                 end = offset + HEAD + len(record.body)
                 found.setdefault(record.opcode, []).append((offset, end))
+    return found
+
+
+def top_level(data: bytes) -> list[tuple[int, int]]:
+    """Start and end of each record of an unfinished file."""
+    found, at = [], len(container.MAGIC)
+    while at < len(data):
+        end = at + HEAD + int.from_bytes(data[at + 1 : at + HEAD], "little")
+        found.append((at, end))
+        at = end
     return found
 
 
@@ -203,6 +215,36 @@ def test_a_lost_chunk_of_an_unfinished_file_is_told(folder: Path, compression: s
         assert "lost: 1 chunks, of " in str(report)
 
 
+@pytest.mark.parametrize("compression", ["zstd", "none"])
+def test_the_first_chunk_of_an_unfinished_file_takes_nothing_else_along(
+    folder: Path, compression: str
+) -> None:
+    """Topics are defined in two chunks, also one that came later."""
+    writer = BagWriter(folder / "bag", compression=compression)
+    wanted = []
+    for name, short in TYPES.items():
+        type_name = f"bicycle_msgs/msg/{short}"
+        writer.add_topic(Topic(name, type_name), schemas().definition(type_name))
+        for topic, data, now in ride(STEPS):
+            if topic == name:
+                writer.write(topic, data, now, now - 1000)
+                wanted.append((topic, data, now, now - 1000))
+                writer.flush()
+    file = folder / "bag" / "bag_0.mcap"
+    data = file.read_bytes()  # as a killed recorder leaves it
+    writer.close()
+    chunks = [span for span in top_level(data) if data[span[0]] == Opcode.CHUNK]
+    assert len(chunks) == len(wanted)
+    for number in (0, STEPS, 2 * STEPS):
+        start, end = chunks[number]
+        flipped = bytearray(data)
+        flipped[(start + end) // 2] ^= 4
+        file = folder / "x.mcap"
+        file.write_bytes(flipped)
+        assert repair.repair(file).lost_chunks == 1
+        assert read(file) == ([one for at, one in enumerate(wanted) if at != number], "")
+
+
 def test_a_flipped_bit_in_a_head_of_a_file_without_chunks_loses_a_message(folder: Path) -> None:
     file = folder / "x.mcap"
     with ForeignFile(file, use_chunking=False) as result:
@@ -268,6 +310,19 @@ def test_what_only_the_checksum_of_all_data_can_tell_is_told_so(folder: Path) ->
     assert f"which of {len(ride(STEPS))} messages" in str(report)
     assert [kept.read_bytes() for kept in report.kept] == [flipped]
     assert read(file)[1] == ""
+
+
+@pytest.mark.parametrize("checked", [False, True])
+def test_it_is_told_where_no_checksum_could_tell_of_damage(folder: Path, checked: bool) -> None:
+    file = folder / "x.mcap"
+    with ForeignFile(file, use_chunking=False, enable_data_crcs=checked) as result:
+        result.ride_channels()
+        for topic, data, now in ride(STEPS):
+            result.write(topic, data, now)
+    told = f"; {len(ride(STEPS))} have no checksum, so that damage in them cannot be seen"
+    assert (told in str(repair.repair(file))) == (not checked)
+    file.write_bytes(original("zstd"))
+    assert "checksum" not in str(repair.repair(file))
 
 
 def test_an_original_that_was_kept_before_stays(folder: Path) -> None:

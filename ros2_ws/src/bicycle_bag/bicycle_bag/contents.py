@@ -23,6 +23,7 @@ class Contents:
         unfinished: Why there is none.
         registry: Channels and schemas that are known so far.
         counts: Messages found so far, by channel.
+        has_checksum: True if a checksum of all data could be compared; known at the end.
 
     Raises:
         BagError: The file cannot be read, or is of another kind.
@@ -35,6 +36,7 @@ class Contents:
         self.unfinished = ""
         self.registry = Registry()
         self.counts: dict[int, int] = {}
+        self.has_checksum = False
         self._start = ""
         with container.open_binary(path) as stream:
             try:
@@ -89,6 +91,7 @@ class Contents:
                     yield from self._take(piece) if isinstance(piece, Piece) else (piece,)
             except UnreadableError as error:
                 raise BagError(f"{self.path} cannot be read: {error}") from None
+            self.has_checksum = walk.has_checksum
 
     def _take(self, piece: Piece) -> Iterator[Piece | Damage]:
         known, channels, counts = [], self.registry.channels, self.counts

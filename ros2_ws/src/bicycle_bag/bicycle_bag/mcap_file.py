@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import os
 from pathlib import Path
+from typing import Any
 
+from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
 from bicycle_bag.metadata import NO_START, BagMetadata, FileInformation, Topic
@@ -44,6 +46,7 @@ class McapFile:
         self._last_ns = 0
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
+        self._defined_once: list[Schema | Channel] = []
         self._stream = path.open("xb")
         self._writer = Writer(
             self._stream,
@@ -90,20 +93,28 @@ class McapFile:
             encoding = "ros2msg" if definition else ""
             schema_id = self._writer.register_schema(topic.type, encoding, definition.encode())
             self._schemas[topic.type] = schema_id
-        self._channels[topic.name] = self._writer.register_channel(
+            self._defined_once.append(Schema(schema_id, definition.encode(), encoding, topic.type))
+        about = {
+            "offered_qos_profiles": dump_profiles(topic.qos),
+            "topic_type_hash": topic.type_hash,
+        }
+        number = self._writer.register_channel(
             topic=topic.name,
             message_encoding=topic.serialization_format,
             schema_id=schema_id,
-            metadata={
-                "offered_qos_profiles": dump_profiles(topic.qos),
-                "topic_type_hash": topic.type_hash,
-            },
+            metadata=about,
         )
+        self._defined_once.append(
+            Channel(number, topic.name, topic.serialization_format, about, schema_id)
+        )
+        self._channels[topic.name] = number
         self.topics[topic.name] = topic
         self.counts[topic.name] = 0
 
     def add_message(self, topic: str, data: bytes, log_time_ns: int, publish_time_ns: int) -> None:
         """Append one message of a registered topic; times before 1970 become 0."""
+        if self._defined_once:
+            self._define_again()
         log_time_ns, publish_time_ns = max(0, log_time_ns), max(0, publish_time_ns)
         self._writer.add_message(self._channels[topic], log_time_ns, data, publish_time_ns)
         self.counts[topic] += 1
@@ -118,6 +129,20 @@ class McapFile:
         """Pack the chunk in the making, give all to the kernel, and have it synced soon."""
         self._writer.flush()  # type: ignore[no-untyped-call]
         self._syncer.ask()
+
+    def _define_again(self) -> None:
+        """Put what the last chunks have defined into the next one, too.
+
+        A recorder that is killed leaves no summary; a chunk that is damaged then would take all
+        later messages of its topics along.
+        """
+        # The writer has no public way to put a definition into a second chunk.
+        builder: Any = self._writer._Writer__chunk_builder  # type: ignore[attr-defined]
+        if builder.count:
+            return  # they are in this chunk, too
+        for one in self._defined_once:
+            one.write(builder.record_writer)
+        self._defined_once.clear()
 
     def end(self) -> None:
         """Write index and footer, give all to the kernel, and have it synced; does not wait."""

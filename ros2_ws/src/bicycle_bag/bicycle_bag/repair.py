@@ -39,7 +39,8 @@ class RepairReport:
 
     `lost_messages` is known of files that were finished once; `lost_spans` are the first and
     last times of lost chunks in ns, `lost_bytes` were of no record that could be told, and of
-    `unproved` messages, which have no checksum, some may be damaged.
+    `unproved` messages, which have no checksum, some may be damaged. No checksum at all covers
+    `unchecked` messages.
     """
 
     messages: int = 0
@@ -49,6 +50,7 @@ class RepairReport:
     lost_messages: int = 0
     lost_spans: list[tuple[int, int]] = field(default_factory=list)
     unproved: int = 0
+    unchecked: int = 0
     starting_time_ns: int = metadata.NO_START
     kept: list[Path] = field(default_factory=list)
     converted: list[Path] = field(default_factory=list)
@@ -74,6 +76,8 @@ class RepairReport:
                 f"; the checksum of all data is wrong, and which of {self.unproved} messages that "
                 "have none of their own are damaged cannot be told"
             )
+        elif self.unchecked:
+            line += f"; {self.unchecked} have no checksum, so that damage in them cannot be seen"
         if self.kept:
             line += f"; damaged originals kept as {', '.join(str(path) for path in self.kept)}"
         return line
@@ -163,6 +167,8 @@ def _repair_file(source: Path, report: RepairReport, progress: Progress) -> Salv
     check = Salvage(source)
     for _ in check.pieces(progress):
         pass
+    if not check.contents.has_checksum:
+        report.unchecked += check.unproved
     if check.whole:
         return check
     scratch = source.with_name(f".{source.name}.repair")

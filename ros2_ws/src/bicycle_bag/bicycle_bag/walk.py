@@ -83,11 +83,15 @@ class Walk:
         size: Its bytes.
         summary: Of a finished file whose summary is sound.
         registry: Channels that are known, filled by who takes the pieces.
+
+    Attributes:
+        has_checksum: True if a checksum of all data was there and could be compared.
     """
 
     def __init__(
         self, stream: BinaryIO, size: int, summary: Summary | None, registry: Registry
     ) -> None:
+        self.has_checksum = False
         self._stream = stream
         self._size = size
         self._registry = registry
@@ -114,7 +118,8 @@ class Walk:
             sound = sound and isinstance(found, Piece)
             if isinstance(found, Piece) and found.opcode == Opcode.DATA_END:
                 (stored,) = struct.unpack("<I", found.body)
-                if sound and stored not in (0, checksum):
+                self.has_checksum = sound and stored != 0
+                if self.has_checksum and stored != checksum:
                     yield Damage(offset, offset, WRONG_CHECKSUM)
                 return
             if sound:
