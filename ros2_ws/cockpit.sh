@@ -20,7 +20,7 @@
 # click on the map. Ctrl-C ends all of it.
 # Exit status: 0 ended by a signal, 2 bad arguments or a part that cannot run, 1 anything else.
 set -euo pipefail
-ws=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+ws=$(CDPATH='' cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 

@@ -97,7 +97,7 @@ _bicycle_environment() {
   else
     here=${BASH_SOURCE[0]}
   fi
-  ws=$(CDPATH='' builtin cd -P "$(dirname "$here")" && pwd) || return 1
+  ws=$(CDPATH='' builtin cd -P "$(dirname "$(readlink -f -- "$here")")" && pwd) || return 1
   # shellcheck source-path=SCRIPTDIR source=lib/shell.sh
   . "$ws/lib/shell.sh"
   case ":${AMENT_PREFIX_PATH:-}:" in

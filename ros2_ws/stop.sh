@@ -10,9 +10,13 @@
 # Exit status: 0 all ended (or nothing ran), 1 something had to be killed or left a bag unfinished,
 # 2 bad arguments, 130 interrupted.
 set -euo pipefail
-ws=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)
+ws=$(CDPATH='' cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
+
+say() { # WORD...: a line for whoever reads; where nobody does, the work goes on
+  printf '%s\n' "$*" 2>/dev/null || true
+}
 
 ! help_wanted "$@" || { usage "${BASH_SOURCE[0]}" && exit 0; }
 for name in "$@"; do
@@ -20,6 +24,7 @@ for name in "$@"; do
   [[ $name =~ ^[a-z_]+$ ]] || die 2 "'$name' is no name of what runs here; see stop.sh --help."
 done
 enter_workspace
+trap '' PIPE
 folder=$ws/runs/pids/$ROS_DOMAIN_ID
 savers=" recorder repair ride cockpit trainer "
 status=0
@@ -55,7 +60,7 @@ wait_for_saver() { # FILE: as long as it takes, or until Ctrl-C
       die 130 "left $waited_for, which ends alone: do not kill it."
     elif ((waited >= word)); then
       word=$((waited + 10))
-      echo "waiting for $waited_for ($waited s so far); Ctrl-C leaves it to end alone"
+      say "waiting for $waited_for ($waited s so far); Ctrl-C leaves it to end alone"
       ((waited < 10)) || kill -s TERM "$pid" 2>/dev/null || true
     fi
   done
@@ -80,9 +85,9 @@ end() { # FILE: ends one process
       done
       [[ $signal != KILL ]] || status=1
     fi
-    echo "stopped $name (process $pid, SIG$signal)"
+    say "stopped $name (process $pid, SIG$signal)"
     if [[ -n $bag && ! -f $bag/metadata.yaml && -d $bag ]]; then
-      echo "stop.sh: $bag was not finished; recover it with record.sh --repair $bag" >&2
+      say "stop.sh: $bag was not finished; recover it with record.sh --repair $bag" >&2
       status=1
     fi
   fi
@@ -113,5 +118,5 @@ else
   done
   end_all simulator "${others[@]}" recorder
 fi
-((count)) || echo "nothing of this workspace runs on domain $ROS_DOMAIN_ID"
+((count)) || say "nothing of this workspace runs on domain $ROS_DOMAIN_ID"
 exit "$status"

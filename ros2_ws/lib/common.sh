@@ -8,12 +8,21 @@ end_on_signals() { # Without it, a signal is lost that comes while another progr
 }
 end_on_signals
 
+open_streams() { # The number of a closed one would go to the next file that is opened: a bag, say
+  [[ -e /dev/fd/0 ]] || exec </dev/null
+  [[ -e /dev/fd/1 ]] || exec >/dev/null
+  [[ -e /dev/fd/2 ]] || exec 2>/dev/null
+}
+open_streams
+
 die() { # STATUS MESSAGE: one line for a person, then out
   local line=${2//[[:cntrl:]]/ }
   ((${#line} <= 1000)) || line="${line:0:500} ... ${line: -200}"
   printf '%s: %s\n' "$(basename "$0")" "$line" >&2
   exit "$1"
 }
+
+pwd -P >/dev/null 2>&1 || die 1 "the working directory is not there any more: change to another."
 
 have() { # COMMAND: whether it can be found
   command -v "$1" >/dev/null 2>&1

@@ -15,8 +15,8 @@ from waiting import PATIENCE
 
 WORKSPACE = Path(__file__).resolve().parents[2] / "ros2_ws"
 TOOLS = (
-    "bash basename dirname cat cmp cut find flock git grep ls mkdir mv rm sed sha256sum sleep "
-    "sort stat tail touch tr uname xargs"
+    "bash basename dirname cat cmp cut find flock git grep ls mkdir mv readlink rm sed sha256sum "
+    "sleep sort stat tail touch tr uname xargs"
 )
 
 

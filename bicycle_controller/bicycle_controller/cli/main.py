@@ -93,9 +93,7 @@ def main(argv: list[str] | None = None) -> int:
         print(f"bicycle {name}: interrupted", file=sys.stderr)
         return INTERRUPTED
     except BrokenPipeError:
-        # The reader of the output has closed it; nothing more can be printed.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return FAILED
+        raise  # the reader of the output has left: `run_module` knows what to do
     except ModuleNotFoundError as error:
         remedy = f"run 'ros2_ws/setup.sh --with train', or 'pip install {error.name}'"
         return _report(name, f"needs {error.name}, which is not installed: {remedy}", error)

@@ -170,7 +170,7 @@ def run_module(name: str) -> NoReturn:
         atexit._run_exitfuncs()
         # Python kills itself at its end where the exception struck in an exec of a dataclass, say.
         _end(status if isinstance(status, int) else bool(status))
-    sys.exit(status)
+    sys.exit(_after_output(status, name.rpartition(".")[2]))
 
 
 @contextlib.contextmanager
@@ -198,6 +198,42 @@ def _status_of(main: Callable[[], int | None]) -> str | int | None:
         return main()
     except SystemExit as leaving:
         return leaving.code
+    except BrokenPipeError:
+        if not _output_is_lost():
+            raise
+        return 0
+
+
+def _after_output(status: str | int | None, program: str) -> str | int | None:
+    """Return the status of a program once its output is written, which Python does too late.
+
+    A reader that leaves, such as head, has what it wanted; a full disk makes a failure of success.
+    """
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        _forget_output()
+    except OSError as error:
+        _forget_output()
+        if not status:  # else the reason has been told
+            print(f"{program}: cannot write the output ({error.strerror})", file=sys.stderr)
+            return 1
+    return status
+
+
+def _output_is_lost() -> bool:
+    """Return True if the reader of the output has left."""
+    try:
+        sys.stdout.flush()
+    except BrokenPipeError:
+        return True
+    return False
+
+
+def _forget_output() -> None:
+    """Have what cannot be written go nowhere."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _interrupt(number: int, frame: FrameType | None) -> NoReturn:

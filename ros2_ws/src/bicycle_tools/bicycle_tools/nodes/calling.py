@@ -108,9 +108,6 @@ def run_tool(name: str, ros: Sequence[str], act: Callable[[Caller], int]) -> int
     except CallError as error:
         print(f"{name}: {error}", file=sys.stderr)
         return error.status
-    except BrokenPipeError:
-        sys.stderr.close()  # the reader, such as head, has closed the pipe
-        return 0
     finally:
         caller.close()
         rclpy.try_shutdown()

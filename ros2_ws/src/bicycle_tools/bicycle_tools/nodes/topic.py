@@ -245,9 +245,6 @@ def main() -> int:
     except TopicError as error:
         print(f"topic.sh: {error}", file=sys.stderr)
         return 1
-    except BrokenPipeError:
-        sys.stderr.close()  # the reader, such as head, has closed the pipe
-        return 0
     finally:
         watcher.close()
         rclpy.try_shutdown()
