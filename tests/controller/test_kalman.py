@@ -45,6 +45,35 @@ def test_perfect_sensors_leave_hardly_an_error() -> None:
     assert sensing.ride(who, plant, given, 50, seed=1).summary()["roll_error_rms_deg"] < 0.03
 
 
+def test_steering_that_sticks_is_not_taken_for_one_that_turns() -> None:
+    who, plant = controller("browser-rider")
+    given = sensing.Conditions(sensors=sensors.load("mpu6050"), friction=0.5)
+    sticking = given.applied(plant)
+    assert given.sensors is not None
+    zero = np.zeros(1)
+    state = sticking.initial(zero, zero, zero, np.array([4.0]))
+    suite = SensorSuite(given.sensors, sticking, 1, 3)
+    filters = [Filter(model, given.sensors) for model in (sticking, plant)]
+    arrivals = Arrivals()
+    arrivals.add(suite.rest(state))
+    suite.begin(state)
+    fastest = [0.0, 0.0]
+    for step in range(40):
+        torque = np.array([0.4 * math.sin(0.5 * step)])  # below the friction
+        trace = sticking.trace(state, torque, zero, zero)
+        arrivals.add(suite.advance(trace, PERIOD))
+        state = trace[-1]
+        due = arrivals.due(suite.time)
+        for index, one in enumerate(filters):
+            for reading, mask in due:
+                one.take(reading, mask)
+            rate = float(one.estimate(suite.time).steer_rate[0])
+            fastest[index] = max(fastest[index], abs(rate))
+    assert float(state.steer_angle[0]) == 0.0
+    assert fastest[0] < 0.3 * fastest[1]
+    assert fastest[1] > 0.02  # the model without friction believes that the torque turns it
+
+
 def single_ride(
     steps: int = 240, bicycle: str = "browser-rider", preset: str = "mpu6050-rtk"
 ) -> tuple[list[list[tuple[Reading, np.ndarray]]], list[Any], Any, sensors.SensorSettings]:

@@ -10,6 +10,7 @@ import pytest
 from bicycle_controller.cli.main import main
 from bicycle_controller.control.lqr import LqrController
 from bicycle_controller.evaluation import sensing
+from bicycle_controller.policy.policy import load_controller
 from bicycle_sim.plants import registry
 from bicycle_sim.sensors import settings as sensors
 
@@ -23,6 +24,14 @@ def test_rides_from_estimates_only_stay_upright(bicycle: str) -> None:
     found = sensing.ride(LqrController.named("lqr", plant, 7.0), plant, given, 60, seed=2)
     assert found.fall_rate == 0.0
     assert found.summary()["roll_error_rms_deg"] < 1.0
+
+
+def test_any_bicycle_rides_from_estimates_through_friction() -> None:
+    given = sensing.Conditions(sensors=sensors.load("mpu6050"), speeds=(2.0, 2.5), **HARD)
+    plant = given.applied(registry.named("whipple", "balance-assist-rider"))
+    found = sensing.ride(load_controller("any-bicycle", plant), plant, given, 40, seed=2)
+    # An estimator that does not know the friction costs a third of these rides.
+    assert found.fall_rate == 0.0
 
 
 def test_same_seed_same_rides_another_seed_others() -> None:

@@ -2,7 +2,8 @@
 
 Lean is no sensor's reading. The roll gyro's integral gives it for a second or two; beyond that it
 follows from what the bicycle does: a lean that is not the turn's makes it fall, which the gyros,
-the steer encoder and the model see. The accelerometer adds the lateral force less what the turn
+the steer encoder and the model see. The steering's friction is part of that model: without it a
+steering that sticks would seem to turn. The accelerometer adds the lateral force less what the turn
 explains; alone it says nothing, for in a steady turn it feels no lean.
 
 Signs are the paper's: lean, steering and yaw rate are positive to the left.
@@ -478,8 +479,11 @@ class Filter:
         )
 
 
-def _rates(model: Model, k: Coefficients, x: np.ndarray, torque: np.ndarray) -> np.ndarray:
-    return model.rates(k, x[:, LEAN], bend(x)) + k.torque * torque[:, None]
+def _rates(
+    model: Model, k: Coefficients, x: np.ndarray, torque: np.ndarray, dt: float = STEP
+) -> np.ndarray:
+    free = model.rates(k, x[:, LEAN], bend(x)) + k.torque * torque[:, None]
+    return model.gripped(k, free, x[:, STEER_RATE], dt)
 
 
 def _moved(
@@ -494,15 +498,15 @@ def _moved(
     """States and course `dt` s later, by the midpoint rule; unchanged where not `moving`."""
     share = dt * moving[:, None]
 
-    def slopes(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        rates = _rates(model, k, at, torque)
+    def slopes(at: np.ndarray, left: float) -> tuple[np.ndarray, np.ndarray]:
+        rates = _rates(model, k, at, torque, left)
         found = np.zeros_like(at)
         found[:, LEAN], found[:, STEER] = at[:, LEAN_RATE], at[:, STEER_RATE]
         found[:, LEAN_RATE], found[:, STEER_RATE] = rates[:, 0], rates[:, 1]
         return found, rates[:, 2]
 
-    first, _ = slopes(x)
-    second, yaw = slopes(x + 0.5 * share * first)
+    first, _ = slopes(x, dt)
+    second, yaw = slopes(x + 0.5 * share * first, 0.5 * dt)
     turned_by = yaw * share[:, 0]
     middle = course[:, 0] + 0.5 * turned_by
     way = x[:, SPEED] * share[:, 0]

@@ -47,6 +47,9 @@ class Model:
             self._powers = self._powers[:, None]
         self.torque = np.atleast_2d(parts[1][1])
 
+        steering = getattr(getattr(plant, "parameters", None), "steering", None)
+        self.friction = np.asarray(0.0 if steering is None else steering.friction, dtype=float)
+        """N m, () or (N,), of the steering; a higher stiction is not followed."""
         self._pitch = _pitch(plant)
 
     def pitch(self, lean: np.ndarray, steer: np.ndarray) -> np.ndarray:
@@ -75,6 +78,27 @@ class Model:
         """
         found = np.einsum("nij,nj->ni", k.axes, bent)
         found[:, 2] /= np.cos(lean)
+        return found
+
+    def gripped(
+        self, k: Coefficients, rates: np.ndarray, steer_rate: np.ndarray, dt: float
+    ) -> np.ndarray:
+        """Return `rates` (N, 3) less what the steering's friction takes off them.
+
+        Coulomb friction brings the steering to rest within `dt` s where it can, and else takes its
+        whole torque. Without it, the model turns a steering that sticks.
+
+        Args:
+            k: at the bicycles' speeds.
+            rates: (N, 3), ROWS under every other torque.
+            steer_rate: (N,) rad/s.
+            dt: s, of the step.
+        """
+        if not self.friction.any():
+            return rates
+        needed = -(steer_rate / dt + rates[:, 1]) / k.torque[:, 1]
+        torque = np.minimum(np.maximum(needed, -self.friction), self.friction)
+        found: np.ndarray = rates + k.torque * torque[:, None]
         return found
 
 
