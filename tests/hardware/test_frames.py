@@ -35,6 +35,19 @@ def test_stuffing_goes_back_and_forth_without_a_zero(plain: bytes) -> None:
     assert unstuff(stuffed) == plain
 
 
+def test_stuffing_is_that_of_the_kept_library() -> None:
+    """`pip install cobs`: no wheel of it for Linux, so set-up does not bring it."""
+    cobs = pytest.importorskip("cobs.cobs")
+    random = np.random.default_rng(0)
+    for _ in range(20_000):
+        share = random.random()
+        values = random.integers(1, 256, random.integers(0, 97))  # no frame is longer
+        plain = bytes(np.where(random.random(len(values)) < share, 0, values).tolist())
+        stuffed = stuff(plain)
+        assert stuffed == cobs.encode(plain)
+        assert unstuff(stuffed) == cobs.decode(stuffed) == plain
+
+
 def test_message_goes_back_and_forth() -> None:
     message = DriverState(5, 2, 129, 0.5, -1.0, 24.0, 65535, 7, 3)
     frame = encode(message, 70000)
