@@ -46,7 +46,7 @@ def test_perfect_sensors_leave_hardly_an_error() -> None:
 
 
 def test_steering_that_sticks_is_not_taken_for_one_that_turns() -> None:
-    who, plant = controller("browser-rider")
+    plant = registry.named("whipple", "browser-rider")
     given = sensing.Conditions(sensors=sensors.load("mpu6050"), friction=0.5)
     sticking = given.applied(plant)
     assert given.sensors is not None

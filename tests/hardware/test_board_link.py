@@ -1,4 +1,4 @@
-"""The ros2_control plugin's serial line, compiled here without ROS, against the simulated board."""
+"""The ros2_control plugin's serial line, compiled without ROS, against the simulated board."""
 
 from __future__ import annotations
 

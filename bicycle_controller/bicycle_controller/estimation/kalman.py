@@ -3,8 +3,8 @@
 Lean is no sensor's reading. The roll gyro's integral gives it for a second or two; beyond that it
 follows from what the bicycle does: a lean that is not the turn's makes it fall, which the gyros,
 the steer encoder and the model see. The steering's friction is part of that model: without it a
-steering that sticks would seem to turn. The accelerometer adds the lateral force less what the turn
-explains; alone it says nothing, for in a steady turn it feels no lean.
+steering that sticks would seem to turn. The accelerometer adds the lateral force less what the
+turn explains; alone it says nothing, for in a steady turn it feels no lean.
 
 Signs are the paper's: lean, steering and yaw rate are positive to the left.
 """
