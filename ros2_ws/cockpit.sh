@@ -3,7 +3,7 @@
 #
 # Usage: cockpit.sh [--no-ride] [--port N] [--bags FOLDER] [--models FOLDER]
 #                   [--bind ADDRESS --token auto|--token-file FILE [--host-name NAME]...]
-#                   [NODE.name:=value]... [--ros-args ...]
+#                   [NODE.name:=value]... [__ns:=/name] [--ros-args ...]
 #
 #   --no-ride         start neither simulator nor controller: show what runs already
 #   --port N          8765 unless named; 0 takes a free one
@@ -15,9 +15,11 @@
 #                     the variable BICYCLE_COCKPIT_TOKEN does the same
 #   --host-name NAME  a name by which other machines call this one, if not by number
 #   NODE.name:=value  a parameter of simulator or controller, such as controller.policy:=lqr
+#   __ns:=/name       the bicycle's namespace, also of what is started
 #
 # The first call sets everything up, which takes some minutes. Then open the address that it prints and
-# click on the map. Ctrl-C ends all of it.
+# click on the map. Where several bicycles ride in the domain, as with fleet.sh, the map shows all of them
+# and the list "Bicycle" chooses the one that is steered. Ctrl-C ends all of it.
 # Exit status: 0 ended by a signal, 2 bad arguments or a part that cannot run, 1 anything else.
 set -euo pipefail
 ws=$(CDPATH='' cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)

@@ -12,7 +12,7 @@
 #
 # The first one publishes /clock for all. fleet.json in the run's folder tells for each how far off its route
 # it was and how late its steps began and were answered, and for each pair how near the two came.
-# goal.sh, push.sh, reset.sh and record.sh take one of them as __ns:=/b1; cockpit.sh --no-ride shows it so.
+# goal.sh, push.sh, reset.sh and record.sh take one of them as __ns:=/b1; cockpit.sh --no-ride shows all.
 # Exit status: 0 all routes ridden to their ends, 4 one not, 1 a part failed, 2 bad arguments, 130 interrupted.
 set -euo pipefail
 ws=$(CDPATH='' cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)

@@ -116,6 +116,29 @@ def test_a_simulator_that_was_started_anew_ends_what_waits_of_the_old_one() -> N
     asyncio.run(story())
 
 
+def test_another_bicycle_ends_what_waits_of_the_one_before() -> None:
+    async def story() -> None:
+        hub = Broadcaster()
+        (one, box), (_, unread) = hub.join() or (0, Outbox()), hub.join() or (0, Outbox())
+        hub.greet(one, "hello", [Rows(0, 2, ("[2]", "[3]"))])
+        for kind in ("facts", "palette"):
+            hub.latest(kind, f"old {kind}")
+        hub.stream(row(4))
+        hub.reliable("answer")
+        hub.begin_anew("hello again", [Rows(0, 7, ("[7]",))])
+        hub.stream(row(8))
+        *first, frame, older = await emptied(box)
+        assert first == ["hello", "answer", "hello again", "old palette"]
+        assert numbers(frame) + numbers(older) == [8, 7]
+        assert await emptied(unread) == [], "it waits for its own greeting"
+        later = hub.join()
+        assert later is not None
+        hub.greet(later[0], "hello", [])
+        assert await emptied(later[1]) == ["hello", "old palette"]
+
+    asyncio.run(story())
+
+
 def test_a_page_that_takes_nothing_is_given_up() -> None:
     async def story() -> None:
         box = Outbox()

@@ -20,6 +20,7 @@ from bicycle_cockpit.requests import (
     Reset,
     SendGoal,
     SetUp,
+    ShowBicycle,
     Step,
     SwitchController,
     parse,
@@ -41,6 +42,7 @@ from bicycle_cockpit.requests import (
         ({"type": "controller", "name": "lqr"}, SwitchController(-1, "lqr")),
         ({"type": "record", "on": True}, Record(-1, True)),
         ({"type": "course", "name": "slalom"}, FollowCourse(-1, "slalom")),
+        ({"type": "bicycle", "name": "/b2"}, ShowBicycle(-1, "/b2")),
         (
             {"type": "setup", "plant": "whipple", "speed": 3, "controller": "lqr"},
             SetUp(-1, {"plant": "whipple", "speed": 3.0}, "lqr"),

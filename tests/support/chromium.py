@@ -147,8 +147,8 @@ def position(page: BrowserPage) -> tuple[float, float]:
 
 
 def inside(page: BrowserPage, expression: str) -> Any:
-    """Return a value of the page's own `live`, `view`, `views`, `link` and `player`."""
-    script = f"({{ live, view, views, link, player }}) => {expression}"
+    """Return a value of the page's own `live`, `view`, `views`, `link`, `fleet` and `player`."""
+    script = f"({{ live, view, views, link, fleet, player }}) => {expression}"
     return page.evaluate(f"async () => ({script})(await import('/web/main.js'))")
 
 

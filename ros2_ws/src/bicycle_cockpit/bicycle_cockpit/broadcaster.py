@@ -16,6 +16,8 @@ MOST_FRAMES = 500
 MOST_RELIABLE = 1_000
 """Largest number of answers and events queued for a page; with more it is disconnected."""
 MOST_CLIENTS = 16
+LASTING = ("palette", "fleet")
+"""Types of data that are the same for every ride."""
 
 
 class TooSlowError(Exception):
@@ -45,6 +47,21 @@ class Outbox:
         self._reliable.appendleft(text)
         self._history.extend(history)
         self._something.set()
+
+    def begin_anew(self, text: str, history: Sequence[Rows]) -> None:
+        """Queue another greeting, and drop what has not been sent of the ride before.
+
+        What must not be lost is sent first. A page that waits for its first greeting gets it from
+        `greet`.
+        """
+        self._frames.clear()
+        self._history.clear()
+        for kind in set(self._latest) - set(LASTING):
+            del self._latest[kind]
+        if self._greeted:
+            self._reliable.append(text)
+            self._history.extend(history)
+            self._something.set()
 
     def stream(self, rows: Rows) -> None:
         """Queue new rows; before the greeting they are in the history already."""
@@ -136,6 +153,12 @@ class Broadcaster:
         """Queue a page's greeting; see `Outbox.greet`."""
         if number in self._boxes:
             self._boxes[number].greet(text, history)
+
+    def begin_anew(self, text: str, history: Sequence[Rows]) -> None:
+        """Queue a greeting for another ride for all pages; see `Outbox.begin_anew`."""
+        self._last = {kind: data for kind, data in self._last.items() if kind in LASTING}
+        for box in self._boxes.values():
+            box.begin_anew(text, history)
 
     def stream(self, rows: Rows) -> None:
         """Queue new rows for all pages."""

@@ -16,6 +16,7 @@ from bicycle_common.node_commands import checked_parameter
 DEFAULT_PORT = 8765
 RIDE = ("simulator", "controller")
 """Nodes that the cockpit starts, in this order."""
+NAMESPACE = "__ns:="
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,23 @@ class Options:
     ros: tuple[str, ...]
     """Arguments for the cockpit's own node, such as ``-r __ns:=/red``."""
 
+    @property
+    def namespace(self) -> str:
+        """Return the namespace that the ROS arguments name; `/` without one."""
+        named = [word.removeprefix(NAMESPACE) for word in self.ros if word.startswith(NAMESPACE)]
+        return f"/{named[0].strip('/')}" if named else "/"
+
+    @property
+    def rules(self) -> tuple[str, ...]:
+        """Return the ROS arguments without those that rename the node or name a namespace."""
+        kept: list[str] = []
+        for word in self.ros:
+            if word.startswith((NAMESPACE, "__node:=", "__name:=")):
+                kept = kept[:-1]  # the -r before it
+            else:
+                kept.append(word)
+        return tuple(kept)
+
     def url(self, port: int) -> str:
         """Return the address for the browser; the token is behind #, which is never sent."""
         address = self.door.address
@@ -48,6 +66,10 @@ def parse(arguments: Sequence[str], workspace: Path) -> Options:
     words = list(arguments)
     at = words.index("--ros-args") if "--ros-args" in words else len(words)
     own, ros = words[:at], words[at:]
+    spaces = [word for word in own if word.startswith(NAMESPACE)]
+    if spaces:
+        own = [word for word in own if word not in spaces]
+        ros = ["--ros-args", "-r", spaces[0], *ros[1:]]
     parser = OneLineParser(prog="cockpit.sh", add_help=False, allow_abbrev=False)
     add = parser.add_argument
     add("--port", type=int, default=DEFAULT_PORT)

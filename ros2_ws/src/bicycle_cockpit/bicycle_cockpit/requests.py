@@ -121,6 +121,14 @@ class FollowCourse(Request):
     """Name of a choice that was offered to the page."""
 
 
+@dataclass(frozen=True)
+class ShowBicycle(Request):
+    """Show and steer another bicycle of the domain."""
+
+    name: str
+    """Namespace of one that was told to the page."""
+
+
 def parse(text: str) -> Request:
     """Parse a message into a request.
 
@@ -224,6 +232,7 @@ _PARSERS: dict[str, tuple[tuple[str, ...], _Maker]] = {
     ),
     "setup": ((*SETUP_WORDS, *SETUP_NUMBERS, "controller"), _set_up),
     "course": (("name",), lambda n, d: FollowCourse(n, _word(d, "name", "the name of a course"))),
+    "bicycle": (("name",), lambda n, d: ShowBicycle(n, _word(d, "name", "a bicycle's name"))),
     "record": (("on",), lambda n, d: Record(n, _flag(d, "on"))),
 }
 """Parsers by request type: the allowed fields, and the function."""

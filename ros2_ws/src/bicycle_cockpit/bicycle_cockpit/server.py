@@ -104,6 +104,10 @@ class Server:
         """Send the first message of a page, and the rows until now."""
         self._loop.call_soon_threadsafe(self._hub.greet, page, json_text(hello), history)
 
+    def begin_anew(self, hello: dict[str, Any], history: Sequence[Rows]) -> None:
+        """Greet all pages again, for another ride."""
+        self._loop.call_soon_threadsafe(self._hub.begin_anew, json_text(hello), history)
+
     def stream(self, rows: Rows) -> None:
         """Send new rows to all pages."""
         self._loop.call_soon_threadsafe(self._hub.stream, rows)

@@ -15,10 +15,9 @@ from pathlib import Path
 
 from bicycle_cockpit.nodes.cockpit_node import NAME, CockpitNode
 from bicycle_cockpit.nodes.recording import Recording
-from bicycle_cockpit.options import RIDE, Options, parse
+from bicycle_cockpit.options import NAMESPACE, RIDE, Options, parse
 from bicycle_cockpit.trouble import Line
 from bicycle_common.node_commands import config_folder, node_command, workspace
-from bicycle_common.nodes import topics
 from bicycle_common.nodes.runner import UserError, run
 from bicycle_common.processes import ProcessGroup, Supervisor, Vigil, registry_of
 from bicycle_common.signals import StopRequest
@@ -38,6 +37,7 @@ class Ride:
         """Start the processes, if they are requested."""
         self._logs = logs
         self._words = options.parameters
+        self._namespace = options.namespace
         self._good: tuple[str, ...] | None = None
         """Parameters to return to if a page's parameters do not run."""
         self._ending: threading.Thread | None = None
@@ -56,7 +56,8 @@ class Ride:
         return self._words
 
     def _begin(self, words: tuple[str, ...]) -> None:
-        commands = {name: node_command(name, config_folder(), words) for name in RIDE}
+        rule = ["-r", f"{NAMESPACE}{self._namespace}"] if self._namespace != "/" else []
+        commands = {name: [*node_command(name, config_folder(), words), *rule] for name in RIDE}
         crew = ProcessGroup(commands, self._logs, registry_of(workspace()), early=True)
         self._crew, self._words = crew, words
         self._supervisor = Supervisor(crew)
@@ -133,8 +134,7 @@ class Announced:
         """Check the processes; see `Ride.look`."""
         node = self.node
         if node is not None and not self._told:
-            commands = node.count_publishers(topics.COMMAND.name)
-            ready = node.live.hears_simulator and commands > 0
+            ready = node.shown.live.hears_simulator and node.shown.controllers > 0
             if ready or not self._options.ride or time.monotonic() - self._begun > READY:
                 self._told = True
                 address = self._options.url(node.server.port)

@@ -104,6 +104,14 @@ class RequestHandler:
         """Begin a request; `reply` is called once, now or later, with the result."""
         self._do(request, reply)
 
+    def close(self) -> None:
+        """Leave the actions; the services' clients go with the node."""
+        self._orders.close()
+        self._course.destroy()
+        for call in self._calls:
+            call.reply(False, f"{call.name}: another bicycle was chosen before the answer came")
+        self._calls.clear()
+
     def look(self) -> None:
         """Answer the calls that have ended or take too long."""
         now = time.monotonic()

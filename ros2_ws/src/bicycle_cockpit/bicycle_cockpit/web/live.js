@@ -51,6 +51,8 @@ export class Live {
     if (!same) {
       this.told = -1;
       this.events = [];
+      this.path = [];
+      this.riders = [];
       if (!this.quiet) clearEvents();
     }
     this.session = message.session;

@@ -6,6 +6,7 @@ import { SPAN, drawCharts, spanOf, timeAt } from "./charts.js";
 import { answer, offer, showControls, toggle } from "./controls.js";
 import { estimateOf, offBy } from "./estimate.js";
 import { Film, save } from "./film.js";
+import { Fleet } from "./fleet.js";
 import { Ghost, gapWords } from "./ghost.js";
 import { Guide } from "./guide.js";
 import { drawHorizon } from "./horizon.js";
@@ -55,6 +56,7 @@ const takers = {
   frame: (message) => live.frame(message),
   riders: (message) => (live.riders = message.riders),
   path: (message) => (live.path = message.points),
+  fleet: (message) => fleet.take(message),
   setup: ({ type, ...values }) => (setup.values = values),
   palette: (message) => (slots = message.slots),
   event(message) {
@@ -229,6 +231,7 @@ async function ask(type, fields) {
 }
 
 const setup = new Setup(ask, () => live.status.who.chosen.name);
+export const fleet = new Fleet((name) => ask("bicycle", { name }));
 
 /** A control that acts on the live ride; in a bag it does nothing. */
 const acts = (type, fields = () => ({})) => () => player.bag || ask(type, fields());
@@ -363,6 +366,7 @@ function told() {
     geometry: bag ? bag.geometry : facts.geometry, goal: bag ? bag.goal : live.status.goal, ahead: bag ? [] : live.status.ahead,
     radius: bag ? bag.radius : facts.goal_radius ?? 1,
     path: bag ? [] : live.path,
+    others: bag ? [] : fleet.others,
     pointed: hover === null || cursor < 0 ? null : rowAt(series, hover),
   };
 }

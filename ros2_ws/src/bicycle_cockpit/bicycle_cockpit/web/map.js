@@ -10,7 +10,7 @@ const STEP = 0.1;
  * @param {HTMLCanvasElement} canvas
  * @param {View} view
  * @param scene `series`, `paint` (colour of a policy's number), `cursor` (row, -1 for none), `goal`, `ahead`, `marks`,
- *   `radius`, `mark` ([x, y] of the keyboard), `drag` ({from, to}, m), `wheelbase`, `fallen`
+ *   `radius`, `mark` ([x, y] of the keyboard), `drag` ({from, to}, m), `wheelbase`, `fallen`, `others` (bicycles of the fleet)
  */
 export function drawMap(canvas, view, scene) {
   const { context, width, height } = begin(canvas);
@@ -29,6 +29,7 @@ export function drawMap(canvas, view, scene) {
   if (scene.ghost?.cursor >= 0) drawGhost(context, view, scene.ghost, scene.wheelbase);
   drawTrack(context, view, series, 0, cursor, scene.paint);
   drawEstimate(context, view, series, cursor, scene.wheelbase);
+  for (const other of scene.others ?? []) drawOther(context, view, other, scene.wheelbase);
   for (const mark of scene.marks) drawMark(context, view, mark, scene.radius);
   drawAhead(context, view, scene, row);
   if (row) {
@@ -120,6 +121,18 @@ function drawEstimate(context, view, series, cursor, wheelbase) {
   context.globalAlpha = 0.35;
   drawBicycle(context, view, estimate.row(cursor), { wheelbase });
   context.globalAlpha = 1;
+}
+
+/** Another bicycle of the domain, with its name; one that lies is crossed out. */
+function drawOther(context, view, other, wheelbase) {
+  if (![other.x, other.y, other.heading].every(Number.isFinite)) return;
+  context.globalAlpha = 0.7;
+  drawBicycle(context, view, other, { wheelbase });
+  context.globalAlpha = 1;
+  if (other.fallen) drawMark(context, view, { ...other, kind: "fell" }, 0);
+  const [px, py] = view.toScreen(other.x, other.y);
+  context.fillStyle = colours.ink;
+  context.fillText(other.name, px + 10, py - 10);
 }
 
 function drawMark(context, view, { kind, x, y }, radius) {

@@ -236,10 +236,14 @@ def advertise(node: Node, *topics: Topic) -> dict[str, Publisher]:
     return {t.name: node.create_publisher(t.type, t.name, t.publish) for t in topics}
 
 
-def listen(node: Node, topic: Topic, callback: Callable[[Any], None], depth: int = 0) -> None:
-    """Call `callback` with every message of `topic`; with a depth, with the newest only."""
+def listen(node: Node, topic: Topic, callback: Callable[[Any], None], depth: int = 0) -> Any:
+    """Call `callback` with every message of `topic`; with a depth, with the newest only.
+
+    Returns:
+        The subscription, for a node that ends it before its own end.
+    """
     profile = topic.subscribe if depth == 0 else depth
-    node.create_subscription(topic.type, topic.name, callback, profile)
+    return node.create_subscription(topic.type, topic.name, callback, profile)
 
 
 def serve(node: Node, service: Service, callback: Callable[[Any, Any], Any]) -> None:
