@@ -72,26 +72,29 @@ def works(*words: str) -> bool:
 @contextlib.contextmanager
 def container(image: str, name: str) -> Iterator[str]:
     """Yield a working container, removed at the end."""
-    made = call("buildah", "from", "--name", name, image).strip()
+    container_id = call("buildah", "from", "--name", name, image).strip()
     try:
-        yield made
+        yield container_id
     finally:
-        call("buildah", "rm", made)
+        call("buildah", "rm", container_id)
 
 
 def make_base() -> None:
     """Make the base image with debootstrap, unless it is there."""
     if works("buildah", "inspect", "--type", "image", BASE):
         return
-    with tempfile.TemporaryDirectory() as folder, container("scratch", "bicycle-base") as made:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        container("scratch", "bicycle-base") as container_id,
+    ):
         print("base image ...", flush=True)
         call("debootstrap", "--variant=minbase", "bookworm", folder)
         for cache in ("var/cache/apt/archives", "var/lib/apt/lists"):
             shutil.rmtree(Path(folder, cache))
             Path(folder, cache, "partial").mkdir(parents=True)
-        call("buildah", "add", "--quiet", made, folder, "/")
-        call("buildah", "config", "--cmd", "bash", made)
-        call("buildah", "commit", "--quiet", made, BASE)
+        call("buildah", "add", "--quiet", container_id, folder, "/")
+        call("buildah", "config", "--cmd", "bash", container_id)
+        call("buildah", "commit", "--quiet", container_id, BASE)
 
 
 def build(target: str) -> dict[str, object]:
@@ -119,22 +122,22 @@ def size(target: str) -> str:
     return next(str(image["size"]) for image in found if name in (image.get("names") or []))
 
 
-def inside(made: str, words: Sequence[str], **variables: str) -> list[str]:
+def inside(container_id: str, words: Sequence[str], **variables: str) -> list[str]:
     """Return the command that runs something in a container, as its user."""
     environment = {"ROS_DOMAIN_ID": DOMAIN, **variables}
     settings = [word for item in environment.items() for word in ("--env", "=".join(item))]
-    return ["buildah", "run", "--isolation", "chroot", *settings, made, "--", *words]
+    return ["buildah", "run", "--isolation", "chroot", *settings, container_id, "--", *words]
 
 
 def ride() -> dict[str, Any]:
     """Ride to three goals in a container; return ride.sh's summary, with its user and Python."""
     print("riding inside ...", flush=True)
-    with container(IMAGE.format(target="ride"), "bicycle-riding") as made:
+    with container(IMAGE.format(target="ride"), "bicycle-riding") as container_id:
         output = f"{WORKSPACE}/runs/trial"
-        call(*inside(made, ["ride.sh", "--goals", "3", "--seed", "1", "--output", output]))
-        summary = json.loads(call(*inside(made, ["cat", f"{output}/summary.json"])))
-        user = call(*inside(made, ["id", "--user"])).strip()
-        python = call(*inside(made, ["python3", "-V"])).strip()
+        call(*inside(container_id, ["ride.sh", "--goals", "3", "--seed", "1", "--output", output]))
+        summary = json.loads(call(*inside(container_id, ["cat", f"{output}/summary.json"])))
+        user = call(*inside(container_id, ["id", "--user"])).strip()
+        python = call(*inside(container_id, ["python3", "-V"])).strip()
     return {"user": int(user), "python": python, "summary": summary}
 
 
@@ -163,9 +166,9 @@ class Service:
         folder: where the volume ``bags`` and the service's log are.
     """
 
-    def __init__(self, name: str, made: str, config: dict[str, Any], folder: Path) -> None:
+    def __init__(self, name: str, container_id: str, config: dict[str, Any], folder: Path) -> None:
         self.name, self.log = name, folder / f"{name}.log"
-        self._made = made
+        self._container = container_id
         self._health: list[str] = config["healthcheck"]["test"][1:]
         self._environment = {"BICYCLE_NETWORK": "local"}
         if "BICYCLE_COCKPIT_TOKEN" in config["environment"]:
@@ -179,7 +182,7 @@ class Service:
             )
 
     def _inside(self, words: Sequence[str]) -> list[str]:
-        return inside(self._made, words, **self._environment)
+        return inside(self._container, words, **self._environment)
 
     def until_healthy(self) -> float:
         """Return the time from the start until its health check passed, s.
@@ -209,19 +212,19 @@ def serve(names: Sequence[str]) -> dict[str, Any]:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         (folder / "bags").mkdir()
         os.chown(folder / "bags", USER, USER)
-        made = {}
+        containers = {}
         for name in names:
             image = IMAGE.format(target="train" if name == "trainer" else "ride")
-            made[name] = stack.enter_context(container(image, f"bicycle-{name}"))
+            containers[name] = stack.enter_context(container(image, f"bicycle-{name}"))
         python = f"{Path(WORKSPACE).parent}/.venv/bin/python"
-        compose = json.loads(call(*inside(made["simulator"], [python, "-c", SHOW_COMPOSE])))
+        compose = json.loads(call(*inside(containers["simulator"], [python, "-c", SHOW_COMPOSE])))
         running: list[Service] = []
         try:
             for name in names:
-                running.append(Service(name, made[name], compose[name], folder))
+                running.append(Service(name, containers[name], compose[name], folder))
                 found["healthy after (s)"][name] = running[-1].until_healthy()
             words = ["goal.sh", *GOAL, "--wait"]
-            goal = call(*inside(made["controller"], words, BICYCLE_NETWORK="local"))
+            goal = call(*inside(containers["controller"], words, BICYCLE_NETWORK="local"))
             found["goal"] = goal.strip().splitlines()[-1]
         finally:
             for service in reversed(running):

@@ -41,8 +41,8 @@ def test_the_api_pages_are_made_of_the_docstrings(site: Path) -> None:
 def test_every_page_is_on_the_site_and_the_first_one_leads_to_the_tutorials(site: Path) -> None:
     start = (site / "index.html").read_text()
     for page in (ROOT / "docs").glob("*.md"):
-        made = site / "index.html" if page.stem == "index" else site / page.stem / "index.html"
-        assert made.is_file(), page.name
+        html = site / "index.html" if page.stem == "index" else site / page.stem / "index.html"
+        assert html.is_file(), page.name
     for page in (ROOT / "docs" / "tutorials").glob("*.md"):
         assert f'href="tutorials/{page.stem}/"' in start, page.name
 
@@ -85,19 +85,19 @@ def address(site: Path) -> Iterator[str]:
 def test_the_site_breaks_no_rule(
     browser: BrowserContext, address: str, page: str, scheme: Any
 ) -> None:
-    made = browser.new_page()
-    made.emulate_media(color_scheme=scheme, reduced_motion="reduce")
-    made.goto(address + page)
-    assert problems(made) == []
-    made.set_viewport_size({"width": 390, "height": 844})
-    assert made.evaluate("() => document.documentElement.scrollWidth <= innerWidth + 1")
-    made.close()
+    tab = browser.new_page()
+    tab.emulate_media(color_scheme=scheme, reduced_motion="reduce")
+    tab.goto(address + page)
+    assert problems(tab) == []
+    tab.set_viewport_size({"width": 390, "height": 844})
+    assert tab.evaluate("() => document.documentElement.scrollWidth <= innerWidth + 1")
+    tab.close()
 
 
 def test_the_reader_chooses_light_or_dark(browser: BrowserContext, address: str) -> None:
-    with opened(browser, address) as made:  # which fails on an error in the console
-        made.emulate_media(color_scheme="light")
+    with opened(browser, address) as tab:  # which fails on an error in the console
+        tab.emulate_media(color_scheme="light")
         for wanted in ("dark", "light"):
-            made.locator("#theme-menu").click()
-            made.locator(f"[data-bs-theme-value={wanted}]").click()
-            assert made.locator("html").get_attribute("data-bs-theme") == wanted
+            tab.locator("#theme-menu").click()
+            tab.locator(f"[data-bs-theme-value={wanted}]").click()
+            assert tab.locator("html").get_attribute("data-bs-theme") == wanted

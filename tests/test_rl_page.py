@@ -116,8 +116,8 @@ def test_every_snippet_of_the_page_runs(pip_made: PipMade, tmp_path: Path) -> No
     python = [shorter(block) for block in blocks("python")]
     assert len(python) == 3
     for code in python:
-        told = run(["-c", NO_ROS + code], pip_made, tmp_path)
-        assert told.strip()
+        output = run(["-c", NO_ROS + code], pip_made, tmp_path)
+        assert output.strip()
     command = ["-m", "bicycle_controller.cli.main"]
     lines = [line for block in blocks("sh") for line in shorter(block).splitlines()]
     ours = [line for line in lines if line.startswith("bicycle ")]

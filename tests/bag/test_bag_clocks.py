@@ -34,10 +34,10 @@ def played(
     path: Path, options: PlayOptions | None = None
 ) -> tuple[list[float], list[tuple[str, bytes]], list[str]]:
     """Return when each message is due, the messages, and the lines about the bag's clock."""
-    told: list[str] = []
-    items = list(Playback(BagReader(path), options or PlayOptions()).timeline(told.append))
+    lines: list[str] = []
+    items = list(Playback(BagReader(path), options or PlayOptions()).timeline(lines.append))
     messages = [item for _, item in items if isinstance(item, BagMessage)]
-    return [due for due, _ in items], [(m.topic, m.data) for m in messages], told
+    return [due for due, _ in items], [(m.topic, m.data) for m in messages], lines
 
 
 def recorded(count: int) -> list[tuple[str, bytes]]:
@@ -53,63 +53,63 @@ def test_a_clock_that_is_set_back_by_an_hour(tmp_path: Path, options: dict[str, 
     """The system's clock, which stamps both times."""
     log = [NOW + STEP * n - (HOUR if n >= 60 else 0) for n in range(100)]
     bag = ride_with_times(tmp_path / "bag.mcap", [(time, time) for time in log], **options)
-    due, messages, told = played(bag)
+    due, messages, lines = played(bag)
     assert messages == recorded(100), "in recorded order, nothing left out"
     # The step at which it was set is lost, no more.
     assert due == pytest.approx(
         [*regular(60), *(time - STEP / SECOND for time in regular(100)[60:])]
     )
-    assert len(told) == 1
-    assert "goes back by 3600.0 s after 0.7 s" in told[0]
+    assert len(lines) == 1
+    assert "goes back by 3600.0 s after 0.7 s" in lines[0]
 
 
 def test_first_messages_at_log_time_zero(tmp_path: Path) -> None:
     """Make a bag as with --use-sim-time before the first /clock: the system's publish times."""
     log = [0 if n < 20 else NOW + STEP * n for n in range(100)]
     times = [(time, NOW + STEP * n) for n, time in enumerate(log)]
-    due, messages, told = played(ride_with_times(tmp_path / "bag.mcap", times))
+    due, messages, lines = played(ride_with_times(tmp_path / "bag.mcap", times))
     assert messages == recorded(100)
     assert max(due) < 2.0, "nobody waits for 53 years"
     assert due[20:] == pytest.approx([due[20] + time for time in regular(80)])
-    assert len(told) == 1
-    assert "53.9 years" in told[0]
+    assert len(lines) == 1
+    assert "53.9 years" in lines[0]
 
 
 @pytest.mark.parametrize("still", [0, NOW, 2**63 - 1, 2**64 - 1])
 def test_a_clock_that_stands_still(tmp_path: Path, still: int) -> None:
     times = [(still, NOW + STEP * n) for n in range(400)]
-    due, messages, told = played(ride_with_times(tmp_path / "bag.mcap", times))
+    due, messages, lines = played(ride_with_times(tmp_path / "bag.mcap", times))
     assert messages == recorded(400)
     # A topic's first message has none before it to be paced by.
     assert due == pytest.approx(regular(400), abs=3 * STEP / SECOND), "paced by the publishers"
-    assert ["stands still" in line for line in told] == [True]
+    assert ["stands still" in line for line in lines] == [True]
 
 
 def test_a_clock_that_stands_still_and_goes_on(tmp_path: Path) -> None:
     log = [NOW + STEP * min(n, max(100, n - 200)) for n in range(400)]
     times = [(time, NOW + STEP * n) for n, time in enumerate(log)]
-    due, messages, told = played(ride_with_times(tmp_path / "bag.mcap", times))
+    due, messages, lines = played(ride_with_times(tmp_path / "bag.mcap", times))
     assert messages == recorded(400)
     assert due == pytest.approx(regular(400), abs=2 * STEP / SECOND)
-    assert len(told) == 1
+    assert len(lines) == 1
 
 
 def test_steps_of_simulated_time_are_no_clock_that_stands_still(tmp_path: Path) -> None:
     """A slow simulator: ten messages of one log time take it 3 s to publish."""
     times = [(PERIOD_NS * (n // 10), NOW + 300_000_000 * n) for n in range(200)]
-    due, _, told = played(ride_with_times(tmp_path / "bag.mcap", times))
+    due, _, lines = played(ride_with_times(tmp_path / "bag.mcap", times))
     assert due == pytest.approx([0.025 * (n // 10) for n in range(200)])
-    assert told == []
+    assert lines == []
 
 
 def test_a_log_time_that_runs_backwards(tmp_path: Path) -> None:
     times = [(NOW - 10 * SECOND * n, NOW + STEP * n) for n in range(100)]
-    due, messages, told = played(ride_with_times(tmp_path / "bag.mcap", times))
+    due, messages, lines = played(ride_with_times(tmp_path / "bag.mcap", times))
     assert messages == recorded(100)
     assert due == sorted(due)
     assert max(due) == pytest.approx(regular(100)[-1], abs=0.1), "paced by the publishers"
-    assert len(told) == 99
-    assert {line.split(" after")[0] for line in told} == {
+    assert len(lines) == 99
+    assert {line.split(" after")[0] for line in lines} == {
         "the recording's clock goes back by 10.0 s"
     }
 
@@ -120,10 +120,10 @@ def test_a_clock_that_jumps_ahead_by_years(tmp_path: Path, years: int) -> None:
     ahead = min(int(years * 31_557_600 * SECOND), 2**64 - 1 - NOW - 100 * STEP)
     log = [NOW + STEP * n + (ahead if n >= 50 else 0) for n in range(100)]
     bag = ride_with_times(tmp_path / "bag.mcap", [(time, time) for time in log])
-    due, messages, told = played(bag)
+    due, messages, lines = played(bag)
     assert messages == recorded(100)
     assert max(due) < 2.0
-    assert len(told) == 1
+    assert len(lines) == 1
     table = columns.load(bag, STATE)
     assert (table["log_time"] >= 0).all()
     assert table["log_time"][-1] == pytest.approx(log[-1] / SECOND, abs=0.1)
@@ -134,10 +134,10 @@ def test_a_topic_with_a_clock_of_its_own(tmp_path: Path) -> None:
     for n in range(200):
         own = STEP * n if ride(100)[n][0] == STATE else NOW + STEP * n
         times.append((own, own))
-    due, messages, told = played(ride_with_times(tmp_path / "bag.mcap", times))
+    due, messages, lines = played(ride_with_times(tmp_path / "bag.mcap", times))
     assert messages == recorded(200)
     assert due == pytest.approx(regular(200), abs=2 * STEP / SECOND)
-    assert len(told) <= 2
+    assert len(lines) <= 2
 
 
 def test_a_topic_whose_clock_is_half_a_minute_ahead(tmp_path: Path) -> None:
@@ -146,10 +146,10 @@ def test_a_topic_whose_clock_is_half_a_minute_ahead(tmp_path: Path) -> None:
     for n in range(200):
         ahead = 30 * SECOND if ride(100)[n][0] == STATE else 0
         times.append((NOW + STEP * n + ahead, NOW + STEP * n + ahead))
-    due, messages, told = played(ride_with_times(tmp_path / "bag.mcap", times))
+    due, messages, lines = played(ride_with_times(tmp_path / "bag.mcap", times))
     assert messages == recorded(200)
     assert due[-1] < 30.0 + regular(200)[-1] + 1.0
-    assert len(told) <= 2
+    assert len(lines) <= 2
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -158,23 +158,23 @@ def test_publish_times_that_are_nonsense_change_nothing(tmp_path: Path, seed: in
     times = [
         (NOW + STEP * n, draw.choice([0, 2**64 - 1, draw.randrange(2**64)])) for n in range(100)
     ]
-    due, messages, told = played(ride_with_times(tmp_path / "bag.mcap", times))
+    due, messages, lines = played(ride_with_times(tmp_path / "bag.mcap", times))
     assert messages == recorded(100)
     assert due == pytest.approx(regular(100))
-    assert told == []
+    assert lines == []
 
 
 def test_a_silence_is_waited_for_and_a_longer_one_is_told(tmp_path: Path) -> None:
     log = [NOW + STEP * n + (50 * SECOND if n >= 50 else 0) for n in range(100)]
     bag = ride_with_times(tmp_path / "bag.mcap", [(time, time) for time in log])
-    waited, _, told = played(bag)
+    waited, _, lines = played(bag)
     assert waited[-1] == pytest.approx(50.0 + regular(100)[-1])
-    assert told == []
-    left_out, _, told = played(bag, PlayOptions(max_gap=10.0))
+    assert lines == []
+    left_out, _, lines = played(bag, PlayOptions(max_gap=10.0))
     assert left_out[-1] == pytest.approx(regular(100)[-1], abs=0.1)
-    assert len(told) == 1
-    assert "nothing was recorded for 50.0 s" in told[0]
-    assert "--max-gap" in told[0]
+    assert len(lines) == 1
+    assert "nothing was recorded for 50.0 s" in lines[0]
+    assert "--max-gap" in lines[0]
 
 
 def test_the_length_leaves_jumps_out(tmp_path: Path) -> None:

@@ -47,9 +47,9 @@ def name_files(bag: Path, *names: str) -> None:
 
 def refusal(bag: Path) -> str:
     """Return the one line in which the bag is refused."""
-    with pytest.raises(BagError) as told:
+    with pytest.raises(BagError) as raised:
         BagReader(bag)
-    text = str(told.value)
+    text = str(raised.value)
     assert "\n" not in text
     assert len(text) < 600
     return text
@@ -185,9 +185,9 @@ def test_a_corrupt_compressed_file_is_one_line(bag: Path) -> None:
     packed = bag / "bag_0.mcap.zstd"
     packed.write_bytes(zstandard.compress((bag / "bag_0.mcap").read_bytes())[:-50] + b"x" * 50)
     (bag / "bag_0.mcap").unlink()
-    with pytest.raises(BagError, match="cannot unpack") as told:
+    with pytest.raises(BagError, match="cannot unpack") as raised:
         repair.repair(bag)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(raised.value)
     assert sorted(path.name for path in bag.iterdir()) == ["bag_0.mcap.zstd", "metadata.yaml"]
 
 

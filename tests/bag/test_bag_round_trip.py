@@ -35,13 +35,13 @@ from bicycle_bag.writer import BagWriter
 
 
 def test_messages_come_back_in_order(tmp_path: Path) -> None:
-    made = make_bag(tmp_path / "bag", 100)
+    written = make_bag(tmp_path / "bag", 100)
     reader = BagReader(tmp_path / "bag")
     got = list(reader.messages())
     assert [(m.topic, m.data, m.log_time_ns) for m in got] == ride(100)
     assert all(m.publish_time_ns == m.log_time_ns - 1000 for m in got)
     assert reader.counts == {STATE: 100, COMMAND: 100, EPISODE: 1}
-    assert reader.message_count == made.message_count == 201
+    assert reader.message_count == written.message_count == 201
     assert reader.starting_time_ns == START_NS - 1000
     assert reader.duration_ns == 99 * PERIOD_NS + 900_000 + 1000
     assert reader.topics[EPISODE].qos == (LATCHED,)
@@ -97,7 +97,7 @@ def test_split_by_size_and_by_time(tmp_path: Path) -> None:
 
 
 def test_metadata_has_rosbag2s_keys_in_order(tmp_path: Path) -> None:
-    made = make_bag(tmp_path / "bag", 4)
+    written = make_bag(tmp_path / "bag", 4)
     content = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())
     bag = content["rosbag2_bagfile_information"]
     assert list(bag) == [
@@ -118,7 +118,7 @@ def test_metadata_has_rosbag2s_keys_in_order(tmp_path: Path) -> None:
     offer = bag["topics_with_message_count"][0]["topic_metadata"]["offered_qos_profiles"][0]
     assert offer["deadline"] == {"sec": 9223372036, "nsec": 854775807}
     assert offer["history"] == "unknown"
-    assert metadata.read(tmp_path / "bag") == made
+    assert metadata.read(tmp_path / "bag") == written
 
 
 def test_metadata_before_version_9_is_read(tmp_path: Path) -> None:

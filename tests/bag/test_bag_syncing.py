@@ -173,9 +173,9 @@ def test_a_disk_that_is_really_full(disk: Path) -> None:
     ballast = disk / "ballast"
     ballast.write_bytes(bytes(120_000))
     writer = opened(disk / "bag")
-    with pytest.raises(BagError, match=r"No space left on device.*free some space") as told:
+    with pytest.raises(BagError, match=r"No space left on device.*free some space") as raised:
         write_on(writer, 1000)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(raised.value)
     # 512 bytes each, and the chunk that was being packed is lost.
     room = (256 * 1024 - len(ballast.read_bytes())) // 600
     # Repair writes a new file beside the old one: on the full disk it says so and changes nothing.

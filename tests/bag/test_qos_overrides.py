@@ -46,9 +46,9 @@ def test_the_example_of_rosbag2s_documentation(tmp_path: Path) -> None:
 def test_mistakes(tmp_path: Path, text: str, said: str) -> None:
     path = tmp_path / "qos.yaml"
     path.write_text(text)
-    with pytest.raises(BagError) as told:
+    with pytest.raises(BagError) as raised:
         read_overrides(str(path))
-    assert said in str(told.value)
-    assert "\n" not in str(told.value)
+    assert said in str(raised.value)
+    assert "\n" not in str(raised.value)
     with pytest.raises(BagError, match="cannot read"):
         read_overrides(str(tmp_path / "none.yaml"))

@@ -135,9 +135,9 @@ def test_where_no_bag_is_one_line_says_what_to_name(tmp_path: Path) -> None:
         (tmp_path / "empty", "holds no .mcap file: name the directory that record.sh made"),
         (tmp_path / ("x" * 5000), r"cannot open 'x{50}'\.\.\. \(File name too long\)"),
     ):
-        with pytest.raises(BagError, match=words) as told:
+        with pytest.raises(BagError, match=words) as raised:
             find_files(path)
-        assert "\n" not in str(told.value)
+        assert "\n" not in str(raised.value)
 
 
 def test_a_listed_file_that_is_gone_is_named_and_the_others_can_be_found(tmp_path: Path) -> None:

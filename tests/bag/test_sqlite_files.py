@@ -55,10 +55,10 @@ def contents(path: Path) -> list[tuple[str, bytes, int]]:
 
 
 def refusal(path: Path) -> str:
-    with pytest.raises(BagError) as told:
+    with pytest.raises(BagError) as raised:
         BagReader(path)
-    assert "\n" not in str(told.value)
-    return str(told.value)
+    assert "\n" not in str(raised.value)
+    return str(raised.value)
 
 
 @pytest.mark.parametrize("what", ["folder", "folder without metadata", "file", "renamed"])
@@ -93,9 +93,9 @@ def test_a_repair_makes_a_bag_of_it_and_keeps_the_database(
         assert (topic.type, topic.serialization_format) == (kind, "cdr")
         assert topic.type_hash == store().hash_rihs01(kind)
         assert "float64" in reader.definition(name) or name == EPISODE
-    made = metadata.read(bag)
-    assert made.message_count == COUNT
-    assert made.custom_data["seed"] == "7"
+    converted = metadata.read(bag)
+    assert converted.message_count == COUNT
+    assert converted.custom_data["seed"] == "7"
     with AnyReader([bag / "bag.mcap"]) as foreign:
         assert foreign.message_count == COUNT
 
@@ -170,9 +170,9 @@ def test_a_foreign_database_is_one_line(bag: Path, statement: str, said: str) ->
 def refused(bag: Path, said: str) -> None:
     """Assert that a repair tells this in one line and leaves all as it was."""
     before = {path.name: path.read_bytes() for path in bag.iterdir()}
-    with pytest.raises(BagError, match=said) as told:
+    with pytest.raises(BagError, match=said) as raised:
         repair.repair(bag)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(raised.value)
     assert {path.name: path.read_bytes() for path in bag.iterdir()} == before
 
 

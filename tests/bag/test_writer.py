@@ -88,15 +88,15 @@ def test_a_file_says_in_itself_what_the_bag_held_so_far(tmp_path: Path) -> None:
             filled(writer, *range(count))
             writer.split()
         filled(writer, 0)
-    told = []
+    counts = []
     for file in BagReader(tmp_path / "bag").files:
         with file.open("rb") as stream:
             records = list(make_reader(stream).iter_metadata())
         last = yaml.safe_load(records[-1].metadata["serialized_metadata"])
-        told.append(last["message_count"])
+        counts.append(last["message_count"])
         (topic,) = last["topics_with_message_count"]
-        assert topic["message_count"] == told[-1]
-    assert told == [3, 4, 9, 10]
+        assert topic["message_count"] == counts[-1]
+    assert counts == [3, 4, 9, 10]
     assert metadata.read(tmp_path / "bag").message_count == 10
 
 
@@ -104,10 +104,10 @@ def test_a_file_says_in_itself_what_the_bag_held_so_far(tmp_path: Path) -> None:
 def test_a_bag_spans_its_log_times(tmp_path: Path, times: tuple[int, ...]) -> None:
     with opened(tmp_path / "bag") as writer:
         filled(writer, *times)
-    made = metadata.read(tmp_path / "bag")
-    assert made.starting_time_ns == min(times)
-    assert made.duration_ns == max(times) - min(times)
-    assert made.files[0].duration_ns == max(times) - min(times)
+    written = metadata.read(tmp_path / "bag")
+    assert written.starting_time_ns == min(times)
+    assert written.duration_ns == max(times) - min(times)
+    assert written.files[0].duration_ns == max(times) - min(times)
 
 
 def test_what_the_kernel_has_may_be_left_to_it(
@@ -143,14 +143,14 @@ def test_what_the_kernel_has_may_be_left_to_it(
 def test_metadata_call_a_file_whole_only_once_the_disk_has_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    really, told, synced = os.fsync, threading.Event(), []
+    really, warned, synced = os.fsync, threading.Event(), []
 
     def slow(descriptor: int) -> None:
         name = Path(f"/proc/self/fd/{descriptor}").readlink().name
         if name.endswith(".mcap"):
-            told.wait(0.3)
+            warned.wait(0.3)
         else:
-            told.set()
+            warned.set()
         really(descriptor)
         synced.append(name)
 
@@ -173,7 +173,7 @@ def test_a_bag_that_is_gone_is_told_whatever_stands_there(tmp_path: Path, instea
         place.mkdir()
     elif instead != "nothing":
         place.write_text("")
-    with pytest.raises(BagError, match=r"was moved to .* while it was being recorded") as told:
+    with pytest.raises(BagError, match=r"was moved to .* while it was being recorded") as raised:
         writer.flush()
     moved = tmp_path / "moved" / ("bag" if instead == "a folder above" else "")
-    assert str(told.value).endswith(f"record.sh --repair {moved}")
+    assert str(raised.value).endswith(f"record.sh --repair {moved}")

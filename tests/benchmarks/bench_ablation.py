@@ -72,7 +72,7 @@ def run(title: str, seed: int, updates: int) -> dict[str, Any]:
     steps = config.warm_up + updates * config.bicycles
     config = loading.preset("fast", [*changes, *VARIANTS[title], f"steps={steps}"])
     with tempfile.TemporaryDirectory() as folder:
-        made = online.run(config, Path(folder) / "run")
+        result = online.run(config, Path(folder) / "run")
         lines = (Path(folder) / "run" / "log.jsonl").read_text().splitlines()
     scores = [row for row in map(json.loads, lines) if row["kind"] == "evaluation"]
     worth = [
@@ -88,7 +88,7 @@ def run(title: str, seed: int, updates: int) -> dict[str, Any]:
         "best": max(worth),
         "updates_to_99": good[0] if good else None,
         "median_time_s": best["median_time_s"],
-        "cpu_s": made.cpu_s,
+        "cpu_s": result.cpu_s,
     }
 
 

@@ -41,9 +41,9 @@ def controller_has_torch() -> bool:
 
 def turn(listens: bool, seconds: float) -> dict[str, Any]:
     """Make one ride; percentiles in us of its last 50 s at most."""
-    with ride(timing=listens) as ear:
-        ear.listen(seconds)
-        facts = ear.diagnostics[ENTRY]
+    with ride(timing=listens) as probe:
+        probe.listen(seconds)
+        facts = probe.diagnostics[ENTRY]
         found: dict[str, Any] = {
             f"{what}_p{share}_us": round(1e3 * float(facts[f"{what} p{share} (ms)"]), 1)
             for what in ("policy", "answer")

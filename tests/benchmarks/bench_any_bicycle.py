@@ -116,8 +116,8 @@ class Many:
     def __init__(self, cells: list[tuple[str, float, float]]) -> None:
         """Build the plant."""
         rows = [cell for cell in cells for _ in range(4)]
-        made = [registry.named("whipple", name) for name, _, _ in rows]
-        bicycles = [p.parameters.bicycle for p in made if isinstance(p, WhipplePlant)]
+        plants = [registry.named("whipple", name) for name, _, _ in rows]
+        bicycles = [p.parameters.bicycle for p in plants if isinstance(p, WhipplePlant)]
         numbers = {
             item.name: np.array([float(getattr(b, item.name)) for b in bicycles])
             for item in fields(Bicycle)
@@ -165,11 +165,11 @@ class Many:
     def regulators(self, weights: TeacherWeights) -> Answer:
         """Return each cell's own LQR."""
         limits = np.full(len(self.speed), LIMIT)
-        made = Teachers(self.plant, weights, TurnConfig(), DESIGNS, limits)
+        teachers = Teachers(self.plant, weights, TurnConfig(), DESIGNS, limits)
         commands = np.zeros((len(limits), COMMANDS))
 
         def answer(state: Any, error: np.ndarray) -> np.ndarray:
-            torque = made.act(
+            torque = teachers.act(
                 state.lean_angle, state.lean_rate, state.steer_angle, state.steer_rate, error,
                 state.speed, state.motor_torque, commands,
             )  # fmt: skip

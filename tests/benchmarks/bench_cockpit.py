@@ -23,7 +23,7 @@ from typing import Any
 
 import aiohttp
 from machine import machine
-from timing_probe import Ear, options, percentiles, ride, save, start, stop
+from timing_probe import TimingProbe, options, percentiles, ride, save, start, stop
 
 from bicycle_controller.training.run_folder import origin
 
@@ -48,19 +48,19 @@ async def dropped() -> int:
     return -1
 
 
-def turn(ear: Ear, seconds: float, kind: str) -> dict[str, Any]:
+def turn(probe: TimingProbe, seconds: float, kind: str) -> dict[str, Any]:
     """Take one turn of a kind."""
     cockpit, pages, lost = None, [], 0
     if kind != KINDS[0]:
         cockpit = start("-m", "bicycle_cockpit.nodes.cockpit", "--no-ride", "--port", str(PORT))
         assert cockpit.stdout is not None
         cockpit.stdout.readline()  # its address: it can be reached now
-        ear.listen(START)
+        probe.listen(START)
     if kind == KINDS[2]:
         pages = [start(PAGES, "read", ADDRESS) for _ in range(READERS)]
         pages.append(start(PAGES, "stall", ADDRESS))
-        ear.listen(START)
-    found = ear.hear(seconds)
+        probe.listen(START)
+    found = probe.hear(seconds)
     if pages:
         lost = asyncio.run(dropped())
     ends = [re.search(r"^(\d+)\s*$", stop(page), re.MULTILINE) for page in pages]
@@ -81,10 +81,10 @@ def summary(turns: list[dict[str, Any]]) -> dict[str, Any]:
 def main() -> None:
     args = options(__doc__, RESULTS, 20.0).parse_args()
     turns: dict[str, list[dict[str, Any]]] = {kind: [] for kind in KINDS}
-    with ride() as ear:
+    with ride() as probe:
         for _ in range(args.turns):
             for kind in KINDS:
-                turns[kind].append(turn(ear, args.seconds, kind))
+                turns[kind].append(turn(probe, args.seconds, kind))
     result = {**origin(), "machine": machine("aiohttp")}
     result |= {kind: summary(found) for kind, found in turns.items()}
     save(args.out, result)

@@ -77,8 +77,8 @@ def ride(point: dict[str, Any], policy: str, goals: list[Point2D], folder: Path)
         cable.set(loss=point["loss"] / 1e2)
         for x, y in goals:
             words = (f"{x:.2f}", f"{y:.2f}", "--wait", "--timeout", PATIENCE)
-            with start(right, "goal.sh", *words) as errand:
-                errand.wait(PATIENCE + 30.0)
+            with start(right, "goal.sh", *words) as goal_script:
+                goal_script.wait(PATIENCE + 30.0)
         passed = cable.set()
         recorder.stop(signal.SIGINT, 15.0)
     finally:
@@ -87,10 +87,10 @@ def ride(point: dict[str, Any], policy: str, goals: list[Point2D], folder: Path)
         cable.close()
         left.close()
         right.close()
-    return {**point, **told(bag), "cable": passed}
+    return {**point, **ride_facts(bag), "cable": passed}
 
 
-def told(bag: Path) -> dict[str, Any]:
+def ride_facts(bag: Path) -> dict[str, Any]:
     """Return the figures of one ride."""
     log = read_ride(bag)
     summary = summarise(log)

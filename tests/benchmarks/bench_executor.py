@@ -21,7 +21,7 @@ from typing import Any
 import rclpy
 from bicycle_msgs.msg import BicycleState
 from machine import machine
-from timing_probe import Ear, options, save, stop
+from timing_probe import TimingProbe, options, save, stop
 
 from bicycle_common.nodes.topics import STATE
 from bicycle_controller.training.run_folder import origin
@@ -53,19 +53,19 @@ def processor_time(process: subprocess.Popen[bytes]) -> float:
 
 def turn(kind: str, seconds: float) -> dict[str, float]:
     """Make one ride; its steps per second, and us of processor time per step of each node."""
-    ear, newest = Ear(), BicycleState()
+    probe, newest = TimingProbe(), BicycleState()
 
     def hear(state: BicycleState) -> None:
         newest.step = state.step
 
-    ear.node.create_subscription(STATE.type, STATE.name, hear, 1)
+    probe.node.create_subscription(STATE.type, STATE.name, hear, 1)
     nodes = {name: begin(kind, *about) for name, about in NODES.items()}
     try:
-        ear.send_far_goal()
-        look(ear, lambda: newest.step > 0, 30.0)
+        probe.send_far_goal()
+        look(probe, lambda: newest.step > 0, 30.0)
         before = {name: processor_time(node) for name, node in nodes.items()}
         step, begun = newest.step, time.monotonic()
-        look(ear, lambda: False, seconds)
+        look(probe, lambda: False, seconds)
         steps, elapsed = newest.step - step, time.monotonic() - begun
         used = {name: processor_time(node) - before[name] for name, node in nodes.items()}
     finally:
@@ -76,12 +76,12 @@ def turn(kind: str, seconds: float) -> dict[str, float]:
     return {"steps_per_s": steps / elapsed, **per_step}
 
 
-def look(ear: Ear, done: Callable[[], bool], longest: float) -> None:
+def look(probe: TimingProbe, done: Callable[[], bool], longest: float) -> None:
     """Look at the bicycle now and then."""
     end = time.monotonic() + longest
     while not done() and time.monotonic() < end:
         time.sleep(LOOK)
-        ear.executor.spin_once(timeout_sec=0.1)
+        probe.executor.spin_once(timeout_sec=0.1)
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ from typing import Any
 
 from bench_cockpit import ADDRESS, PAGES, PORT, READERS
 from machine import machine
-from timing_probe import Ear, options, percentiles, ride, save, start, stop, trainer
+from timing_probe import TimingProbe, options, percentiles, ride, save, start, stop, trainer
 
 from bicycle_controller.training.run_folder import origin
 
@@ -27,7 +27,7 @@ START = 12.0
 """s for everything to come up and for learning to begin before a turn counts."""
 
 
-def loaded(ear: Ear, seconds: float, folder: Path) -> dict[str, Any]:
+def loaded(probe: TimingProbe, seconds: float, folder: Path) -> dict[str, Any]:
     """Take one turn beside everything."""
     beside: list[Any] = [
         trainer(folder / "run", WARM_UP),
@@ -38,13 +38,13 @@ def loaded(ear: Ear, seconds: float, folder: Path) -> dict[str, Any]:
         beside[-1].stdout.readline()  # its address: it can be reached now
         beside += [start(PAGES, "read", ADDRESS) for _ in range(READERS)]
         beside.append(start(PAGES, "stall", ADDRESS))
-        ear.listen(START)
-        ear.status = None
-        found = ear.hear(seconds)
+        probe.listen(START)
+        probe.status = None
+        found = probe.hear(seconds)
     finally:
         for process in reversed(beside):
             stop(process)
-    found["updates_per_s"] = float(getattr(ear.status, "update_rate", 0.0))
+    found["updates_per_s"] = float(getattr(probe.status, "update_rate", 0.0))
     return found
 
 
@@ -55,11 +55,11 @@ def main() -> None:
     )
     args = parser.parse_args()
     alone, beside = [], []
-    with ride(priority=args.priority) as ear:
+    with ride(priority=args.priority) as probe:
         for _ in range(args.turns):
-            alone.append(ear.hear(args.seconds))
+            alone.append(probe.hear(args.seconds))
             with tempfile.TemporaryDirectory() as folder:
-                beside.append(loaded(ear, args.seconds, Path(folder)))
+                beside.append(loaded(probe, args.seconds, Path(folder)))
     result: dict[str, Any] = {**origin(), "machine": machine("torch", "aiohttp")}
     result["alone"] = percentiles(alone)
     result["trainer, recorder, four pages"] = percentiles(beside)

@@ -62,11 +62,11 @@ def main() -> None:
                     until(page, "views.stage.bicycle !== null")
                     script = PICTURE.replace("COUNT", str(given.count))
                     script = script.replace("frameOf()", "drawOnce()")
-                    told = page.evaluate(
+                    frame_times = page.evaluate(
                         "async () => { const { views, player, drawOnce } = await import("
                         f"'/web/main.js'); return ({script})(); }}"
                     )
-                    found[quality] = {name: _spread(times) for name, times in told.items()}
+                    found[quality] = {name: _spread(times) for name, times in frame_times.items()}
                     found["renderer"] = inside(page, "views.stage.card")
     text = json.dumps(found, indent=2)
     if given.out:

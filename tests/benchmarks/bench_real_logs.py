@@ -57,7 +57,7 @@ def reading(sensor: str, time: float, *values: float) -> Reading:
 def estimated(log: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Return lean and its standard deviation (n,), rad to the right, NaN where it stands."""
     plant = registry.named("whipple", "steer-by-wire")
-    made = Filter(plant, from_dict(SENSORS))
+    estimator = Filter(plant, from_dict(SENSORS))
     count = len(log["speed"])
     lean, spread = np.full(count, math.nan), np.full(count, math.nan)
     riding = False
@@ -68,13 +68,13 @@ def estimated(log: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
             continue
         if not riding:
             riding = True
-            made.restart(time - 1.0 / RATE)
+            estimator.restart(time - 1.0 / RATE)
         unknown = (math.nan,) * 5
-        made.take(reading("imu", time, float(log["lean_rate"][row]), *unknown))
+        estimator.take(reading("imu", time, float(log["lean_rate"][row]), *unknown))
         steer, torque = -float(log["fork_angle"][row]), -float(log["command_fork"][row])
-        made.take(reading("steer", time, steer, torque))
-        made.take(reading("wheel", time, float(log["speed"][row])))
-        now = made.estimate(time)
+        estimator.take(reading("steer", time, steer, torque))
+        estimator.take(reading("wheel", time, float(log["speed"][row])))
+        now = estimator.estimate(time)
         lean[row] = -float(now.lean_angle[0])
         spread[row] = math.sqrt(float(now.covariance[0, 0, 0]))
     return lean, spread

@@ -85,10 +85,10 @@ def ride(folder: Path) -> Path:
 
 def lost_by_topic(printed: str) -> dict[str, int]:
     """Return the recorder's warnings."""
-    told: dict[str, int] = {}
+    counts: dict[str, int] = {}
     for count, topic in re.findall(r"(\d+) messages of (\S+) lost: too many", printed):
-        told[topic] = told.get(topic, 0) + int(count)
-    return told
+        counts[topic] = counts.get(topic, 0) + int(count)
+    return counts
 
 
 def record(bag: Path, rate: float, seconds: float, folder: Path) -> dict[str, Any]:

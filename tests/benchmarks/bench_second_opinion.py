@@ -37,8 +37,8 @@ TRIAL = Trial(most=200.0, coarse=10.0, fine=2.0, before=4.0, after=4.0)
 def plants() -> dict[str, Plant[Any]]:
     """Return the three plants."""
     known = replace(catalogue.load(BICYCLE).parameters, motor=Motor(limit=LIMIT))
-    made = {name: registry.PLANTS[name](known) for name in ("whipple", "mujoco")}
-    return {"paper": registry.default(), **made}
+    plants = {name: registry.PLANTS[name](known) for name in ("whipple", "mujoco")}
+    return {"paper": registry.default(), **plants}
 
 
 def row(name: str, plant: Plant[Any], rides: int) -> dict[str, Any]:
@@ -67,7 +67,7 @@ def main() -> None:
     args = parser.parse_args()
     known = json.loads(OUT.read_text()) if args.controllers else {}
     rows: dict[str, Any] = known.get("rows", {})
-    made = known.get("made", [])
+    earlier = known.get("made", [])
     ridden = plants()
     print("| controller | " + " | ".join(ridden) + " |")
     for name in args.controllers or ("lqr", *shipped_policies()):
@@ -89,7 +89,7 @@ def main() -> None:
         "machine": machine("numpy", "mujoco"),
         "rides": args.rides,
     }
-    before = made or ([{key: known[key] for key in about}] if known else [])
+    before = earlier or ([{key: known[key] for key in about}] if known else [])
     result = about | {"rows": rows, "made": [*before, about]}
     OUT.write_text(json.dumps(result, indent=2) + "\n")
 

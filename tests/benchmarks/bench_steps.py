@@ -127,7 +127,7 @@ def rate(step: Step, count: int) -> float:
     return count * rounds / spent
 
 
-def _work(count: int, seed: int, ready: Any, made: Any) -> None:
+def _work(count: int, seed: int, ready: Any, rates: Any) -> None:
     step = batched(count, seed)
     step()
     ready.wait()
@@ -135,20 +135,20 @@ def _work(count: int, seed: int, ready: Any, made: Any) -> None:
     while time.monotonic() - begun < ALL_CORES:
         step()
         rounds += 1
-    made.put(count * rounds / (time.monotonic() - begun))
+    rates.put(count * rounds / (time.monotonic() - begun))
 
 
 def all_cores(count: int) -> float:
     """Bicycle steps per second of wall time, one process a core."""
     cores = os.cpu_count() or 1
     context = multiprocessing.get_context("spawn")
-    ready, made = context.Barrier(cores), context.Queue()
+    ready, rates = context.Barrier(cores), context.Queue()
     workers = [
-        context.Process(target=_work, args=(count, seed, ready, made)) for seed in range(cores)
+        context.Process(target=_work, args=(count, seed, ready, rates)) for seed in range(cores)
     ]
     for worker in workers:
         worker.start()
-    total = sum(float(made.get()) for _ in workers)
+    total = sum(float(rates.get()) for _ in workers)
     for worker in workers:
         worker.join()
     return total

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from machine import machine
-from timing_probe import Ear, options, percentiles, ride, save, stop, trainer
+from timing_probe import TimingProbe, options, percentiles, ride, save, stop, trainer
 
 from bicycle_controller.training.run_folder import origin
 
@@ -25,17 +25,17 @@ START = 15.0
 WARM_UP = 100
 
 
-def turn(ear: Ear, seconds: float, folder: Path | None) -> dict[str, Any]:
+def turn(probe: TimingProbe, seconds: float, folder: Path | None) -> dict[str, Any]:
     """Take one turn, with the trainer where it has a folder."""
     learning = None
     if folder is not None:
         learning = trainer(folder, WARM_UP)
-        ear.listen(START)
-    ear.status = None
-    found = ear.hear(seconds)
+        probe.listen(START)
+    probe.status = None
+    found = probe.hear(seconds)
     if learning is not None:
         stop(learning)
-    return {**found, "updates_per_s": float(getattr(ear.status, "update_rate", 0.0))}
+    return {**found, "updates_per_s": float(getattr(probe.status, "update_rate", 0.0))}
 
 
 def summary(turns: list[dict[str, Any]]) -> dict[str, Any]:
@@ -47,10 +47,10 @@ def summary(turns: list[dict[str, Any]]) -> dict[str, Any]:
 def main() -> None:
     args = options(__doc__, RESULTS, 30.0).parse_args()
     turns: dict[str, list[dict[str, Any]]] = {"alone": [], "learning": []}
-    with ride("policy:=lqr") as ear, tempfile.TemporaryDirectory() as folder:
+    with ride("policy:=lqr") as probe, tempfile.TemporaryDirectory() as folder:
         for index in range(args.turns):
-            turns["alone"].append(turn(ear, args.seconds, None))
-            turns["learning"].append(turn(ear, args.seconds, Path(folder) / str(index)))
+            turns["alone"].append(turn(probe, args.seconds, None))
+            turns["learning"].append(turn(probe, args.seconds, Path(folder) / str(index)))
     result = {**origin(), "machine": machine()}
     result |= {kind: summary(found) for kind, found in turns.items()}
     save(args.out, result)

@@ -27,7 +27,7 @@ PERIOD = 0.025
 """s of a step in real time."""
 
 
-class Ear:
+class TimingProbe:
     """Hears timing, diagnostics and the trainer, and sends the bicycle on its way."""
 
     def __init__(self, timing: bool = True) -> None:
@@ -84,7 +84,9 @@ class Ear:
 
 
 @contextlib.contextmanager
-def ride(*controller: str, priority: int | None = None, timing: bool = True) -> Iterator[Ear]:
+def ride(
+    *controller: str, priority: int | None = None, timing: bool = True
+) -> Iterator[TimingProbe]:
     """Simulator and controller on their way to a far goal, and an ear for them.
 
     Args:
@@ -93,15 +95,15 @@ def ride(*controller: str, priority: int | None = None, timing: bool = True) -> 
         timing: True if the ear hears each step.
     """
     shared = () if priority is None else (f"realtime_priority:={priority}",)
-    ear = Ear(timing)
+    probe = TimingProbe(timing)
     nodes = [
         node("bicycle_sim.nodes.sim_node", *shared),
         node("bicycle_controller.nodes.controller_node", *shared, *controller),
     ]
     try:
-        ear.send_far_goal()
-        ear.listen(5.0)
-        yield ear
+        probe.send_far_goal()
+        probe.listen(5.0)
+        yield probe
     finally:
         for process in nodes:
             stop(process)

@@ -135,9 +135,9 @@ def show(name: str) -> str:
 
 @pytest.mark.parametrize("name", ASIDE)
 def test_what_does_not_fit_is_set_aside_in_one_line(name: str) -> None:
-    value, told = sourced(show(name), {name: ASIDE[name]})
+    value, warnings = sourced(show(name), {name: ASIDE[name]})
     assert value != ASIDE[name]
-    (line,) = told
+    (line,) = warnings
     assert line.startswith(f"env.sh: set aside: {name}")
     assert line.endswith("To keep one: BICYCLE_KEEP=NAME.")
 
@@ -149,10 +149,10 @@ def test_what_fits_is_kept_without_a_word(name: str) -> None:
 
 def test_what_is_to_be_kept_is_kept() -> None:
     env = {"ROS_NAMESPACE": "/a", "PYTHONWARNINGS": "error", "BICYCLE_KEEP": "X ROS_NAMESPACE"}
-    value, told = sourced(f"{show('ROS_NAMESPACE')}; {show('PYTHONWARNINGS')}", env)
+    value, warnings = sourced(f"{show('ROS_NAMESPACE')}; {show('PYTHONWARNINGS')}", env)
     assert value == "/aunset"
-    assert "PYTHONWARNINGS" in told[0]
-    assert "ROS_NAMESPACE" not in told[0]
+    assert "PYTHONWARNINGS" in warnings[0]
+    assert "ROS_NAMESPACE" not in warnings[0]
 
 
 @pytest.mark.parametrize("name", ["ROS_DISCOVERY_SERVER", "ROS_STATIC_PEERS", "CYCLONEDDS_URI"])
@@ -198,8 +198,8 @@ def test_only_entries_that_take_another_s_place_go(
     foreign: Path, name: str, folder: str, reason: str
 ) -> None:
     own = "/usr/lib/x86_64-linux-gnu/libm.so.6" if name == "LD_PRELOAD" else str(foreign / "own")
-    value, told = sourced(show(name), {name: f"{foreign / folder}:{own}"})
-    line = told[-1]  # the loader has complained of what it could not preload
+    value, warnings = sourced(show(name), {name: f"{foreign / folder}:{own}"})
+    line = warnings[-1]  # the loader has complained of what it could not preload
     assert f"set aside: {name} ({foreign / folder} {reason})" in line
     assert str(foreign / folder) not in value
     assert value.endswith(own)
@@ -208,17 +208,17 @@ def test_only_entries_that_take_another_s_place_go(
 def test_an_overlay_of_one_s_own_stays(foreign: Path) -> None:
     own = str(foreign / "own")
     for name in ("PYTHONPATH", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH"):
-        value, told = sourced(show(name), {name: own})
+        value, warnings = sourced(show(name), {name: own})
         assert value.endswith(f":{own}")
-        assert told == []
+        assert warnings == []
 
 
 def test_the_working_directory_is_no_entry(tmp_path: Path) -> None:
     for name in ("PYTHONPATH", "LD_LIBRARY_PATH"):
-        value, told = sourced(show(name), {name: f":{tmp_path}:"})
+        value, warnings = sourced(show(name), {name: f":{tmp_path}:"})
         assert value.endswith(f":{tmp_path}")
         assert "::" not in value
-        assert told == []
+        assert warnings == []
 
 
 @pytest.fixture
@@ -327,22 +327,22 @@ def judged(env: Mapping[str, str]) -> tuple[dict[str, str], str]:
     )
     assert done.returncode == 0, done.stderr
     found = dict(entry.split("=", 1) for entry in done.stdout.split("\0"))
-    told = found.pop("told")
-    return found, told
+    set_aside = found.pop("told")
+    return found, set_aside
 
 
 @pytest.mark.parametrize("name", NOT_FOR_BUILDING)
 def test_setup_builds_without_what_does_not_fit(name: str) -> None:
-    found, told = judged({name: NOT_FOR_BUILDING[name]})
+    found, set_aside = judged({name: NOT_FOR_BUILDING[name]})
     assert name not in found
-    assert told.startswith(f"set aside: {name}")
+    assert set_aside.startswith(f"set aside: {name}")
 
 
 @pytest.mark.parametrize("name", FOR_BUILDING)
 def test_setup_keeps_where_packages_come_from(name: str) -> None:
-    found, told = judged({name: FOR_BUILDING[name]})
+    found, set_aside = judged({name: FOR_BUILDING[name]})
     assert found[name] == FOR_BUILDING[name]
-    assert told == ""
+    assert set_aside == ""
 
 
 def test_pip_is_the_environment_s() -> None:

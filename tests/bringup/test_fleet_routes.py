@@ -21,15 +21,15 @@ from bicycle_sim.plants import registry
 )
 def test_ten_routes_can_be_ridden_and_cross(plant: Any, tmp_path: Path) -> None:
     tightest = followers.tightest(followers.make("preview", plant))
-    made = routes(10, seed=0)
-    assert len({one.text for one in made}) == 10
-    paths = [courses.load(str(one.write(tmp_path, tightest))).path for one in made]
+    drawn = routes(10, seed=0)
+    assert len({one.text for one in drawn}) == 10
+    paths = [courses.load(str(one.write(tmp_path, tightest))).path for one in drawn]
     east, north = paths[0], paths[1]
     apart = np.hypot(
         east.x[:, None] - north.x[None, ::5], east.y[:, None] - north.y[None, ::5]
     ).min()
     assert apart < 1.0
-    assert (paths[0].x[0], paths[0].y[0]) == pytest.approx((made[0].x, made[0].y), abs=0.01)
+    assert (paths[0].x[0], paths[0].y[0]) == pytest.approx((drawn[0].x, drawn[0].y), abs=0.01)
 
 
 def test_a_report_tells_the_nearest_pair_and_the_latest_steps() -> None:

@@ -71,10 +71,10 @@ def test_a_path_that_ros_cannot_take_is_refused_in_one_line(tmp_path: Path, name
     )
     assert (done.returncode, done.stdout) == (3, "")
     (line,) = done.stderr.splitlines()
-    told = (
+    remedy = (
         "is not UTF-8" if name == NOT_UTF_8 else "holds a character that ROS's tools cannot take"
     )
-    assert told in line
+    assert remedy in line
     assert line.endswith("rename or move the folder.")
     assert not (workspace / "build").exists()
 

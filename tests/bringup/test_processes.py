@@ -17,8 +17,8 @@ from bicycle_common.processes import (
     Exit,
     ManagedProcess,
     ProcessGroup,
+    SaveWait,
     Supervisor,
-    Vigil,
 )
 
 STUBBORN = (
@@ -98,16 +98,16 @@ def test_who_saves_is_waited_for_and_never_killed(tmp_path: Path, soon: Path) ->
     )
     result.start()
     assert until(lambda: result.last_lines() == ["up"])
-    told: list[str] = []
+    lines: list[str] = []
 
     def tell(line: str) -> None:
-        told.append(line)
-        if len(told) == 8:  # long after a SIGKILL would have come
+        lines.append(line)
+        if len(lines) == 8:  # long after a SIGKILL would have come
             soon.touch()
 
-    assert result.stop(Vigil(tell, lambda: 0), patience=0.05) == 0
-    assert told[0].startswith("the node is still writing a bag (the disk is slow), waiting (")
-    assert len(told) >= 8
+    assert result.stop(SaveWait(tell, lambda: 0), patience=0.05) == 0
+    assert lines[0].startswith("the node is still writing a bag (the disk is slow), waiting (")
+    assert len(lines) >= 8
 
 
 def test_a_ctrl_c_that_answers_the_line_leaves_it_to_end_alone(tmp_path: Path, soon: Path) -> None:
@@ -116,8 +116,8 @@ def test_a_ctrl_c_that_answers_the_line_leaves_it_to_end_alone(tmp_path: Path, s
     result.start()
     assert until(lambda: result.last_lines() == ["up"])
     interrupts = [signal.SIGINT]  # the one that ended the ride answers nothing
-    vigil = Vigil(lambda _: interrupts.append(signal.SIGINT), lambda: len(interrupts))
-    assert result.stop(vigil, patience=0.05) is None
+    save_wait = SaveWait(lambda _: interrupts.append(signal.SIGINT), lambda: len(interrupts))
+    assert result.stop(save_wait, patience=0.05) is None
     assert len(interrupts) == 2
     assert result.running
     assert "which goes on writing a bag: do not kill it" in result.left()

@@ -57,19 +57,19 @@ def test_a_controller_whose_clock_is_off_is_believed_less_its_error() -> None:
 
 
 def test_a_bag_without_times_of_sending_goes_by_the_messages_stamps() -> None:
-    told = messages((990.0, 1000.0), (1002.0, 1002.001))
+    statuses_sent = messages((990.0, 1000.0), (1002.0, 1002.001))
     commands = messages((1000.0, 1000.001), (1001.0, 1001.001))
-    for columns in (told, commands):
+    for columns in (statuses_sent, commands):
         columns["publish_time"] = columns["log_time"]
-    assert sent_before(told, BEGUN, commands).tolist() == [True, False]
+    assert sent_before(statuses_sent, BEGUN, commands).tolist() == [True, False]
     # Stamps of simulated time in lock-step say nothing.
     commands["header.stamp"] = np.array([1.0, 90.0])
-    assert sent_before(told, BEGUN, commands).tolist() == [False, False]
-    assert sent_before(told, BEGUN, {}).tolist() == [False, False]
+    assert sent_before(statuses_sent, BEGUN, commands).tolist() == [False, False]
+    assert sent_before(statuses_sent, BEGUN, {}).tolist() == [False, False]
 
 
 def test_goals_that_were_over_are_dropped_and_those_under_way_stay() -> None:
-    told = statuses(
+    statuses_sent = statuses(
         (1, ACTIVE, 980.0, 1000.0),
         (1, REACHED, 985.0, 1000.0),
         (3, QUEUED, 986.0, 1000.0),
@@ -78,7 +78,7 @@ def test_goals_that_were_over_are_dropped_and_those_under_way_stay() -> None:
         (3, ACTIVE, 1004.0, 1004.0),
         (3, ACTIVE, 1004.0, 1006.0),  # heard again by a recorder that subscribed anew
     )
-    found = goals_of_recording(told, BEGUN, messages((1001.0, 1001.0)))
+    found = goals_of_recording(statuses_sent, BEGUN, messages((1001.0, 1001.0)))
     assert list(zip(found["goal_id"], found["status"], found["before"], strict=True)) == [
         (3, QUEUED, True),
         (2, ACTIVE, True),

@@ -46,12 +46,12 @@ def shown(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
             args=["--headless", "--no-sandbox", "--disable-gpu"],
             viewport={"width": 1280, "height": 800},
         )
-        made = context.new_page()
+        tab = context.new_page()
         errors: list[str] = []
-        made.on("pageerror", lambda error: errors.append(str(error)))
-        made.on("console", lambda line: errors.append(line.text) if line.type == "error" else None)
-        made.goto(page.as_uri())
-        yield made
+        tab.on("pageerror", lambda error: errors.append(str(error)))
+        tab.on("console", lambda line: errors.append(line.text) if line.type == "error" else None)
+        tab.goto(page.as_uri())
+        yield tab
         assert not errors, errors
         context.close()
 
@@ -109,11 +109,11 @@ def test_marks_are_reached_one_after_the_other_and_said(shown: Page) -> None:
     for _ in range(8):
         shown.keyboard.press("n")
         found.append(shown.locator(".moment").inner_text())
-    told = "\n".join(found)
-    assert "film-ride: pushed to the right, 0.40 rad/s" in told
-    assert "film-ride: hand-over" in told
-    assert "my-ride: fell at" in told
-    assert "goal (-13.4, -0.0) reached" in told
+    text = "\n".join(found)
+    assert "film-ride: pushed to the right, 0.40 rad/s" in text
+    assert "film-ride: hand-over" in text
+    assert "my-ride: fell at" in text
+    assert "goal (-13.4, -0.0) reached" in text
     before = float(cursor(shown))
     shown.keyboard.press("p")
     assert float(cursor(shown)) < before

@@ -185,7 +185,7 @@ def test_a_foreign_state_is_one_line(tmp_path: Path) -> None:
 
 def test_only_goals_of_this_recording_are_counted(tmp_path: Path) -> None:
     """Goal 1 was reached a minute before, goal 2 was under way, goal 3 came during the bag."""
-    told = [
+    statuses = [
         (1, 1, -60.0, 0.0),
         (1, 2, -50.0, 0.0),
         (0, 7, -45.0, 0.0),
@@ -194,7 +194,7 @@ def test_only_goals_of_this_recording_are_counted(tmp_path: Path) -> None:
         (3, 1, 1.0, 1.0),
         (3, 2, 4.0, 4.0),
     ]
-    page = load(write(tmp_path / "ride", told=told, late_from=7), "ride")
+    page = load(write(tmp_path / "ride", statuses=statuses, late_from=7), "ride")
     found = [(goal.position[1], goal.status.name, goal.begun_before) for goal in page.outcomes]
     assert found == [(2.0, "REACHED", True), (3.0, "REACHED", False)]
     assert (page.summary.goals, page.summary.reached, page.summary.begun_before) == (2, 2, 1)
@@ -209,7 +209,7 @@ def test_only_goals_of_this_recording_are_counted(tmp_path: Path) -> None:
 
 
 def test_a_goal_that_is_not_over_at_the_end_is_no_failure(tmp_path: Path) -> None:
-    page = load(write(tmp_path / "ride", told=[(1, 1, -5.0, 0.0)]), "ride")
+    page = load(write(tmp_path / "ride", statuses=[(1, 1, -5.0, 0.0)]), "ride")
     assert (page.summary.goals, page.summary.open, page.summary.decided) == (1, 1, 0)
     text = html([page])
     assert '<span class="chip">0 of 1 goals reached</span>' in text

@@ -36,13 +36,13 @@ def page(browser: BrowserContext, bag: Path, tmp_path_factory: Any) -> Iterator[
     """The page with a ride and its ghost."""
     with (
         served_page([bag], tmp_path_factory.mktemp("page")) as address,
-        opened(browser, address, "bag") as made,
+        opened(browser, address, "bag") as tab,
     ):
-        until(made, "player.bag !== null && views.stage !== null")
-        made.locator("#compare").click()
-        made.locator("#bag-list button").first.click()
-        expect(made.locator("#gap")).to_be_visible()
-        yield made
+        until(tab, "player.bag !== null && views.stage !== null")
+        tab.locator("#compare").click()
+        tab.locator("#bag-list button").first.click()
+        expect(tab.locator("#gap")).to_be_visible()
+        yield tab
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -70,8 +70,8 @@ def test_the_ride_report_breaks_no_rule(
 ) -> None:
     file = tmp_path / "report.html"
     assert write_report([str(bag), str(bag), "--output", str(file)]) == 0
-    made = browser.new_page()
-    made.emulate_media(color_scheme=scheme)
-    made.goto(file.as_uri())
-    assert problems(made) == []
-    made.close()
+    tab = browser.new_page()
+    tab.emulate_media(color_scheme=scheme)
+    tab.goto(file.as_uri())
+    assert problems(tab) == []
+    tab.close()

@@ -70,8 +70,8 @@ def test_the_hand_over_says_who_took_over_and_why(bag: Path) -> None:
 
 
 def test_a_goal_that_is_active_already_is_not_told_again(bag: Path) -> None:
-    told = [mark["text"] for mark in session(bag)["marks"] if mark["kind"] == "active"]
-    assert told == ["rides to goal (8.0, 0.0): 8.0 m to go"]
+    texts = [mark["text"] for mark in session(bag)["marks"] if mark["kind"] == "active"]
+    assert texts == ["rides to goal (8.0, 0.0): 8.0 m to go"]
 
 
 def test_a_long_one_is_thinned_evenly(bag: Path, monkeypatch: pytest.MonkeyPatch) -> None:

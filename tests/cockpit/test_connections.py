@@ -73,8 +73,8 @@ def test_a_connection_that_sends_no_whole_request_is_closed(
 ) -> None:
     with connected(desk, sends) as line:
         assert closed(line)
-    told = [line for line in desk.lines if "no whole request within" in line]
-    assert len(told) == (1 if sends else 0), "a browser that opens one ahead is not told of"
+    reported = [line for line in desk.lines if "no whole request within" in line]
+    assert len(reported) == (1 if sends else 0), "a browser that opens one ahead is not told of"
 
 
 def test_a_request_that_trickles_in_is_not_waited_for(hurried: None, desk: Desk) -> None:
@@ -123,7 +123,7 @@ def test_who_takes_nothing_of_an_answer_is_cut_off(hurried: None, desk: Desk) ->
                 line.sendall(b"GET /web/main.js HTTP/1.1\r\nHost: localhost\r\n\r\n")
             except ConnectionError:
                 break
-        until(lambda: any("took nothing" in told for told in desk.lines))
+        until(lambda: any("took nothing" in line for line in desk.lines))
 
 
 def test_many_half_open_connections_keep_nobody_out(desk: Desk) -> None:
@@ -210,8 +210,8 @@ def test_a_mistake_of_ours_is_one_line_that_says_where(
     with connected(desk) as line:
         got = answer(line, b"GET / HTTP/1.0\r\nHost: localhost\r\n\r\n")
     assert got.split()[1] == b"500"
-    (told,) = desk.lines
-    assert "RuntimeError: this went wrong (test_connections.py:" in told
+    (logged,) = desk.lines
+    assert "RuntimeError: this went wrong (test_connections.py:" in logged
     assert capfd.readouterr() == ("", "")
 
 

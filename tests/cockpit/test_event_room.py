@@ -12,24 +12,24 @@ SECONDS = 180
 def test_a_flood_is_cut_however_long_it_lasts_and_hides_nothing_else() -> None:
     now = 0.0
     room = EventRoom(lambda: now)
-    told = counted = lines = 0
+    taken = counted = lines = 0
     for number in range(20 * SECONDS):
         now = number / 20
-        told += room.take("rejected")
+        taken += room.take("rejected")
         left_out = room.left_out()
         counted += left_out
         lines += left_out > 0
-    assert told <= BURST + RATE * SECONDS
-    assert told + lines < 500
+    assert taken <= BURST + RATE * SECONDS
+    assert taken + lines < 500
     assert room.take("fell")
-    assert told + counted <= 20 * SECONDS
+    assert taken + counted <= 20 * SECONDS
     now += 60.0
-    assert told + counted + room.left_out() == 20 * SECONDS, "each is told or counted"
+    assert taken + counted + room.left_out() == 20 * SECONDS, "each is told or counted"
     assert room.take("rejected")
 
 
 def test_floods_of_every_kind_at_once_have_room_in_a_pages_outbox() -> None:
     room = EventRoom(lambda: 0.0)
     kinds = [status.name for status in Status]
-    told = sum(room.take(kind) for _ in range(1500) for kind in kinds)
-    assert BURST < told < MOST_RELIABLE
+    taken = sum(room.take(kind) for _ in range(1500) for kind in kinds)
+    assert BURST < taken < MOST_RELIABLE

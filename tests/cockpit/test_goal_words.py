@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from bicycle_cockpit.goal_words import Told, kind, level, text
+from bicycle_cockpit.goal_words import NewsFilter, kind, level, text
 from bicycle_controller.control.goals import Status
 
 HERE, THERE = (1.0, 2.0), (30.0, -4.25)
@@ -41,8 +41,8 @@ def test_a_place_that_is_none_is_not_shown_as_one() -> None:
 
 
 def news(*changes: tuple[Status, tuple[float, float]]) -> list[bool]:
-    told = Told()
-    return [told.news(status, place) for status, place in changes]
+    news_filter = NewsFilter()
+    return [news_filter.is_new(status, place) for status, place in changes]
 
 
 def test_a_path_that_is_sent_again_is_no_news() -> None:

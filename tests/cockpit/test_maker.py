@@ -77,18 +77,18 @@ def test_without_a_browser_the_remedy_is_said(
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["--video", "a.avi"], "must end in .mp4"),
         (["--video", "no/such/a.gif"], "does not exist"),
     ],
 )
 def test_a_film_that_cannot_be_is_refused_in_one_line(
-    bag: Path, words: list[str], told: str, capsys: pytest.CaptureFixture[str]
+    bag: Path, words: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([str(bag), *words]) == 1
     error = capsys.readouterr().err
-    assert told in error
+    assert message in error
     assert error.count("\n") == 1
 
 

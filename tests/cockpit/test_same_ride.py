@@ -24,7 +24,7 @@ def table(ride: dict[str, Any]) -> dict[str, np.ndarray]:
     return dict(zip(ride["columns"], numbers, strict=True))
 
 
-def told(ride: dict[str, Any], kind: str) -> list[float]:
+def times_of(ride: dict[str, Any], kind: str) -> list[float]:
     """The times of a kind of events, s."""
     return [mark["t"] for mark in ride["marks"] if mark["kind"] == kind]
 
@@ -33,8 +33,12 @@ def test_the_policy_that_rode_does_the_same_again_pushes_included() -> None:
     recorded = session(RIDE)
     again = same_ride(RIDE, "fixed-speed")
     was, now = table(recorded), table(again)
-    assert told(again, "push")[0] == told(recorded, "push")[0] == pytest.approx(PUSHED * 0.025)
-    alike = round(told(recorded, "hand_over")[0] / 0.025) + 1
+    assert (
+        times_of(again, "push")[0]
+        == times_of(recorded, "push")[0]
+        == pytest.approx(PUSHED * 0.025)
+    )
+    alike = round(times_of(recorded, "hand_over")[0] / 0.025) + 1
     assert alike == PUSHED + 2, "the state after the push is still its own"
     for name in ("x", "y", "heading", "lean", "steer", "torque", "displacement"):
         assert now[name][:alike] == pytest.approx(was[name][:alike], abs=2e-4, nan_ok=True)
@@ -45,8 +49,8 @@ def test_another_controller_rides_to_the_same_goals_in_its_own_time() -> None:
     again = same_ride(RIDE, "lqr")
     goals = [(m["x"], m["y"]) for m in recorded["marks"] if m["kind"] == "active"]
     assert [(m["x"], m["y"]) for m in again["marks"] if m["kind"] == "active"] == goals
-    assert len(told(again, "reached")) == len(goals)
-    assert told(again, "reached") != told(recorded, "reached")
+    assert len(times_of(again, "reached")) == len(goals)
+    assert times_of(again, "reached") != times_of(recorded, "reached")
     assert [one["label"] for one in again["riders"]] == ["LQR"]
     starts = [(one["x"][0], one["y"][0]) for one in map(table, (recorded, again))]
     assert starts[0] == pytest.approx(starts[1])
@@ -60,9 +64,9 @@ def test_what_cannot_be_ridden_again_is_told(tmp_path: Path) -> None:
 def test_a_fall_ends_it(tmp_path: Path) -> None:
     # The bag by hand has a push of 0.3 rad/s at 1 s, at 2 m/s, which is too slow for this actor.
     again = same_ride(write_bag(tmp_path / "bag"), "fixed-speed")
-    assert len(told(again, "fell")) == 1
+    assert len(times_of(again, "fell")) == 1
     assert again["marks"][-1]["kind"] == "fell"
-    assert again["duration"] == pytest.approx(told(again, "fell")[0])
+    assert again["duration"] == pytest.approx(times_of(again, "fell")[0])
 
 
 def test_every_controller_that_comes_along_has_a_name() -> None:

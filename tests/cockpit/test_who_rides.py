@@ -77,5 +77,5 @@ def test_reasons_are_told_without_ids() -> None:
     assert explained(Reason.POLICY, fails, LQR, names) == "NAF actor fails with ValueError"
     assert explained(Reason.NONE, f"calm again: policy {NAF} drives", NAF, names) == "calm again"
     unknown = "policy mine@1234 gives an action that is not finite: lqr-00000000 takes over"
-    told = explained(Reason.POLICY, unknown, "lqr-00000000", {})
-    assert told == "mine gives an action that is not finite"
+    text = explained(Reason.POLICY, unknown, "lqr-00000000", {})
+    assert text == "mine gives an action that is not finite"

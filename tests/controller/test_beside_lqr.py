@@ -15,7 +15,7 @@ LQR = Score(reach_rate=1.0, fall_rate=0.0, orbit_rate=0.0, median_time_s=27.0)
 
 
 @pytest.mark.parametrize(
-    ("reach", "falls", "time", "told"),
+    ("reach", "falls", "time", "warns"),
     [
         (1.0, 0.0, 26.5, False),
         (0.995, 0.005, 29.0, False),
@@ -26,11 +26,11 @@ LQR = Score(reach_rate=1.0, fall_rate=0.0, orbit_rate=0.0, median_time_s=27.0)
     ],
 )
 def test_a_seed_that_learned_badly_is_told(
-    reach: float, falls: float, time: float | None, told: bool
+    reach: float, falls: float, time: float | None, warns: bool
 ) -> None:
     text = warning(Score(reach, falls, 0.0, time), LQR)
-    assert bool(text) == told
-    if told:
+    assert bool(text) == warns
+    if warns:
         assert text.startswith(
             "over the same starts the LQR reaches 100.0% of its goals in 27.0 s"
         )

@@ -93,7 +93,7 @@ def test_evaluate_uses_what_the_policy_was_trained_on(
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "unlike"),
     [
         ([], []),
         (["--physics", "faithful", "--displacement-noise", "0.01"], []),
@@ -109,17 +109,17 @@ def test_evaluate_uses_what_the_policy_was_trained_on(
     ],
 )
 def test_a_policy_that_rides_another_bicycle_than_it_was_trained_on_is_warned_of(
-    capsys: pytest.CaptureFixture[str], policy: Path, words: list[str], told: list[str]
+    capsys: pytest.CaptureFixture[str], policy: Path, words: list[str], unlike: list[str]
 ) -> None:
     assert main.main(["evaluate", str(policy), "--episodes", "2", "--json", *words]) == 0
     printed = capsys.readouterr()
-    assert json.loads(printed.out)["unlike_training"] == told
-    assert printed.err.count("\n") == bool(told)
-    for text in told:
+    assert json.loads(printed.out)["unlike_training"] == unlike
+    assert printed.err.count("\n") == bool(unlike)
+    for text in unlike:
         assert text in printed.err
     assert main.main(["evaluate", "lqr", *QUICK, *words, "--against", str(policy)]) == 0
     said = capsys.readouterr().err
-    assert ("lqr" in said, policy_id(policy) in said) == (False, bool(told))
+    assert ("lqr" in said, policy_id(policy) in said) == (False, bool(unlike))
 
 
 def policy_id(path: Path) -> str:

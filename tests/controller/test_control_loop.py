@@ -50,9 +50,9 @@ def constant(*action: float) -> Fixed:
 
 @pytest.fixture
 def simulator() -> Simulator:
-    made = Simulator(SCENARIO)
-    made.reset(InitialPose(0.0, 0.0, 0.4, 2.5))
-    return made
+    simulator = Simulator(SCENARIO)
+    simulator.reset(InitialPose(0.0, 0.0, 0.4, 2.5))
+    return simulator
 
 
 def driver(policy: object, **options: object) -> ControlLoop:
@@ -121,12 +121,12 @@ def test_a_warm_up_asks_the_same_again_and_changes_nothing(
         rider.warm_up()
         simulator = Simulator(SCENARIO)
         simulator.reset(InitialPose(0.0, 0.0, 0.4, 2.5))
-        made = []
+        answers = []
         for _ in range(50):
-            made += ride(rider, simulator, 1)
+            answers += ride(rider, simulator, 1)
             if warms_up:
                 rider.warm_up()
-        commands.append(made)
+        commands.append(answers)
         assert len(policy.seen) == (100 if warms_up else 50)
     assert commands[0] == commands[1]
     assert (policy.seen[0] == policy.seen[1]).all()
@@ -275,16 +275,16 @@ def test_states_that_another_controller_drives_to_are_not_answered(simulator: Si
     """Such are the states of a bag that is replayed, too."""
     rider = driver(constant(1.0, 0.1, 0.0), take_over=False)
     rider.tracker.replace([GOAL])
-    told = []
+    warnings = []
     for step in range(60):
         # A bag may lead right through the goal.
         state = replace(simulator.snapshot, step=step, rear_x=0.0, rear_y=float(step))
         answer = rider.answer(state, 0.025 * step, under("other"))
         assert answer.command is None
         assert [event.status for event in answer.events] == ([Status.QUEUED] if step == 0 else [])
-        told += [answer.warning] if answer.warning else []
-    assert len(told) == 1
-    assert "other drives this bicycle" in told[0]
+        warnings += [answer.warning] if answer.warning else []
+    assert len(warnings) == 1
+    assert "other drives this bicycle" in warnings[0]
 
 
 def test_the_goal_that_another_one_rode_to_is_told_when_it_is_taken_over(

@@ -49,7 +49,7 @@ def test_a_file_of_waypoints_is_a_course_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("points: [[0, 0]]", "two different points"),
         ("points: [[0, 0], [x, 1]]", "is not a point"),
@@ -62,10 +62,10 @@ def test_a_file_of_waypoints_is_a_course_too(tmp_path: Path) -> None:
         ("3", "points or segments"),
     ],
 )
-def test_a_bad_file_is_told_in_one_line(tmp_path: Path, text: str, told: str) -> None:
+def test_a_bad_file_is_told_in_one_line(tmp_path: Path, text: str, message: str) -> None:
     file = tmp_path / "bad.yaml"
     file.write_text(text)
-    with pytest.raises(CourseError, match=told.replace("(", r"\(")) as error:
+    with pytest.raises(CourseError, match=message.replace("(", r"\(")) as error:
         courses.load(str(file), 3.0)
     assert "\n" not in str(error.value)
     assert "bad.yaml" in str(error.value)

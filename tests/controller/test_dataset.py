@@ -195,7 +195,7 @@ def test_the_memory_gets_what_stepping_through_the_ride_gives(
     rows = dataset.memory_rows(recorded, ddpg)
     found, limits = recorded.transitions, recorded.scenario.action_limits
     returns = NStepAccumulator(1, 2, RewardShaping.of(ddpg))
-    made = [
+    parts = [
         returns.push(
             found.observation[i : i + 1],
             found.action[i : i + 1, :2] / limits[:2],
@@ -205,7 +205,7 @@ def test_the_memory_gets_what_stepping_through_the_ride_gives(
         )
         for i in range(len(found))
     ]
-    expected = np.concatenate(made)
+    expected = np.concatenate(parts)
     assert len(rows) == len(found)
     assert np.array_equal(np.unique(rows, axis=0), np.unique(expected, axis=0))
 

@@ -185,9 +185,9 @@ def test_import_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
     for name, words in cases.items():
         words_of_command = ["import", str(tmp_path / name), "--scenario", "learned-speed"]
         assert main([*words_of_command, "--to", str(tmp_path / "out")]) == 2
-        told = capsys.readouterr().err
-        assert words in told
-        assert told.count("\n") == 1
+        error = capsys.readouterr().err
+        assert words in error
+        assert error.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
 

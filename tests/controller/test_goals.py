@@ -13,7 +13,7 @@ DT = 0.025
 HERE = Pose(episode=1, time=0.0, x=0.0, y=0.0, heading=0.0)
 
 
-def told(events: list[Event]) -> list[tuple[int, Status]]:
+def statuses(events: list[Event]) -> list[tuple[int, Status]]:
     return [(event.goal.goal_id, event.status) for event in events]
 
 
@@ -46,7 +46,7 @@ def circle(tracker: GoalTracker, radius: float, turns: float) -> list[Event]:
 def test_a_goal_is_reached_and_the_way_is_measured() -> None:
     tracker = GoalTracker(radius=1.0)
     tracker.replace([(0.0, 10.0)])
-    assert told(tracker.update(HERE)) == [(1, Status.ACTIVE)]
+    assert statuses(tracker.update(HERE)) == [(1, Status.ACTIVE)]
     _, events = straight(tracker, HERE, 12.0)
     (reached,) = events
     assert reached.status is Status.REACHED
@@ -72,10 +72,10 @@ def test_waypoints_are_ridden_in_order_and_then_the_heading_is_held() -> None:
     tracker = GoalTracker()
     tracker.replace([(0.0, 5.0), (0.0, 10.0)])
     first = tracker.update(HERE)
-    assert told(first) == [(2, Status.QUEUED), (1, Status.ACTIVE)]
+    assert statuses(first) == [(2, Status.QUEUED), (1, Status.ACTIVE)]
     assert first[-1].remaining == 1
     pose, events = straight(tracker, HERE, 12.0)
-    assert told(events) == [(1, Status.REACHED), (2, Status.ACTIVE), (2, Status.REACHED)]
+    assert statuses(events) == [(1, Status.REACHED), (2, Status.ACTIVE), (2, Status.REACHED)]
     assert not tracker.has_goal
     assert tracker.steers
     assert tracker.heading_error(replace(pose, heading=0.3)) == pytest.approx(0.3)
@@ -86,7 +86,7 @@ def test_a_new_goal_replaces_all() -> None:
     tracker.replace([(0.0, 50.0), (0.0, 60.0)])
     tracker.update(HERE)
     tracker.replace([(5.0, 5.0)])
-    assert told(tracker.update(HERE)) == [
+    assert statuses(tracker.update(HERE)) == [
         (1, Status.REPLACED),
         (2, Status.REPLACED),
         (3, Status.ACTIVE),
@@ -100,7 +100,7 @@ def test_goals_can_be_appended() -> None:
     tracker.update(HERE)
     tracker.append([(0.0, 15.0)])
     _, events = straight(tracker, HERE, 17.0)
-    reached = [number for number, status in told(events) if status is Status.REACHED]
+    reached = [number for number, status in statuses(events) if status is Status.REACHED]
     assert reached == [1, 2, 3]
 
 
@@ -108,7 +108,7 @@ def test_none_of_a_flood_of_goals_is_lost() -> None:
     tracker = GoalTracker()
     for number in range(1000):
         tracker.replace([(float(number), 50.0)])
-    events = told(tracker.update(HERE))
+    events = statuses(tracker.update(HERE))
     assert events == [(i, Status.REPLACED) for i in range(1, 1000)] + [(1000, Status.ACTIVE)]
 
 
@@ -118,7 +118,7 @@ def test_an_empty_path_stops_aiming_and_rides_straight_on() -> None:
     tracker.update(HERE)
     tracker.replace([])
     turned = replace(HERE, heading=0.5)
-    assert told(tracker.update(turned)) == [(1, Status.CANCELLED), (2, Status.CANCELLED)]
+    assert statuses(tracker.update(turned)) == [(1, Status.CANCELLED), (2, Status.CANCELLED)]
     assert tracker.steers
     assert tracker.heading_error(turned) == 0.0
 
@@ -127,8 +127,8 @@ def test_an_empty_path_stops_aiming_and_rides_straight_on() -> None:
 def test_two_circles_without_coming_nearer_are_a_miss(goal: tuple[float, float]) -> None:
     tracker = GoalTracker(radius=1.0, turns=2.0)
     tracker.replace([goal])
-    assert told(circle(tracker, 5.0, 1.9)) == [(1, Status.ACTIVE)]
-    assert told(circle(tracker, 5.0, 2.2))[-1] == (1, Status.MISSED)
+    assert statuses(circle(tracker, 5.0, 1.9)) == [(1, Status.ACTIVE)]
+    assert statuses(circle(tracker, 5.0, 2.2))[-1] == (1, Status.MISSED)
 
 
 def test_a_spiral_that_comes_nearer_is_no_miss() -> None:
@@ -140,7 +140,7 @@ def test_a_spiral_that_comes_nearer_is_no_miss() -> None:
         heading = math.remainder(angle, 2 * math.pi)
         pose = Pose(1, DT * step, radius * math.cos(angle), radius * math.sin(angle), heading)
         events += tracker.update(pose)
-    assert told(events) == [(1, Status.ACTIVE)]
+    assert statuses(events) == [(1, Status.ACTIVE)]
 
 
 def test_a_weaving_ride_is_no_miss() -> None:
@@ -150,7 +150,7 @@ def test_a_weaving_ride_is_no_miss() -> None:
     for step in range(4000):
         heading = 2.0 * math.sin(0.05 * step)
         events += tracker.update(Pose(1, DT * step, 0.0, 0.0, heading))
-    assert told(events) == [(1, Status.ACTIVE)]
+    assert statuses(events) == [(1, Status.ACTIVE)]
 
 
 def test_a_goal_is_given_up_in_simulated_time() -> None:
@@ -158,7 +158,7 @@ def test_a_goal_is_given_up_in_simulated_time() -> None:
     tracker.replace([(0.0, 500.0), (0.0, 400.0)])
     tracker.update(HERE)
     assert tracker.update(replace(HERE, time=2.99)) == []
-    assert told(tracker.update(replace(HERE, time=3.0))) == [
+    assert statuses(tracker.update(replace(HERE, time=3.0))) == [
         (1, Status.GIVEN_UP),
         (2, Status.ACTIVE),
     ]
@@ -169,7 +169,7 @@ def test_a_fall_ends_all_goals_and_steering() -> None:
     tracker.replace([(0.0, 50.0), (0.0, 60.0)])
     tracker.update(HERE)
     down = replace(HERE, fallen=True)
-    assert told(tracker.update(down)) == [(1, Status.FALLEN), (2, Status.CANCELLED)]
+    assert statuses(tracker.update(down)) == [(1, Status.FALLEN), (2, Status.CANCELLED)]
     assert tracker.update(down) == []
     assert not tracker.steers
 
@@ -179,7 +179,7 @@ def test_a_fall_inside_the_goal_is_not_counted_as_reached() -> None:
     tracker.replace([(0.0, 10.0)])
     tracker.update(HERE)
     inside = replace(HERE, y=9.5, time=1.0, fallen=True)
-    assert told(tracker.update(inside)) == [(1, Status.FALLEN)]
+    assert statuses(tracker.update(inside)) == [(1, Status.FALLEN)]
     assert tracker.update(replace(inside, time=1.1)) == []
 
 
@@ -192,7 +192,7 @@ def test_a_goal_for_a_fallen_bicycle_waits_for_the_reset() -> None:
     assert event.status is Status.QUEUED
     assert "waits for a reset" in event.message
     assert tracker.update(down) == []
-    assert told(tracker.update(replace(HERE, episode=2))) == [(1, Status.ACTIVE)]
+    assert statuses(tracker.update(replace(HERE, episode=2))) == [(1, Status.ACTIVE)]
 
 
 def test_a_reset_cancels_the_goals_from_before_it_only() -> None:
@@ -200,7 +200,7 @@ def test_a_reset_cancels_the_goals_from_before_it_only() -> None:
     tracker.replace([(0.0, 50.0), (0.0, 60.0)])
     tracker.update(HERE)
     tracker.replace([(0.0, 70.0)])
-    assert told(tracker.update(replace(HERE, episode=2))) == [
+    assert statuses(tracker.update(replace(HERE, episode=2))) == [
         (1, Status.CANCELLED),
         (2, Status.CANCELLED),
         (3, Status.ACTIVE),
@@ -224,7 +224,7 @@ def test_a_simulator_started_again_keeps_its_goals() -> None:
 def test_a_goal_underfoot_is_reached_at_once() -> None:
     tracker = GoalTracker()
     tracker.replace([(0.5, 0.0)])
-    assert told(tracker.update(HERE)) == [(1, Status.ACTIVE), (1, Status.REACHED)]
+    assert statuses(tracker.update(HERE)) == [(1, Status.ACTIVE), (1, Status.REACHED)]
 
 
 @pytest.mark.parametrize(("radius", "turns"), [(0.0, 2.0), (1.0, -1.0), (math.nan, 2.0)])

@@ -143,7 +143,7 @@ def test_logs_of_three_speeds_foretell_a_real_bicycle_at_another_one(
 
 
 @pytest.mark.parametrize(
-    ("header", "change", "told"),
+    ("header", "change", "message"),
     [
         ("speed,lean_rate,fork_angle", None, "lacks the torque: name a column command_fork"),
         ("speed,leen_rate,fork_angle,torque", None, "lacks the lean rate"),
@@ -156,7 +156,11 @@ def test_logs_of_three_speeds_foretell_a_real_bicycle_at_another_one(
     ],
 )
 def test_bad_logs_are_refused_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], header: str, change: str | None, told: str
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    header: str,
+    change: str | None,
+    message: str,
 ) -> None:
     """Each with the column or the remedy."""
     lines = [["4.0", "0.01", "0.01", "0.1", "0.2"][: header.count(",") + 1] for _ in range(600)]
@@ -169,7 +173,7 @@ def test_bad_logs_are_refused_in_one_line(
     path.write_text("\n".join([header, *(",".join(line) for line in lines)]))
     assert main(["identify", str(path)]) == 2
     error = capsys.readouterr().err
-    assert told in error
+    assert message in error
     assert error.count("\n") == 1
 
 

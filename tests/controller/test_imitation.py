@@ -45,8 +45,8 @@ def test_a_run_ends_with_a_policy_for_any_bicycle(
     out = tmp_path / "run"
     words = ["train", "--preset", "any-bicycle", "--out", str(out), "--json", "--quiet", *sets]
     assert main.main(words) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["status"], told["steps"]) == ("finished", 9600)
+    result = json.loads(capsys.readouterr().out)
+    assert (result["status"], result["steps"]) == ("finished", 9600)
     policy = load_policy(out)
     assert policy.memory == 4
     assert policy.info.plants == ("whipple",)

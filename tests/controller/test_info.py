@@ -46,8 +46,8 @@ def test_it_tells_the_published_figures(capsys: pytest.CaptureFixture[str]) -> N
             if row["mode"] == "real":
                 continue
             mode = row["mode"].split()[0]
-            told = rows[float(row["v"])][mode]
-            pair = told[0] if mode == "weave" else told
+            expected = rows[float(row["v"])][mode]
+            pair = expected[0] if mode == "weave" else expected
             assert pair == pytest.approx(
                 [float(row["exact_re"]), float(row["exact_im"])], abs=1e-12
             )

@@ -35,7 +35,11 @@ def numbered(count: int, periods: int) -> tuple[np.ndarray, np.ndarray, Past]:
 def test_each_name_gets_its_number() -> None:
     seen, speed, past = numbered(2, 4)
     inputs = Inputs(("speed", "lean_rate[-3]", "torque[-1]", "plant.motor.lag", "steer_angle"))
-    assert (inputs.memory, inputs.told, inputs.plain) == (3, ("plant.motor.lag",), False)
+    assert (inputs.memory, inputs.plant_parameters, inputs.plain) == (
+        3,
+        ("plant.motor.lag",),
+        False,
+    )
     expected = [[6.0, 33.0, 17.0, 7000.0, 0.0], [1006.0, 1033.0, 1017.0, 7000.0, 1000.0]]
     np.testing.assert_array_equal(inputs.gather(seen, speed, past), expected)
 
@@ -53,7 +57,7 @@ def test_without_a_past_a_ride_begins() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "told"),
+    ("name", "message"),
     [
         ("lean_rat", "did you mean 'lean_rate'"),
         ("torque", r"torque\[-1\]"),
@@ -62,8 +66,8 @@ def test_without_a_past_a_ride_begins() -> None:
         ("plant.", "no input"),
     ],
 )
-def test_a_name_that_is_none(name: str, told: str) -> None:
-    with pytest.raises(ValueError, match=told):
+def test_a_name_that_is_none(name: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
         parse(name)
 
 

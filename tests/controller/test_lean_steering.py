@@ -33,8 +33,8 @@ def test_the_law_by_hand() -> None:
 def scenario(bicycle: str, gain: float) -> tuple[Scenario, WhipplePlant]:
     known = catalogue.load(bicycle).parameters
     plant = WhipplePlant(replace(known, motor=Motor(limit=7.0)))
-    made = named("random-start-random-goal").with_motor(plant.torque_limit)
-    return replace(made, silence_gain=gain), plant
+    suited = named("random-start-random-goal").with_motor(plant.torque_limit)
+    return replace(suited, silence_gain=gain), plant
 
 
 @pytest.mark.parametrize("bicycle", ["browser-rider", "balance-assist", "steer-by-wire"])
@@ -49,11 +49,11 @@ def test_a_simulator_without_commands_steers_into_the_lean(bicycle: str) -> None
 
 
 def test_such_a_ride_goes_on_from_its_message_to_the_bit() -> None:
-    told, plant = scenario("browser-rider", 20.0)
-    simulator = Simulator(told, plant, seed=3)
+    suited, plant = scenario("browser-rider", 20.0)
+    simulator = Simulator(suited, plant, seed=3)
     begun = simulator.reset(InitialPose(0.0, 0.0, 0.0, 2.0))
     states = [simulator.step(None, 0.1 * (step == 2)) for step in range(30)]
-    again = Simulator.restore(begun, Scenario.from_json(told.to_json()), plant, 3)
+    again = Simulator.restore(begun, Scenario.from_json(suited.to_json()), plant, 3)
     assert [again.step(None, 0.1 * (step == 2)) for step in range(30)] == states
 
 

@@ -31,7 +31,7 @@ def test_the_shipped_one_follows_a_circle() -> None:
 def test_a_training_leaves_a_follower_of_its_bicycle(tmp_path: Path) -> None:
     lines: list[str] = []
     out = tmp_path / "run"
-    path_following.run(WHIPPLE, out, seed=1, steps=640, told=lines.append)
+    path_following.run(WHIPPLE, out, seed=1, steps=640, report=lines.append)
     assert len(lines) == 10
     assert (out / "log.csv").read_text().startswith("steps,phase,rms_m")
     file = str(out / path_following.NAME)

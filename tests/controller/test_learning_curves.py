@@ -59,8 +59,8 @@ def test_plot_draws_and_tells(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     runs = [str(run(tmp_path / f"run-{seed}", seed, [0.1, 0.9])) for seed in (1, 2)]
     picture = tmp_path / "out" / "curves.png"
     assert main(["plot", *runs, "--out", str(picture)]) == 0
-    told = capsys.readouterr().out
-    assert "2 seeds, reach_rate at the end 0.9 (0.9 to 0.9)" in told
+    printed = capsys.readouterr().out
+    assert "2 seeds, reach_rate at the end 0.9 (0.9 to 0.9)" in printed
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert main(["plot", *runs, "--of", "critic_loss", "--out", str(picture), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["curves"][0]["last"] == 1.5
@@ -110,9 +110,9 @@ def test_progress_is_lines_where_there_is_no_terminal(
     with logger.Progress(2000, 0, "lines") as progress:
         progress.show(reach=0.5)
         progress.advance(500)
-    told = capsys.readouterr()
-    assert told.out == ""
-    (line,) = told.err.splitlines()
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    (line,) = printed.err.splitlines()
     assert line.startswith("25% of 2,000 steps, 0 s, ")
     assert line.endswith("s left, reach 0.5")
     with logger.Progress(2000, 0, False) as progress:

@@ -58,10 +58,10 @@ def test_what_the_actors_cannot_do_is_what_was_measured(label: str) -> None:
         numbers = [float(number) for number in re.findall(r"\d+(?:\.\d+)?", cell)]
         own = ridden(CONDITIONS[label], actor, actor)
         lqr = ridden(CONDITIONS[label], LIMITS["actors"][actor]["lqr"], actor)
-        told = [own["fall_rate"], lqr["fall_rate"]]
+        shares = [own["fall_rate"], lqr["fall_rate"]]
         if "never arrive" in cell:
-            told.append(own["timeout_rate"])
-        assert numbers == pytest.approx([100.0 * share for share in told], abs=0.5), actor
+            shares.append(own["timeout_rate"])
+        assert numbers == pytest.approx([100.0 * share for share in shares], abs=0.5), actor
         assert own["timeout_rate"] < 0.3 or "never arrive" in cell, actor
 
 
@@ -73,9 +73,9 @@ SURE = json.loads((ROOT / "tests" / "benchmarks" / "results" / "limits_sure.json
 def test_what_the_surer_actor_does_is_what_was_measured(condition: str) -> None:
     rows = SURE["conditions"][condition], LIMITS["conditions"].get(condition, {})
     names = ("sure-fixed-speed", "fixed-speed", "lqr-20cm")
-    told = cells(f"`{condition}`")
-    assert len(told) == len(names)
-    for name, cell in zip(names, told, strict=True):
+    cells_of_row = cells(f"`{condition}`")
+    assert len(cells_of_row) == len(names)
+    for name, cell in zip(names, cells_of_row, strict=True):
         found = next((row[key] for row in rows for key in row if key.startswith(f"{name} ")), None)
         if found is None:
             assert cell == ""
@@ -107,12 +107,12 @@ def column(label: str) -> list[str]:
 
 def test_the_readme_says_what_the_page_says() -> None:
     rows = re.findall(r"^\| \S.* \| `(\S+)` \|(.*)\|$", README, re.MULTILINE)
-    told = {name: [cell.strip() for cell in rest.split("|")] for name, rest in rows}
+    figures_of = {name: [cell.strip() for cell in rest.split("|")] for name, rest in rows}
     reached, falls, times = (
         column(row) for row in ("goals reached", "falls", "time to goal, median")
     )
     for actor, *figures in zip(AGAINST, reached, falls, times, strict=True):
-        assert [cell.removesuffix(" s") for cell in told[actor][:3]] == figures
+        assert [cell.removesuffix(" s") for cell in figures_of[actor][:3]] == figures
 
 
 def test_the_readme_is_short_and_its_prose_holds_few_numbers() -> None:

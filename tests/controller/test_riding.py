@@ -11,7 +11,7 @@ from remembering import make_remembering
 from bicycle_common.types import InitialPose
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.goals import GoalTracker
-from bicycle_controller.control.past import Past, told_by
+from bicycle_controller.control.past import Past, parameters_of
 from bicycle_controller.control.riding import Riding
 from bicycle_controller.evaluation.evaluate import evaluate
 from bicycle_controller.evaluation.rollouts import Disturbance
@@ -29,7 +29,7 @@ class Recorder:
     """Notes what it is given, and steers a little more each time."""
 
     policy_id = "recorder"
-    told: tuple[str, ...] = ()
+    plant_parameters: tuple[str, ...] = ()
 
     def __init__(self, memory: int) -> None:
         self.memory = memory
@@ -86,13 +86,13 @@ def test_a_ride_that_begins_forgets_and_the_others_do_not() -> None:
 
 def test_parameters_of_the_bicycles() -> None:
     names = ("plant.motor.lag", "plant.bicycle.w")
-    assert told_by(PLANT, names, 2)[:, 1].tolist() == [1.121, 1.121]
+    assert parameters_of(PLANT, names, 2)[:, 1].tolist() == [1.121, 1.121]
     assert isinstance(PLANT, WhipplePlant)
     data = PLANT.parameters
     many = WhipplePlant(replace(data, motor=replace(data.motor, lag=np.array([0.0, 0.03]))))
-    assert told_by(many, names, 2)[:, 0].tolist() == [0.0, 0.03]
+    assert parameters_of(many, names, 2)[:, 0].tolist() == [0.0, 0.03]
     with pytest.raises(ValueError, match="has no motor"):
-        told_by(registry.default(), names, 1)
+        parameters_of(registry.default(), names, 1)
     with pytest.raises(ValueError, match="has to be told"):
         Riding(make_remembering(names), 1)
 
@@ -180,6 +180,6 @@ def test_rides_that_end_leave_the_others_their_past() -> None:
 
 def test_rollouts_tell_the_command_that_was_sent() -> None:
     controller = Recorder(2)
-    controller.told = ()
+    controller.plant_parameters = ()
     evaluate(controller, named("fixed-start-fixed-goal"), PLANT, 3, 1, Disturbance(action_delay=3))
     assert controller.pasts[5][0, 0, 7] == pytest.approx(0.005)

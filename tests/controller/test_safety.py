@@ -356,15 +356,15 @@ def driver(policy: object, **changes: object) -> tuple[ControlLoop, Simulator]:
 def drive(
     loop: ControlLoop, simulator: Simulator, steps: int
 ) -> tuple[list[ControllerSwitch], list[Status]]:
-    told, events = [], []
+    switches, events = [], []
     for _ in range(steps):
         now = simulator.snapshot
         answer = loop.answer(now, now.step * 0.025, simulator.applied)
         events += [event.status for event in answer.events]
         if answer.hand_over is not None:
-            told.append(answer.hand_over)
+            switches.append(answer.hand_over)
         simulator.step(answer.command)
-    return told, events
+    return switches, events
 
 
 def test_each_change_of_hands_is_told_once_with_its_reason() -> None:
@@ -386,18 +386,20 @@ def test_each_change_of_hands_is_told_once_with_its_reason() -> None:
 
 def test_a_policy_that_gives_no_number_is_told_once_and_tried_again() -> None:
     loop, simulator = driver(Faulty(math.nan, 0.0, 0.0))
-    told, _ = drive(loop, simulator, 100)
-    assert [one.reason for one in told] == [Reason.POLICY, Reason.NONE, Reason.POLICY][: len(told)]
-    assert "not finite" in told[0].message
+    switches, _ = drive(loop, simulator, 100)
+    assert [one.reason for one in switches] == [Reason.POLICY, Reason.NONE, Reason.POLICY][
+        : len(switches)
+    ]
+    assert "not finite" in switches[0].message
     assert loop.handed_over == 100, "no step went without the fallback's answer"
 
 
 def test_a_commanded_stop_slows_down_and_waits_for_a_new_goal() -> None:
     policy = Faulty(2.0, 0.0, 0.0)
     loop, simulator = driver(policy, stop=True)
-    told, events = drive(loop, simulator, 600)
-    assert [one.stop for one in told] == [True]
-    assert "send a new goal" in told[0].message
+    switches, events = drive(loop, simulator, 600)
+    assert [one.stop for one in switches] == [True]
+    assert "send a new goal" in switches[0].message
     assert events == [Status.ACTIVE, Status.CANCELLED]
     assert simulator.snapshot.speed == pytest.approx(STOP_SPEED, abs=0.05)
     assert not simulator.snapshot.fallen

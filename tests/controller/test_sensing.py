@@ -54,7 +54,7 @@ def test_command_tells_what_each_imperfection_costs(capsys: pytest.CaptureFixtur
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         ("--sensors mpu605", "did you mean 'mpu6050'"),
         ("--bicycles broswer", "did you mean 'browser'"),
@@ -65,7 +65,7 @@ def test_command_tells_what_each_imperfection_costs(capsys: pytest.CaptureFixtur
     ],
 )
 def test_mistakes_are_told_in_one_line(
-    words: str, told: str, capsys: pytest.CaptureFixture[str]
+    words: str, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     try:
         status = main(["sensing", "lqr", *words.split()])
@@ -73,5 +73,5 @@ def test_mistakes_are_told_in_one_line(
         status = int(error.code or 0)
     assert status == 2
     error_text = capsys.readouterr().err
-    assert told in error_text
+    assert message in error_text
     assert error_text.count("\n") == 1

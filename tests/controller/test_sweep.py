@@ -38,8 +38,8 @@ def test_a_run_is_trained_and_scored(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (job,) = jobs(tmp_path / "sweep")
     result, policy = sweep.run_job(job, 20, ["bicycle", "sweep", "--out", "x"])
     (same,) = jobs(tmp_path / "plain")
-    made = online.run(same.config, same.folder)
-    assert (result["status"], result["updates"]) == ("finished", made.updates)
+    result_again = online.run(same.config, same.folder)
+    assert (result["status"], result["updates"]) == ("finished", result_again.updates)
     best = load_policy(same.folder / "best.safetensors")
     config = job.config
     expected = evaluate(best, config.scenario, config.physics, 20).summary()
@@ -153,11 +153,13 @@ def test_ray_that_cannot_start_at_once_is_started_again() -> None:
 
 def test_ray_that_cannot_start_is_told_in_one_line() -> None:
     slow = SlowRay(failures=1000)
-    with pytest.raises(ConnectionError) as told:
+    with pytest.raises(ConnectionError) as raised:
         sweep._start(slow)
     assert slow.started == slow.ended == sweep.STARTS
-    assert str(told.value).startswith("Ray does not start, 4 times tried (The current node timed")
-    assert "\n" not in str(told.value)
+    assert str(raised.value).startswith(
+        "Ray does not start, 4 times tried (The current node timed"
+    )
+    assert "\n" not in str(raised.value)
 
 
 @pytest.mark.slow

@@ -36,9 +36,9 @@ def test_each_constant_and_switch_that_differs_is_named() -> None:
 def test_another_plant_or_bicycle_is_named() -> None:
     benchmark, browser = (registry.named("whipple", name) for name in ("benchmark", "browser"))
     assert differences(FAITHFUL, benchmark) == ["plant whipple, not choi"]
-    (told,) = differences(benchmark, browser)
-    assert told.startswith("name ")
-    assert ", not " in told
+    (difference,) = differences(benchmark, browser)
+    assert difference.startswith("name ")
+    assert ", not " in difference
 
 
 @pytest.mark.parametrize("controller", [make_policy(), LqrController()])

@@ -42,8 +42,8 @@ def test_the_last_commands_tell_the_motor_and_what_is_under_way(
         state = model.a @ state + model.b @ command
         sent = np.concatenate([command[None], sent])
     found = through_commands(model, gain, STATES, inputs, length)
-    told = np.einsum("oli,li->o", found, sent[:length])
-    np.testing.assert_allclose(told, gain @ state, atol=0.02)
+    reached = np.einsum("oli,li->o", found, sent[:length])
+    np.testing.assert_allclose(reached, gain @ state, atol=0.02)
 
 
 def test_the_papers_bicycle_hides_nothing() -> None:

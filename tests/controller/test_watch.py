@@ -17,7 +17,7 @@ from bicycle_sim.sensors.suite import SensorSuite
 PERIOD = 0.025
 
 
-def told(speed_up: float = 0.0, /, **changed: Any) -> tuple[str, ...]:
+def problems(speed_up: float = 0.0, /, **changed: Any) -> tuple[str, ...]:
     """Return all problems reported during a ride of 8 s with turns, by sensor."""
     plant = registry.named("whipple", "browser-rider")
     who = LqrController(LqrConfig(torque_limit=7.0), plant)
@@ -48,24 +48,24 @@ def told(speed_up: float = 0.0, /, **changed: Any) -> tuple[str, ...]:
 
 
 def test_healthy_sensors_are_not_complained_of() -> None:
-    assert told() == ()
-    assert told(400.0) == ()
+    assert problems() == ()
+    assert problems(400.0) == ()
 
 
 @pytest.mark.parametrize("sensor", ["imu", "steer", "wheel", "gnss"])
 def test_gone(sensor: str) -> None:
-    assert told(0.0, **{sensor: {"gone_from": 4.0}}) == (f"{sensor} gone",)
+    assert problems(0.0, **{sensor: {"gone_from": 4.0}}) == (f"{sensor} gone",)
 
 
 @pytest.mark.parametrize("sensor", ["imu", "steer", "wheel"])
 def test_late(sensor: str) -> None:
-    assert told(0.0, **{sensor: {"latency": 0.1}}) == (f"{sensor} late",)
+    assert problems(0.0, **{sensor: {"latency": 0.1}}) == (f"{sensor} late",)
 
 
 def test_stuck() -> None:
-    assert told(imu={"stuck_from": 4.0}) == ("imu stuck",)
-    assert told(steer={"stuck_from": 4.0}) == ("steer stuck",)
-    assert told(400.0, wheel={"stuck_from": 3.0}) == ("wheel stuck",)
+    assert problems(imu={"stuck_from": 4.0}) == ("imu stuck",)
+    assert problems(steer={"stuck_from": 4.0}) == ("steer stuck",)
+    assert problems(400.0, wheel={"stuck_from": 3.0}) == ("wheel stuck",)
 
 
 def test_time_since_when_is_told() -> None:

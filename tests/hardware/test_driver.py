@@ -35,7 +35,7 @@ class Wire:
         return len(self.sent)
 
 
-def made(**settings: object) -> tuple[Driver, Wire]:
+def make_driver(**settings: object) -> tuple[Driver, Wire]:
     wire = Wire()
     given: dict[str, object] = {"rest": 0.05, "pc_clock": False, **settings}
     return Driver(wire, DriverConfig(**given)), wire  # type: ignore[arg-type]
@@ -54,7 +54,7 @@ def steps(found: list[Heard]) -> list[tuple[int, int]]:
 
 
 def test_readings_carry_their_own_stamps() -> None:
-    driver, _ = made()
+    driver, _ = make_driver()
     found = driver.take(
         [
             Imu(1_250_000, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0),
@@ -71,7 +71,7 @@ def test_readings_carry_their_own_stamps() -> None:
 
 
 def test_steps_are_counted_from_the_end_of_the_rest() -> None:
-    driver, wire = made()
+    driver, wire = make_driver()
     found = driver.take([beat(40 + number) for number in range(5)], 0.0)
     assert steps(found) == [(1, -2), (1, -1), (1, 0), (1, 1), (1, 2)]
     assert sum(isinstance(one, AskTime) for one in wire.sent) == 5
@@ -81,7 +81,7 @@ def test_steps_are_counted_from_the_end_of_the_rest() -> None:
 
 
 def test_a_command_answers_its_step_once_and_is_echoed() -> None:
-    driver, wire = made(valid_ms=80, gear=0.25)
+    driver, wire = make_driver(valid_ms=80, gear=0.25)
     driver.take([beat(number) for number in range(3)], 0.0)
     assert driver.command(command(0))
     sent = wire.sent[-1]
@@ -110,14 +110,14 @@ def test_a_command_answers_its_step_once_and_is_echoed() -> None:
 
 
 def test_a_bicycle_that_is_not_armed_was_moved_by_nothing() -> None:
-    driver, _ = made()
+    driver, _ = make_driver()
     found = driver.take([beat(number, mode=Mode.DISARMED) for number in range(8)], 0.0)
     sources = {one.applied.source for one in found if isinstance(one, Step)}
     assert sources == {CommandSource.INITIAL}
 
 
 def test_nothing_is_sent_on_a_silent_controller_s_behalf() -> None:
-    driver, wire = made()
+    driver, wire = make_driver()
     driver.take([beat(number) for number in range(3)], 0.0)
     driver.command(command(0))
     driver.take([beat(number) for number in range(3, 30)], 1.0)
@@ -126,7 +126,7 @@ def test_nothing_is_sent_on_a_silent_controller_s_behalf() -> None:
 
 
 def test_a_microcontroller_that_begins_anew_begins_an_episode() -> None:
-    driver, _ = made()
+    driver, _ = make_driver()
     first = driver.take([beat(number) for number in range(10)], 0.0)
     second = driver.take([beat(number) for number in range(4)], 1.0)
     assert steps(second) == [(2, -2), (2, -1), (2, 0), (2, 1)]
@@ -136,7 +136,7 @@ def test_a_microcontroller_that_begins_anew_begins_an_episode() -> None:
 
 
 def test_it_asks_for_the_time_of_a_silent_board_and_keeps_the_pc_s() -> None:
-    driver, wire = made(pc_clock=True)
+    driver, wire = make_driver(pc_clock=True)
     driver.idle(100.0)
     assert wire.sent == [AskTime(100_000_000_000)]
     driver.take([TimeIs(100_000_000_000, 1_001_000)], 100.002)
@@ -147,13 +147,13 @@ def test_it_asks_for_the_time_of_a_silent_board_and_keeps_the_pc_s() -> None:
 
 def test_arming_and_stopping_are_sent_and_only_in_simulation_by_itself() -> None:
     ready = DriverState(0, Mode.DISARMED, 0, 0.0, 0.0, 24.0, 0, 0, 0)
-    driver, wire = made()
+    driver, wire = make_driver()
     driver.take([ready], 0.0)
     assert wire.sent == []
     driver.arm(True)
     driver.stop()
     assert wire.sent == [Arm(1), Stop()]
-    driver, wire = made(arms_itself=True)
+    driver, wire = make_driver(arms_itself=True)
     driver.take([DriverState(0, Mode.DISARMED, 32, 0.0, 0.0, 24.0, 0, 0, 0)], 0.0)
     assert wire.sent == []
     driver.take([ready], 0.0)

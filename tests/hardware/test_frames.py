@@ -67,14 +67,14 @@ def test_any_flipped_bit_is_found() -> None:
 def test_splitter_takes_any_portions_and_counts_losses() -> None:
     frames = [encode(Actuators(n, 0.0, 0.0, 0), n) for n in range(20)]
     stream = b"".join(frames[:5] + frames[7:]) + b"\x05rubbish\0"
-    found, made = [], Splitter()
+    found, splitter = [], Splitter()
     rng = np.random.default_rng(0)
     while stream:
         size = int(rng.integers(1, 9))
-        found += made.feed(stream[:size])
+        found += splitter.feed(stream[:size])
         stream = stream[size:]
     assert [message.stamp_us for message in found] == [*range(5), *range(7, 20)]  # type: ignore[union-attr]
-    assert (made.missing, made.bad) == (2, 1)
+    assert (splitter.missing, splitter.bad) == (2, 1)
 
 
 def test_the_page_has_every_kind_with_its_size() -> None:

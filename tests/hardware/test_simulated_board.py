@@ -36,9 +36,9 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def rig(program: Path) -> Iterator[Rig]:
-    made = Rig(program)
-    yield made
-    made.close()
+    rig = Rig(program)
+    yield rig
+    rig.close()
 
 
 def test_nothing_moves_before_arming(rig: Rig) -> None:

@@ -44,15 +44,15 @@ def bicycle(
         "bicycle_controller.nodes.controller_node", words(policy="lqr-pedal")
     ).wait_for_line("waits for a goal")
     monkeypatch.setattr(commander, "READY", PATIENCE)
-    with BicycleCommander() as made:
-        yield made
+    with BicycleCommander() as client:
+        yield client
 
 
 @pytest.fixture
 def probe(ros_domain: int) -> Iterator[Probe]:
-    made = Probe(ros_domain, STATE, topics.PATH_STATUS, topics.FOLLOWED_PATH, topics.COMMAND)
-    yield made
-    made.close()
+    probe = Probe(ros_domain, STATE, topics.PATH_STATUS, topics.FOLLOWED_PATH, topics.COMMAND)
+    yield probe
+    probe.close()
 
 
 def test_goals_courses_and_paths_by_action(bicycle: BicycleCommander, probe: Probe) -> None:

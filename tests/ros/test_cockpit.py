@@ -91,8 +91,10 @@ def test_a_ride_is_recorded_pushed_and_proved(cockpit: Made) -> None:
 
 def phases(page: Page) -> list[str]:
     """Return the messages to the page about the recorder, in order."""
-    told = (m["recording"] for m in list(page.heard) if m["type"] == "status" and m["recording"])
-    return [recording["phase"] for recording in told]
+    recordings = (
+        m["recording"] for m in list(page.heard) if m["type"] == "status" and m["recording"]
+    )
+    return [recording["phase"] for recording in recordings]
 
 
 def _log(domain: int, name: str) -> str:
@@ -173,8 +175,8 @@ def test_a_flood_of_goals_puts_no_page_out(cockpit: Made) -> None:
     probe.close()
     assert page.ask("pause", paused=True)["ok"], "the page is still there"
     assert page.ask("pause", paused=False)["ok"]
-    told = [m for m in page.heard[heard:] if m["type"] == "event"]
-    assert len(told) < 500, "as many as there may be in a wait of the longest kind"
+    events = [m for m in page.heard[heard:] if m["type"] == "event"]
+    assert len(events) < 500, "as many as there may be in a wait of the longest kind"
 
 
 def test_the_controller_is_switched_by_name_only(cockpit: Made) -> None:
@@ -256,8 +258,8 @@ def test_a_setup_that_cannot_run_brings_the_ride_before_back(cockpit: Made) -> N
     _, page, _, _ = cockpit
     now = page.newest("facts")["plant"]
     assert page.ask("setup", plant="choi", bicycle="", sensors="", controller="broken")["ok"]
-    told = page.event_with("the one before comes back")
-    assert "broken" in told["text"]
+    event = page.event_with("the one before comes back")
+    assert "broken" in event["text"]
     page.until(lambda: page.newest("setup")["plant"] == now)
     # Facts of the simulator that ended may still be under way.
     page.until(lambda: page.newest("facts")["plant"] == now)

@@ -17,12 +17,12 @@ from chromium import (
     drawn,
     expect,
     inside,
+    kept_lines,
     opened,
     place,
     ridden,
     said,
     saw,
-    told,
     until,
 )
 from cockpit_page import COCKPIT
@@ -302,7 +302,7 @@ def test_a_dead_simulator_is_told_and_started_again(browser: BrowserContext) -> 
         with opened(browser, address, "waits for a goal") as page:
             ride(page)
             ridden(page, 40)
-            told(page)
+            kept_lines(page)
             kill("simulator", domain)
             saw(page, "^simulator was killed by SIGKILL.*: the cockpit starts it")
             expect(page.locator("#mode")).not_to_have_text("no simulator")

@@ -52,9 +52,9 @@ def parameters(**values: object) -> list[str]:
 @pytest.fixture
 def start_sim(start_node: StartNode) -> Callable[..., NodeProcess]:
     def start(**values: object) -> NodeProcess:
-        made = start_node(SIM, parameters(**values))
-        made.wait_for_line("episode 1 waits")
-        return made
+        process = start_node(SIM, parameters(**values))
+        process.wait_for_line("episode 1 waits")
+        return process
 
     return start
 
@@ -62,9 +62,9 @@ def start_sim(start_node: StartNode) -> Callable[..., NodeProcess]:
 @pytest.fixture
 def start_controller(start_node: StartNode) -> Callable[..., NodeProcess]:
     def start(policy: str = "lqr", **values: object) -> NodeProcess:
-        made = start_node(CONTROLLER, parameters(policy=policy, **values))
-        made.wait_for_line("waits for a goal")
-        return made
+        process = start_node(CONTROLLER, parameters(policy=policy, **values))
+        process.wait_for_line("waits for a goal")
+        return process
 
     return start
 
@@ -72,9 +72,9 @@ def start_controller(start_node: StartNode) -> Callable[..., NodeProcess]:
 @pytest.fixture
 def probe(ros_domain: int) -> Iterator[Probe]:
     goals = GOAL_STATUS, topics.ACTIVE_GOAL, topics.GOAL_MARKER
-    made = Probe(ros_domain, COMMAND_ECHO, STATE, COMMAND, *goals)
-    yield made
-    made.close()
+    probe = Probe(ros_domain, COMMAND_ECHO, STATE, COMMAND, *goals)
+    yield probe
+    probe.close()
 
 
 def senders(probe: Probe) -> set[str]:
@@ -83,16 +83,16 @@ def senders(probe: Probe) -> set[str]:
 
 
 def path(*points: tuple[float, float]) -> PathMessage:
-    made = PathMessage(poses=[goal(x, y, "") for x, y in points])
-    made.header.frame_id = "odom"
-    return made
+    message = PathMessage(poses=[goal(x, y, "") for x, y in points])
+    message.header.frame_id = "odom"
+    return message
 
 
 def statuses(probe: Probe) -> list[tuple[int, int]]:
     return [(one.goal_id, one.status) for one in probe[GOAL_STATUS]]
 
 
-def told(probe: Probe, count: int) -> list[GoalStatus]:
+def first_statuses(probe: Probe, count: int) -> list[GoalStatus]:
     """Return the first `count` goal statuses, once they are there."""
     probe.spin_until(lambda: len(probe[GOAL_STATUS]) >= count)
     return list(probe[GOAL_STATUS])
@@ -134,7 +134,9 @@ class FakeSim:
 
     def ride_to(self, goal_id: int) -> Any:
         """Step until the controller has taken a goal; the first command on the way to it."""
-        return self.probe.spin_until(lambda: (made := self.step()).goal_id == goal_id and made)
+        return self.probe.spin_until(
+            lambda: (command := self.step()).goal_id == goal_id and command
+        )
 
 
 # Goals.
@@ -198,7 +200,7 @@ def test_bad_goals_are_rejected_with_a_reason(start_controller: Any, probe: Prob
     for count, (words, (topic, message)) in enumerate(bad.items(), start=1):
         probe.say(topic, message)
         controller.wait_for_line(f"goal rejected: .*{words}")
-        assert told(probe, count)[-1].status == GoalStatus.REJECTED
+        assert first_statuses(probe, count)[-1].status == GoalStatus.REJECTED
     sim.publish()
     probe.spin_for(0.5)
     assert probe[COMMAND] == [], "a rejected goal is no goal"
@@ -298,17 +300,17 @@ def test_a_policy_that_rides_another_bicycle_than_it_was_trained_on_is_warned_of
     start_sim: Any, start_controller: Any, probe: Probe
 ) -> None:
     """The warning is in the log, in the service's answer, and in the diagnostics for the page."""
-    told: list[str] = []
+    texts: list[str] = []
 
     def hear(array: DiagnosticArray) -> None:
-        told.extend(i.value for s in array.status for i in s.values if i.key == UNLIKE)
+        texts.extend(i.value for s in array.status for i in s.values if i.key == UNLIKE)
 
     probe.node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS.name, hear, 10)
     start_sim(physics="corrected")
     controller = start_controller("fixed-speed", diagnostics_period=0.1)
     words = r"fixed-speed@\w+ was made for another ride .*gyroscopic_correction true, not false"
     controller.wait_for_line(words)
-    probe.spin_until(lambda: any(re.search(words, text) for text in told))
+    probe.spin_until(lambda: any(re.search(words, text) for text in texts))
     answer = probe.call(topics.LOAD_POLICY, LoadPolicy.Request(path="naf"))
     assert answer.success
     assert "naf" in answer.message
@@ -318,14 +320,14 @@ def test_a_policy_that_rides_another_bicycle_than_it_was_trained_on_is_warned_of
 def test_a_policy_on_its_own_bicycle_is_not_warned_of(
     start_sim: Any, start_controller: Any, probe: Probe
 ) -> None:
-    told: list[DiagnosticArray] = []
-    probe.node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS.name, told.append, 10)
+    arrays: list[DiagnosticArray] = []
+    probe.node.create_subscription(DiagnosticArray, topics.DIAGNOSTICS.name, arrays.append, 10)
     start_sim()
     controller = start_controller("fixed-speed", diagnostics_period=0.1)
     probe.spin_until(
-        lambda: sum(i.key == UNLIKE for a in told for s in a.status for i in s.values) > 5
+        lambda: sum(i.key == UNLIKE for a in arrays for s in a.status for i in s.values) > 5
     )
-    values = {i.value for a in told for s in a.status for i in s.values if i.key == UNLIKE}
+    values = {i.value for a in arrays for s in a.status for i in s.values if i.key == UNLIKE}
     assert values == {"no"}
     assert "another ride" not in controller.output
 

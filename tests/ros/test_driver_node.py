@@ -31,13 +31,13 @@ TORQUE = 0.1
 
 @pytest.fixture
 def probe(ros_domain: int) -> Iterator[Probe]:
-    made = Probe(
+    probe = Probe(
         ros_domain,
         *(topics.DRIVER_STATE, topics.STATE, topics.IMU, topics.ENCODERS, topics.EPISODE),
         *(topics.COMMAND_ECHO, topics.SENSOR_TIME, topics.DIAGNOSTICS),
     )
-    yield made
-    made.close()
+    yield probe
+    probe.close()
 
 
 def answer_all(probe: Probe) -> None:

@@ -77,7 +77,7 @@ PROGRAMS = {
 }
 MOMENTS = int(os.environ.get("BICYCLE_MOMENTS", "4"))
 """Number of moments at which each program is asked to end."""
-TOLD = {
+TRACED = {
     "SHELLOPTS": "xtrace",
     "PYTHONPROFILEIMPORTTIME": "1",
     "BICYCLE_KEEP": "PYTHONPROFILEIMPORTTIME",
@@ -89,23 +89,23 @@ QUIET = 5.0
 """s without a word: it is up, or waits for somebody."""
 
 
-class Told:
+class TracedProgram:
     """A program that tells each step that it takes."""
 
     def __init__(self, script: str, folder: Path) -> None:
         name, *verb = script.split()
         words = [*verb, *(str(word).format(folder=folder) for word in PROGRAMS[script])]
-        self.process = NodeProcess([str(WORKSPACE / name), *words], TOLD)
+        self.process = NodeProcess([str(WORKSPACE / name), *words], TRACED)
 
     def follow(self, count: float) -> int:
         """Wait for so many lines, its end or its silence; how many it told."""
         heard = time.monotonic()
-        told = len(self.process.lines)
-        while told < count and self.process.running and time.monotonic() - heard < QUIET:
+        count_of_steps = len(self.process.lines)
+        while count_of_steps < count and self.process.running and time.monotonic() - heard < QUIET:
             time.sleep(0.0005)
-            if len(self.process.lines) > told:
-                told, heard = len(self.process.lines), time.monotonic()
-        return told
+            if len(self.process.lines) > count_of_steps:
+                count_of_steps, heard = len(self.process.lines), time.monotonic()
+        return count_of_steps
 
     def ask(self, signal_: signal.Signals, times: int) -> None:
         """Ask it to end, impatiently."""
@@ -125,7 +125,7 @@ class Told:
 def test_one_that_is_asked_to_end_while_it_starts_does_so_without_a_word(
     ros_domain: int, tmp_path: Path, script: str
 ) -> None:
-    whole = Told(script, tmp_path / "0")
+    whole = TracedProgram(script, tmp_path / "0")
     with whole.process:
         count = whole.follow(math.inf)
         own = whole.process.stop() if whole.process.running else whole.process.wait()
@@ -133,7 +133,7 @@ def test_one_that_is_asked_to_end_while_it_starts_does_so_without_a_word(
     forgotten = 0
     for number in range(MOMENTS):
         moment = FIRST_LINES + (count - FIRST_LINES) * (number + 0.5) / MOMENTS
-        program = Told(script, tmp_path / str(number + 1))
+        program = TracedProgram(script, tmp_path / str(number + 1))
         with program.process:
             asked = (signal.SIGINT, signal.SIGTERM)[number % 4 == 1]
             program.follow(moment)
@@ -178,7 +178,7 @@ def learners(pid: int) -> list[int]:
 
 def test_the_first_moments_of_a_script_end_it_too(tmp_path: Path, ros_domain: int) -> None:
     for lines in range(0, FIRST_LINES, 3):
-        program = Told("sim.sh", tmp_path)
+        program = TracedProgram("sim.sh", tmp_path)
         with program.process:
             program.follow(lines)
             status = program.process.stop()

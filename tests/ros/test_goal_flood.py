@@ -72,8 +72,8 @@ def test_a_flood_of_goals_does_not_stop_the_ride(
         probe.spin_until(lambda: place(probe[COMMAND_ECHO][-1]) == LAST)
         probe.spin_until(lambda: last(probe).status == GoalStatus.REACHED)
         assert (last(probe).position.x, last(probe).position.y) == LAST
-        told = {one.status for one in probe[GOAL_STATUS]}
-        assert {GoalStatus.REPLACED, GoalStatus.REJECTED, GoalStatus.ACTIVE} <= told
+        statuses = {one.status for one in probe[GOAL_STATUS]}
+        assert {GoalStatus.REPLACED, GoalStatus.REJECTED, GoalStatus.ACTIVE} <= statuses
         sources = {one.command_source for one in probe[COMMAND_ECHO][begun:]}
         assert sources <= {CommandEcho.SOURCE_FRESH, CommandEcho.SOURCE_HELD}
         assert not probe[STATE][-1].fallen

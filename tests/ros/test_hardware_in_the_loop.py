@@ -50,12 +50,12 @@ def test_it_reaches_its_goal(ridden: tuple[NodeProcess, Path]) -> None:
 
 def test_nothing_moves_before_the_board_is_armed(ridden: tuple[NodeProcess, Path]) -> None:
     _, folder = ridden
-    told = messages(folder, topics.DRIVER_STATE)
-    modes = list(dict.fromkeys(state.mode for state in told))
+    states = messages(folder, topics.DRIVER_STATE)
+    modes = list(dict.fromkeys(state.mode for state in states))
     assert modes[0] == DriverState.MODE_DISARMED
     assert modes[-1] == DriverState.MODE_RIDING
     assert DriverState.MODE_FALLBACK not in modes
-    assert {s.torque for s in told if s.mode == DriverState.MODE_DISARMED} == {0.0}
+    assert {s.torque for s in states if s.mode == DriverState.MODE_DISARMED} == {0.0}
     echoes = messages(folder, topics.COMMAND_ECHO)
     first = min(e.step for e in echoes if e.command_source == 1)
     assert first > 40  # commands came for a second before

@@ -39,8 +39,8 @@ def test_messages_of_10_mb_make_lines_that_end(
     pose.header.frame_id = goal.header.frame_id = ENDLESS
     for topic, message in ((COMMAND, command), (GOAL_POSE, goal), (INITIAL_POSE, pose)):
         probe.say(topic, message)
-    told = ("command for step", "initial pose ignored")
-    probe.spin_until(lambda: all(words in sim.output for words in told))
+    warnings = ("command for step", "initial pose ignored")
+    probe.spin_until(lambda: all(words in sim.output for words in warnings))
     probe.spin_until(lambda: "goal rejected" in controller.output)
     heard = len(probe[STATE])
     probe.spin_until(lambda: len(probe[STATE]) > heard)

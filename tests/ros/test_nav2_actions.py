@@ -66,10 +66,10 @@ def test_a_program_of_nav2_rides(
     start_node(module, controller, nav2).wait_for_line("waits for a goal")
     client = start_node(sys.executable, [SUPPORT / "nav2_client.py"], nav2)
     assert client.wait(240.0) == 0, client.lines
-    told = [line.split() for line in client.lines if line.partition(":")[1]][-3:]
+    outcomes = [line.split() for line in client.lines if line.partition(":")[1]][-3:]
     names = ["navigate_to_pose:", "navigate_through_poses:", "follow_path:"]
-    assert [line[0] for line in told] == names
-    for _, status, error, left, count in told:
+    assert [line[0] for line in outcomes] == names
+    for _, status, error, left, count in outcomes:
         assert (int(status), int(error)) == (SUCCEEDED, 0)
         assert float(left) >= 0.0
         assert int(count) > 1

@@ -146,17 +146,17 @@ def test_it_teaches(old: Path) -> None:
     scenario = load_dataset([old]).scenario
     kept = extract(reader, "", scenario).transitions if TRANSITION in reader.topics else None
     columns = load_topics(reader, [STATE, COMMAND, GOAL_STATUS])
-    made, lost = built(columns[STATE], {}, columns[COMMAND], columns[GOAL_STATUS], scenario)
+    transitions, lost = built(columns[STATE], {}, columns[COMMAND], columns[GOAL_STATUS], scenario)
     assert lost == {"states": 0, "commands": 0}
-    assert len(made) > 70
+    assert len(transitions) > 70
     if kept is None:
         return
     for name in ("episode", "step", "terminated", "fallen", "policy"):
-        assert np.array_equal(getattr(kept, name), getattr(made, name)[: len(kept)]), name
+        assert np.array_equal(getattr(kept, name), getattr(transitions, name)[: len(kept)]), name
     for name in ("observation", "action", "reward", "next_observation"):
         # On another kind of processor than the recorder's, the last bits differ.
         np.testing.assert_allclose(
-            getattr(made, name)[: len(kept)], getattr(kept, name), rtol=1e-12, atol=1e-12
+            getattr(transitions, name)[: len(kept)], getattr(kept, name), rtol=1e-12, atol=1e-12
         )
 
 

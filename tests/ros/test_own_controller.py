@@ -27,9 +27,9 @@ StartNode = Callable[..., NodeProcess]
 
 @pytest.fixture
 def probe(ros_domain: int) -> Iterator[Probe]:
-    made = Probe(ros_domain, STATE, COMMAND_ECHO, GOAL_STATUS)
-    yield made
-    made.close()
+    probe = Probe(ros_domain, STATE, COMMAND_ECHO, GOAL_STATUS)
+    yield probe
+    probe.close()
 
 
 def start_simulator(start_node: StartNode) -> None:

@@ -63,8 +63,8 @@ def test_losses_are_told_and_counted_to_the_message(start_node: Start, tmp_path:
     assert lost > 0
     assert f", {lost} lost on the way" in recorder.lines[-1]
     assert reader.metadata.custom_data["lost_messages"] == str(lost)
-    told = re.findall(rf"(\d+) messages of {STATE} lost: too many", recorder.output)
-    assert sum(map(int, told)) == lost
+    losses = re.findall(rf"(\d+) messages of {STATE} lost: too many", recorder.output)
+    assert sum(map(int, losses)) == lost
 
 
 def test_it_subscribes_as_the_file_says_and_to_the_types_asked_for(
@@ -146,11 +146,11 @@ def test_a_bag_that_is_taken_away_ends_the_recorder_with_one_line(
         bag.mkdir()
         (bag / "bag_0.mcap").touch()
     assert recorder.wait() == 1
-    told = recorder.lines[-1]
+    line = recorder.lines[-1]
     if how == "moved":
-        assert told.endswith(f"--repair {other}")
+        assert line.endswith(f"--repair {other}")
         repair.repair(other)
         assert BagReader(other).message_count > 50
     else:
-        assert told.endswith("and what it held is lost: record again")
+        assert line.endswith("and what it held is lost: record again")
     assert "Traceback" not in recorder.output

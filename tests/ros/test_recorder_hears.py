@@ -222,9 +222,9 @@ def test_a_recorder_that_stood_still_for_longer_than_the_lease_loses_no_step(
 
 
 def test_a_head_that_is_missing_is_told(start_node: Start, tmp_path: Path) -> None:
-    ear = recorder_of(start_node, tmp_path / "first", "/said")
+    first = recorder_of(start_node, tmp_path / "first", "/said")
     talk = speaker(start_node, "/said", "--count", 10**6)
-    ear.wait_for_line("recording /said", LONG)
+    first.wait_for_line("recording /said", LONG)
     talk.wait_for_line("heard", LONG)
     time.sleep(0.5)
     recorder = recorder_of(start_node, tmp_path / "bag", "/said")
@@ -234,4 +234,4 @@ def test_a_head_that_is_missing_is_told(start_node: Start, tmp_path: Path) -> No
     assert recorder.stop(timeout=LONG) == 0
     assert begins > 1
     assert numbers(tmp_path / "bag", "/said")[0] == begins - 1
-    assert "begins with message" not in ear.output
+    assert "begins with message" not in first.output

@@ -92,9 +92,9 @@ def test_a_goal_is_not_reached_by_the_states_of_a_bag(
     assert running.wait() == 0, running.output
     probe.spin_until(lambda: len(probe[STATE]) > 5)
     probe.spin_until(lambda: probe[GOAL_STATUS])
-    told = [(status.status, status.message) for status in probe[GOAL_STATUS]]
-    assert [status for status, _ in told] == [GoalStatus.QUEUED]
-    assert "drives the bicycle" in told[0][1]
+    statuses = [(status.status, status.message) for status in probe[GOAL_STATUS]]
+    assert [status for status, _ in statuses] == [GoalStatus.QUEUED]
+    assert "drives the bicycle" in statuses[0][1]
     assert commands == []
 
 

@@ -36,7 +36,7 @@ def test_a_course_of_ones_own_is_ridden_recorded_and_drawn(
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "message"),
     [
         (["--course", "slalon"], "did you mean 'slalom'"),
         (["--course", "no.gpx"], "no course file"),
@@ -46,9 +46,9 @@ def test_a_course_of_ones_own_is_ridden_recorded_and_drawn(
     ],
 )
 def test_bad_options_are_told_in_one_line(
-    words: list[str], told: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    words: list[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with pytest.raises(SystemExit) as ended:
         parse(words, tmp_path)
     assert ended.value.code == 2
-    assert told in capsys.readouterr().err
+    assert message in capsys.readouterr().err

@@ -27,25 +27,25 @@ def matrix(transform: Any) -> np.ndarray:
     q, t = transform.rotation, transform.translation
     x, y, z, w = q.x, q.y, q.z, q.w
     assert x * x + y * y + z * z + w * w == pytest.approx(1.0)
-    made = np.eye(4)
-    made[:3, :3] = [
+    transform = np.eye(4)
+    transform[:3, :3] = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ]
-    made[:3, 3] = t.x, t.y, t.z
-    return made
+    transform[:3, 3] = t.x, t.y, t.z
+    return transform
 
 
 def chain(message: Any, last: str) -> np.ndarray:
     """The pose of a frame in odom."""
     found = {one.child_frame_id: one for one in message.transforms}
-    made, frame = np.eye(4), last
+    transform, frame = np.eye(4), last
     while frame in found:
-        made = matrix(found[frame].transform) @ made
+        transform = matrix(found[frame].transform) @ transform
         frame = found[frame].header.frame_id
     assert frame.endswith("odom")
-    return made
+    return transform
 
 
 @pytest.mark.parametrize("plant", [registry.default(), WHIPPLE], ids=["choi", "whipple"])
@@ -89,9 +89,9 @@ def test_the_urdf_has_the_tree_and_the_joints_of_the_messages() -> None:
         origin = joint.find("origin")
         assert child is not None
         assert origin is not None
-        told = [float(word) for word in origin.attrib["xyz"].split()]
+        position = [float(word) for word in origin.attrib["xyz"].split()]
         place = places[child.attrib["link"]]
-        assert told == pytest.approx([place.x, place.y, place.z], abs=1e-5)
+        assert position == pytest.approx([place.x, place.y, place.z], abs=1e-5)
     static = robot_model.static_transforms("b1/", 0).transforms[0]
     assert (static.header.frame_id, static.child_frame_id) == ("map", "b1/odom")
     assert robot_model.frames_of("/b1") == "b1/"

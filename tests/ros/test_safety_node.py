@@ -75,14 +75,14 @@ def test_under_a_policy_that_is_garbage_the_goal_is_reached_and_each_hand_over_t
     probe.spin_until(lambda: probe[GOAL_STATUS] and probe[GOAL_STATUS][-1].status == 2)
     assert probe[GOAL_STATUS][-1].status == GoalStatus.REACHED
     assert not any(state.fallen for state in probe[STATE])
-    told = probe[HAND_OVER]
-    assert [one.reason for one in told[:2]] == [HandOver.EXTRAPOLATED_LEAN, HandOver.NONE]
-    assert told[0].policy.startswith("lqr-")
-    assert told[1].policy.startswith("fixed-speed@")
-    assert "rad is beyond" in told[0].message
+    switches = probe[HAND_OVER]
+    assert [one.reason for one in switches[:2]] == [HandOver.EXTRAPOLATED_LEAN, HandOver.NONE]
+    assert switches[0].policy.startswith("lqr-")
+    assert switches[1].policy.startswith("fixed-speed@")
+    assert "rad is beyond" in switches[0].message
     spots = [one for one in probe[HAND_OVER_MARKERS][-1].markers if one.ns == WHERE]
-    assert len(spots[0].points) == len(told[::2]), "one for each hand-over"
-    assert [one.hand_overs for one in told[::2]] == list(range(1, len(told[::2]) + 1))
+    assert len(spots[0].points) == len(switches[::2]), "one for each hand-over"
+    assert [one.hand_overs for one in switches[::2]] == list(range(1, len(switches[::2]) + 1))
     facts = probe.spin_until(lambda: controller_facts(probe))
     assert int(facts["hand-overs"]) >= 1
     assert float(facts["policy p99 (ms)"]) > 0.0

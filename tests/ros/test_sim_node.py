@@ -37,18 +37,18 @@ def parameters(**values: object) -> list[str]:
 @pytest.fixture
 def start_sim(start_node: StartNode) -> Callable[..., NodeProcess]:
     def start(**values: object) -> NodeProcess:
-        made = start_node(SIM, parameters(**values))
-        made.wait_for_line("episode 1 waits for its first command")
-        return made
+        process = start_node(SIM, parameters(**values))
+        process.wait_for_line("episode 1 waits for its first command")
+        return process
 
     return start
 
 
 @pytest.fixture
 def probe(ros_domain: int) -> Iterator[Probe]:
-    made = Probe(ros_domain, COMMAND_ECHO, STATE, TIMING, topics.DIAGNOSTICS)
-    yield made
-    made.close()
+    probe = Probe(ros_domain, COMMAND_ECHO, STATE, TIMING, topics.DIAGNOSTICS)
+    yield probe
+    probe.close()
 
 
 def newest(probe: Probe) -> BicycleState:

@@ -206,8 +206,8 @@ def test_the_cockpit_waits_for_a_bag_that_a_page_ends(
     page.until(lambda: log.exists() and f"recording {STATE}" in log.read_text())
     assert page.ask("record", on=False)["ok"]
     assert not page.ask("record", on=True)["ok"]
-    told = "the recorder is still writing"
-    page.until(lambda: any(told in m.get("text", "") for m in page.heard))
+    line = "the recorder is still writing"
+    page.until(lambda: any(line in m.get("text", "") for m in page.heard))
     page.until(lambda: any("recorded bag-" in m.get("text", "") for m in page.heard))
     (bag,) = page.get("bags")["bags"]
     assert (tmp_path / "bags" / bag["name"] / "metadata.yaml").is_file()

@@ -55,16 +55,16 @@ def ros(ros_domain: int, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 
 @pytest.fixture
 def simulator(ros: None) -> Iterator[SimNode]:
-    made = SimNode()
-    yield made
-    made.destroy_node()
+    node = SimNode()
+    yield node
+    node.destroy_node()
 
 
 @pytest.fixture
 def controller(ros: None) -> Iterator[ControllerNode]:
-    made = ControllerNode()
-    yield made
-    made.destroy_node()
+    node = ControllerNode()
+    yield node
+    node.destroy_node()
 
 
 def state(step: int = 0, episode: int = 1) -> BicycleState:
@@ -89,23 +89,23 @@ def episode() -> EpisodeInfo:
 
 
 def goal() -> PoseStamped:
-    made = PoseStamped()
-    made.header.frame_id = "odom"
-    made.pose.position.x, made.pose.position.y = 20.0, 10.0
-    return made
+    pose = PoseStamped()
+    pose.header.frame_id = "odom"
+    pose.pose.position.x, pose.pose.position.y = 20.0, 10.0
+    return pose
 
 
 def path() -> PathMessage:
-    made = PathMessage(poses=[goal(), goal()])
-    made.header.frame_id = "odom"
-    return made
+    path = PathMessage(poses=[goal(), goal()])
+    path.header.frame_id = "odom"
+    return path
 
 
 def start_pose() -> PoseWithCovarianceStamped:
-    made = PoseWithCovarianceStamped()
-    made.header.frame_id = "odom"
-    made.pose.pose.orientation.w = 1.0
-    return made
+    pose = PoseWithCovarianceStamped()
+    pose.header.frame_id = "odom"
+    pose.pose.pose.orientation.w = 1.0
+    return pose
 
 
 SOUND: dict[Any, Callable[[], Any]] = {

@@ -93,11 +93,11 @@ def rides_on(probe: Probe, step: int) -> bool:
 
 
 def test_every_timer_takes_the_steady_clock() -> None:
-    made = list(calls("create_timer"))
-    assert len(made) >= 10
+    timers = list(calls("create_timer"))
+    assert len(timers) >= 10
     wrong = [
         f"{path.relative_to(ROOT)}:{call.lineno}"
-        for path, call in made
+        for path, call in timers
         if not any(
             word.arg == "clock" and "steady" in ast.unparse(word.value).lower()
             for word in call.keywords

@@ -93,11 +93,11 @@ def test_a_ride_goes_on_when_the_cable_is_healed_and_over_a_bad_one(
     assert not states["fallen"].any()
     # The watchdog's 0.25 s are ten steps; a bicycle that it holds makes none.
     heard = columns.load(bag, "/bicycle/command")["log_time"]
-    told = states["log_time"][first]
+    state_times = states["log_time"][first]
     silences = np.flatnonzero(np.diff(heard) > 0.5)[:2]
     assert len(silences) == 2
     for at in silences:
-        ridden = np.count_nonzero((told > heard[at]) & (told < heard[at + 1]))
+        ridden = np.count_nonzero((state_times > heard[at]) & (state_times < heard[at + 1]))
         assert 1 <= ridden <= 11
     ages = command_ages(bag)
     assert np.median(ages[: silences[0]]) < 2 * DELAY <= np.median(ages[-40:]) < 0.25

@@ -45,10 +45,10 @@ def ride() -> list[Message]:
 
 def changed(ride: list[Message], change: Change) -> list[Message]:
     """Return the ride with each message replaced by what `change` makes of it."""
-    made = []
+    changed_ride = []
     for name, message, time in ride:
-        made += [(topic, item, time) for topic, item in change(name, deepcopy(message))]
-    return made
+        changed_ride += [(topic, item, time) for topic, item in change(name, deepcopy(message))]
+    return changed_ride
 
 
 def without(topic: str, *steps: int) -> Change:
@@ -324,8 +324,8 @@ def episodes(*seeds: int) -> list[Message]:
     rides = [list(Rider(seed=seed).ride(20)) for seed in seeds]
     return [
         (name, message, time + number * 100 * PERIOD_NS)
-        for number, made in enumerate(rides)
-        for name, message, time in made
+        for number, ridden in enumerate(rides)
+        for name, message, time in ridden
     ]
 
 
@@ -348,15 +348,15 @@ def test_the_settings_of_a_simulator_that_was_started_again_with_others_hold(
     tmp_path: Path,
 ) -> None:
     """The same episode and steps, ridden on another bicycle before and after."""
-    made, plants = [], (ChoiPlant(), ChoiPlant.named("corrected"), ChoiPlant())
+    messages, plants = [], (ChoiPlant(), ChoiPlant.named("corrected"), ChoiPlant())
     for number, plant in enumerate(plants):
         late = 100 * number * PERIOD_NS
         ridden = held({}, lambda step: step % 2 == 0, plant)
-        made += [(name, message, time + late) for name, message, time in ridden]
-    verdict = judged(tmp_path / "bag", made)
+        messages += [(name, message, time + late) for name, message, time in ridden]
+    verdict = judged(tmp_path / "bag", messages)
     assert (verdict.checked, verdict.begun) == (90, 3)
     assert verdict.proved, verdict
-    one, other = ([m for n, m, _ in made if n == STATES][index] for index in (30, 61))
+    one, other = ([m for n, m, _ in messages if n == STATES][index] for index in (30, 61))
     assert one.step == other.step == 30
     assert one.lean_angle != other.lean_angle
 
@@ -370,11 +370,11 @@ def test_a_simulator_that_was_started_again_begins_again(tmp_path: Path) -> None
 
 def test_another_episode_begins_again(tmp_path: Path) -> None:
     rider = Rider(seed=3)
-    made = list(rider.ride(20))
-    made += rider.ride(40)
-    count = len({message.episode for name, message, _ in made if name == STATES})
+    messages = list(rider.ride(20))
+    messages += rider.ride(40)
+    count = len({message.episode for name, message, _ in messages if name == STATES})
     assert count > 1
-    verdict = judged(tmp_path / "bag", made)
+    verdict = judged(tmp_path / "bag", messages)
     assert (verdict.checked, verdict.begun, verdict.unknown) == (40, count, 0)
     assert verdict.proved
 
@@ -413,22 +413,22 @@ def held(
 
 
 def test_held_commands_zero_input_and_pushes_are_proved(tmp_path: Path) -> None:
-    made = list(held({7: 0.25, 12: -0.5}, lambda step: step > 3 and step % 3 == 0))
-    sources = {message.command_source for name, message, _ in made if name == ECHOES}
+    messages = list(held({7: 0.25, 12: -0.5}, lambda step: step > 3 and step % 3 == 0))
+    sources = {message.command_source for name, message, _ in messages if name == ECHOES}
     assert sources == {CommandEcho.SOURCE_FRESH, CommandEcho.SOURCE_HELD, CommandEcho.SOURCE_ZERO}
-    verdict = judged(tmp_path / "bag", made)
+    verdict = judged(tmp_path / "bag", messages)
     assert verdict.proved, verdict
     assert (verdict.checked, verdict.head, verdict.unknown) == (30, 0, 0)
-    lost = judged(tmp_path / "lost", [item for item in made if item[0] != PUSHES])
+    lost = judged(tmp_path / "lost", [item for item in messages if item[0] != PUSHES])
     assert lost.difference.startswith("step 8 of episode 1: lean_")
 
 
 def test_under_zero_input_no_command_was_led_by(tmp_path: Path) -> None:
     """Steps under zero input need no command, and a command that is missing later is a head."""
-    made = list(held({}, lambda step: step > 20))
-    verdict = judged(tmp_path / "bag", made)
+    messages = list(held({}, lambda step: step > 20))
+    verdict = judged(tmp_path / "bag", messages)
     assert verdict.proved
-    late = judged(tmp_path / "late", changed(made, without(COMMANDS, 21, 22)))
+    late = judged(tmp_path / "late", changed(messages, without(COMMANDS, 21, 22)))
     assert (late.head, late.unknown, late.checked) == (2, 0, 28)
     assert late.begins == "step 23 of episode 1"
 

@@ -32,10 +32,10 @@ def clock() -> Clock:
 
 @pytest.fixture
 def gate(clock: Clock) -> CommandValidator:
-    made = CommandValidator(LIMITS, release=0.25, max_age=10, clock=clock)
-    made.begin(1)
+    validator = CommandValidator(LIMITS, release=0.25, max_age=10, clock=clock)
+    validator.begin(1)
     clock.now += 1.0
-    return made
+    return validator
 
 
 def test_an_answer_to_the_present_state_is_obeyed(gate: CommandValidator) -> None:
@@ -77,11 +77,11 @@ def test_the_same_trouble_is_told_again_after_a_quiet_time(
     gate: CommandValidator, clock: Clock
 ) -> None:
     bad = replace(GOOD, torque=math.nan)
-    told = []
+    warned = []
     for pause in (0.0, QUIET - 1, QUIET - 1, QUIET + 1):
         clock.now += pause
-        told.append(bool(gate.decide(bad, 0).warning))
-    assert told == [True, False, False, True]
+        warned.append(bool(gate.decide(bad, 0).warning))
+    assert warned == [True, False, False, True]
 
 
 def test_a_repeated_answer_keeps_its_sender_alive(gate: CommandValidator, clock: Clock) -> None:

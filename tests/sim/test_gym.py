@@ -296,9 +296,9 @@ def test_many_bicycles_have_a_picture_each() -> None:
 def test_success_is_told_where_the_goal_is_reached() -> None:
     env = BicycleEnv(NEAR)
     _, info = env.reset(seed=0)
-    told = [info["is_success"]]
+    successes = [info["is_success"]]
     ended = False
     while not ended:
         _, _, ended, _, info = env.step(np.zeros(2, np.float32))
-        told.append(info["is_success"])
-    assert told == [False] * (len(told) - 1) + [True]
+        successes.append(info["is_success"])
+    assert successes == [False] * (len(successes) - 1) + [True]

@@ -152,7 +152,7 @@ def test_every_preset_loads_and_goes_back_and_forth() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "told"),
+    ("text", "message"),
     [
         ("imu: {rat: 5}", "no field 'rat' (did you mean 'rate'?)"),
         ("imu: {rate: -5}", "rate must be zero or more"),
@@ -164,12 +164,12 @@ def test_every_preset_loads_and_goes_back_and_forth() -> None:
         ("imu: {", "no YAML"),
     ],
 )
-def test_bad_files_are_told_in_one_line(tmp_path: Path, text: str, told: str) -> None:
+def test_bad_files_are_told_in_one_line(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text(text)
     with pytest.raises(ValueError, match="mine") as error:
         sensors.load(path)
-    assert told in str(error.value)
+    assert message in str(error.value)
     assert "\n" not in str(error.value)
     with pytest.raises(ValueError, match="did you mean 'mpu6050'"):
         sensors.load("mpu605")

@@ -40,8 +40,8 @@ def random_commands(seed: int, count: int, size: float = 0.2) -> list[Command | 
     for step in range(count):
         torque, displacement = (float(value) for value in rng.uniform(-size, size, 2))
         pedal = float(rng.uniform(-100, 100))
-        made = Command(1, step, torque, 0.1 * displacement, pedal, GOAL, 1, "me", "test")
-        commands.append(made if rng.random() > 0.1 else None)
+        command = Command(1, step, torque, 0.1 * displacement, pedal, GOAL, 1, "me", "test")
+        commands.append(command if rng.random() > 0.1 else None)
     return commands
 
 
@@ -121,11 +121,11 @@ def test_where_the_input_came_from_is_told() -> None:
     simulator.reset()
     assert simulator.applied == AppliedCommand(CommandSource.INITIAL)
     command = Command(1, 0, 0.0, 0.0, 0.0, GOAL, 1, "me")
-    told = []
+    inputs = []
     for given in (command, command, None):
         simulator.step(given)
-        told.append(simulator.applied)
-    fresh, held, zero = told
+        inputs.append(simulator.applied)
+    fresh, held, zero = inputs
     assert (fresh.source, fresh.controller, fresh.lateness(1)) == (CommandSource.FRESH, "me", 0.0)
     assert (held.source, held.controller, held.lateness(2)) == (CommandSource.HELD, "me", 1.0)
     assert (zero.source, zero.controller, zero.lateness(3)) == (CommandSource.ZERO, "", math.inf)

@@ -60,9 +60,9 @@ BOMBS = {
 @pytest.mark.parametrize("name", BOMBS)
 def test_a_yaml_bomb_is_refused_in_one_line(name: str) -> None:
     text, said = BOMBS[name]
-    with pytest.raises(yaml_text.YAMLError) as told:
+    with pytest.raises(yaml_text.YAMLError) as raised:
         yaml_text.load(text)
-    assert said in " ".join(str(told.value).split())
+    assert said in " ".join(str(raised.value).split())
 
 
 def test_what_people_write_is_read() -> None:

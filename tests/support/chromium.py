@@ -178,30 +178,30 @@ def drawn(page: BrowserPage) -> None:
     )
 
 
-def told(page: BrowserPage) -> list[str]:
+def kept_lines(page: BrowserPage) -> list[str]:
     """Return the texts of the line below the head since the first call."""
     found: list[str] = page.evaluate(
         """() => {
             const line = document.getElementById("who");
-            if (!window.told) {
-                window.told = [line.innerText];
-                const keep = () => window.told.push(line.innerText);
+            if (!window.keptLines) {
+                window.keptLines = [line.innerText];
+                const keep = () => window.keptLines.push(line.innerText);
                 new MutationObserver(keep).observe(line, { subtree: true, childList: true });
             }
-            return window.told;
+            return window.keptLines;
         }"""
     )
     return found
 
 
 def saw(page: BrowserPage, pattern: str) -> str:
-    """Return the first thing that matches of what `told` has kept; waits for it."""
-    told(page)
+    """Return the first thing that matches of `kept_lines`; waits for it."""
+    kept_lines(page)
     page.wait_for_function(
-        "(pattern) => window.told.some((line) => new RegExp(pattern).test(line))",
+        "(pattern) => window.keptLines.some((line) => new RegExp(pattern).test(line))",
         arg=pattern,
     )
-    return next(line for line in told(page) if re.search(pattern, line))
+    return next(line for line in kept_lines(page) if re.search(pattern, line))
 
 
 __all__ = [
@@ -215,6 +215,7 @@ __all__ = [
     "drawn",
     "expect",
     "inside",
+    "kept_lines",
     "matched",
     "opened",
     "place",
@@ -223,6 +224,5 @@ __all__ = [
     "said",
     "saw",
     "sync_playwright",
-    "told",
     "until",
 ]

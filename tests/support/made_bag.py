@@ -93,6 +93,6 @@ def _write_step(writer: BagWriter, step: int) -> None:
 
 
 def _goal(status: int, message: str) -> GoalStatus:
-    made = GoalStatus(goal_id=1, status=status, message=message)
-    made.position.x = 8.0
-    return made
+    status_message = GoalStatus(goal_id=1, status=status, message=message)
+    status_message.position.x = 8.0
+    return status_message

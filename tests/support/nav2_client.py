@@ -15,11 +15,11 @@ from rclpy.node import Node
 
 
 def pose(x: float, y: float, yaw: float = 0.0) -> PoseStamped:
-    made = PoseStamped()
-    made.header.frame_id = "map"
-    made.pose.position.x, made.pose.position.y = x, y
-    made.pose.orientation.z, made.pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
-    return made
+    pose = PoseStamped()
+    pose.header.frame_id = "map"
+    pose.pose.position.x, pose.pose.position.y = x, y
+    pose.pose.orientation.z, pose.pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+    return pose
 
 
 def order(node: Node, kind: Any, name: str, goal: Any) -> str:

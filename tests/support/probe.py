@@ -63,9 +63,9 @@ class Probe:
     def _heard_last(self) -> str:
         """Return how many messages of each topic were heard, and the last of each."""
         lines = [
-            f"{len(those)} of {name}, the last: {str(those[-1])[:600]}"
-            for name, those in self.heard.items()
-            if those
+            f"{len(messages)} of {name}, the last: {str(messages[-1])[:600]}"
+            for name, messages in self.heard.items()
+            if messages
         ]
         return "\n".join(["heard", *lines]) if lines else "nothing was heard"
 
@@ -121,7 +121,7 @@ def command(state: BicycleState, **changes: Any) -> BicycleCommand:
 
 def goal(x: float, y: float, frame: str = "odom") -> PoseStamped:
     """Return a goal at a place, m."""
-    made = PoseStamped()
-    made.header.frame_id = frame
-    made.pose.position.x, made.pose.position.y = float(x), float(y)
-    return made
+    pose = PoseStamped()
+    pose.header.frame_id = frame
+    pose.pose.position.x, pose.pose.position.y = float(x), float(y)
+    return pose

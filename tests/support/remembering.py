@@ -14,9 +14,9 @@ BEFORE = ("lean_rate", "torque")
 
 
 def make_remembering(
-    told: tuple[str, ...] = (), periods: int = 3, gain: float = 0.3, seed: int = 0
+    plant_parameters: tuple[str, ...] = (), periods: int = 3, gain: float = 0.3, seed: int = 0
 ) -> Policy:
-    names = (*with_history(NOW, BEFORE, periods), *told)
+    names = (*with_history(NOW, BEFORE, periods), *plant_parameters)
     rng = np.random.default_rng(seed)
     tensors = {
         "layer.0.weight": rng.normal(size=(16, len(names))).astype(np.float32),

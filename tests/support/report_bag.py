@@ -29,16 +29,18 @@ WATCHDOG = range(50, 60)
 EVIL = '<script>alert("x")</script>'
 """The second policy's id: what comes from a bag must never become a part of the page."""
 Message = tuple[str, dict[str, Any], int, int]
-Told = tuple[int, int, float, float]
+SentStatus = tuple[int, int, float, float]
 """Goal, its status, s after the start of the bag when that was sent, and when received."""
 
 
-def messages(told: Sequence[Told] | None = None, late_from: int = 0) -> Iterator[Message]:
+def messages(
+    statuses: Sequence[SentStatus] | None = None, late_from: int = 0
+) -> Iterator[Message]:
     """Yield topic, fields, ns since the start at which it was received and was sent."""
     for name, fields, received in _ride(late_from):
-        if told is None or name != "/bicycle/goal_status":
+        if statuses is None or name != "/bicycle/goal_status":
             yield name, fields, received, received
-    for goal, status, sent_s, received_s in told or ():
+    for goal, status, sent_s, received_s in statuses or ():
         ridden = _status(goal, status, 0.0 if status == 1 else 9.9)
         yield "/bicycle/goal_status", ridden, round(1e9 * received_s), round(1e9 * sent_s)
 
@@ -116,7 +118,7 @@ def write(
     path: Path,
     leave_out: Collection[str] = (),
     namespaces: Collection[str] = ("",),
-    told: Sequence[Told] | None = None,
+    statuses: Sequence[SentStatus] | None = None,
     late_from: int = 0,
     second_controller: bool = False,
     **options: Any,
@@ -138,7 +140,7 @@ def write(
                 if name not in leave_out:
                     kind = f"bicycle_msgs/msg/{short}"
                     writer.add_topic(Topic(prefix + name, kind), schemas().definition(kind))
-        for name, fields, received, sent in messages(told, late_from):
+        for name, fields, received, sent in messages(statuses, late_from):
             for prefix in namespaces:
                 if name not in leave_out:
                     data = serialise(TYPES[name], fields)

@@ -72,8 +72,8 @@ class Rider:
                 continue
             message = convert.from_command(answer.command, convert.to_stamp(now))
             yield "/" + COMMAND.name, message, now + 5000
-            _, made = self.loop.receive(convert.to_command(message))  # its echo is the message
-            assert made is not None
+            _, step = self.loop.receive(convert.to_command(message))  # its echo is the message
+            assert step is not None
             self.steps += 1
             yield from self._state()
 

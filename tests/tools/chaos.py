@@ -127,8 +127,8 @@ class Chaos:
 
     def _whole(self) -> bool:
         recorder = self.running["recorder"]
-        told = len(self.probe[TRAINER]) > 0 or "trainer" not in self.running
-        return self.fresh >= FRESH_STEPS and told and "recording" in recorder.output
+        trainer_reports = len(self.probe[TRAINER]) > 0 or "trainer" not in self.running
+        return self.fresh >= FRESH_STEPS and trainer_reports and "recording" in recorder.output
 
     def ride_again(self) -> float:
         """s until all is well again; AssertionError with what was printed after LONGEST."""

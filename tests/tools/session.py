@@ -122,8 +122,8 @@ class Session:
         expected = {it for it in self.running if not name or it == name}
         result = self.run("stop", *([name] if name else []))
         assert result.wait() == 0, result.output
-        told = re.findall(r"^stopped (\w+) \(process \d+", result.output, re.MULTILINE)
-        assert sorted(told) == sorted(expected), result.output
+        stopped = re.findall(r"^stopped (\w+) \(process \d+", result.output, re.MULTILINE)
+        assert sorted(stopped) == sorted(expected), result.output
         assert expected or "nothing of this workspace runs" in result.output
         for one in expected:
             process = self.running.pop(one)
@@ -141,8 +141,8 @@ class Session:
 
     def is_whole(self, bag: Path, recorder: NodeProcess) -> None:
         """A recorder that has ended leaves a bag with as many messages as it says."""
-        (told,) = re.findall(r"recorded (\d+) messages", recorder.output)
-        assert BagReader(bag).message_count == int(told)
+        (count,) = re.findall(r"recorded (\d+) messages", recorder.output)
+        assert BagReader(bag).message_count == int(count)
         self.bags.append(bag)
 
     def new_bag(self) -> Path:
@@ -318,9 +318,9 @@ class Person(RuleBasedStateMachine):
 
     def _reached(self, heard: int, point: tuple[int, int]) -> bool:
         """Return True if the goal was reported reached, and the bicycle was there at that time."""
-        for told in self.session.probe[GOAL_STATUS][heard:]:
-            if told.status == GoalStatus.REACHED:
-                assert (told.position.x, told.position.y) == point
+        for status in self.session.probe[GOAL_STATUS][heard:]:
+            if status.status == GoalStatus.REACHED:
+                assert (status.position.x, status.position.y) == point
                 states = self.session.probe[STATE]
                 return any(
                     math.dist((one.rear_contact.x, one.rear_contact.y), point) < NEAR

@@ -140,16 +140,16 @@ def command_ages(bag: BagReader) -> NDArray[np.float64]:
     """
     loaded = columns.load_topics(bag, ["/bicycle/state", "/bicycle/command"])
     states, commands = loaded["/bicycle/state"], loaded["/bicycle/command"]
-    told: dict[tuple[int, int], float] = {}
+    state_times: dict[tuple[int, int], float] = {}
     for episode, step, time in zip(
         states["episode"], states["step"], states["log_time"], strict=True
     ):
-        told.setdefault((int(episode), int(step)), float(time))
+        state_times.setdefault((int(episode), int(step)), float(time))
     answered = zip(commands["episode"], commands["step"], commands["log_time"], strict=True)
     return np.array(
         [
-            time - told[int(episode), int(step)]
+            time - state_times[int(episode), int(step)]
             for episode, step, time in answered
-            if (int(episode), int(step)) in told
+            if (int(episode), int(step)) in state_times
         ]
     )

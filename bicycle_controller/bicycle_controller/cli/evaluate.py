@@ -205,22 +205,22 @@ def run_command(args: argparse.Namespace) -> int:
         )
         for rider in riders
     ]
-    told = [_unlike(name, scenario, plant, disturbance) for name in names]
+    unlike = [_unlike(name, scenario, plant, disturbance) for name in names]
     result: dict[str, Any] = found[0].summary()
-    result["unlike_training"] = told[0]
+    result["unlike_training"] = unlike[0]
     text = as_text([item.summary() for item in found])
     caught = [_kicks(args, rider, scenario, plant) for rider in riders]
     result |= caught[0]
     text += kicks_as_text(names, caught)
     if args.against:
-        result["against"] = {**found[1].summary(), "unlike_training": told[1], **caught[1]}
+        result["against"] = {**found[1].summary(), "unlike_training": unlike[1], **caught[1]}
         result["comparison"] = scoring.compare(*found)
         text += "\n\n" + comparison_as_text(result["comparison"])
     written = json.dumps(result, indent=2)
     if args.out is not None:
         write_atomically(args.out, written.encode() + b"\n")
     print(written if args.json else text, flush=True)
-    for item, differences in zip(found, told, strict=True):
+    for item, differences in zip(found, unlike, strict=True):
         if differences:
             print(f"bicycle: warning: {warning(item.controller, differences)}", file=sys.stderr)
     return 0

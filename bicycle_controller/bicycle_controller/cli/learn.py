@@ -112,7 +112,7 @@ def _told(result: offline.Learned, args: argparse.Namespace, about: dict[str, An
     """Print the result; return the exit status."""
     data = {"data": about} if about else {}
     line = json.dumps({"out": str(args.out), **asdict(result), **data})
-    print(line if args.json else told(result, args.out))
+    print(line if args.json else result_text(result, args.out))
     if result.refused:
         print(
             f"bicycle learn: warning: {result.refused} candidates were refused, because the mean"
@@ -125,7 +125,7 @@ def _told(result: offline.Learned, args: argparse.Namespace, about: dict[str, An
     return 0 if result.best is not None else FAILED
 
 
-def told(result: offline.Learned, out: Path) -> str:
+def result_text(result: offline.Learned, out: Path) -> str:
     """Return the result as a few lines."""
     work = f"{result.updates:,} updates from {result.transitions:,} transitions"
     lines = [f"{result.status} after {work} in {result.wall_s:.0f} s ({result.cpu_s:.0f} s CPU)"]

@@ -57,11 +57,11 @@ def run_command(args: argparse.Namespace) -> int:
     from bicycle_controller.reproduce.curve_picture import draw
 
     draw(curves, args.of, args.over, args.out)
-    told = [curve.told() for curve in curves]
+    summaries = [curve.summary() for curve in curves]
     if args.json:
-        print(json.dumps({"file": str(args.out), "curves": told}, indent=2))
+        print(json.dumps({"file": str(args.out), "curves": summaries}, indent=2))
         return 0
-    for row in told:
+    for row in summaries:
         print(
             f"{row['name']}: {row['seeds']} seed{'s' * (row['seeds'] > 1)}, {args.of} at the end "
             f"{row['last']:.3g} ({row['low']:.3g} to {row['high']:.3g}), best {row['best']:.3g}"

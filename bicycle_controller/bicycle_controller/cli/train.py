@@ -112,7 +112,9 @@ def run_command(args: argparse.Namespace) -> int:
         run = online.run if config.imitation is None else imitation.run
         result = run(config, args.out, progress)
     print(
-        json.dumps({"out": str(args.out), **asdict(result)}) if args.json else told(result, args),
+        json.dumps({"out": str(args.out), **asdict(result)})
+        if args.json
+        else result_text(result, args),
         flush=True,
     )
     if result.best is not None and result.status != "interrupted":
@@ -160,7 +162,7 @@ def _follow(args: argparse.Namespace) -> int:
     return 0
 
 
-def told(result: online.Result, args: argparse.Namespace) -> str:
+def result_text(result: online.Result, args: argparse.Namespace) -> str:
     """Return the result as a few lines."""
     work = f"{result.steps} steps and {result.updates} updates in {result.wall_s:.0f} s"
     lines = [f"{result.status} after {work} ({result.cpu_s:.0f} s of processor time)"]

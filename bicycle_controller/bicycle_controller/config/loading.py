@@ -203,10 +203,10 @@ def _bicycle(value: Any, where: str) -> Plant[Any]:
     try:
         if plant in registry.FIELDS:
             fields, kind = registry.FIELDS[plant]
-            made: Plant[Any] = kind(
+            built: Plant[Any] = kind(
                 _make(fields, data if isinstance(value, dict) else value, where)
             )
-            return made
+            return built
         if set(data) <= {"bicycle"} and not isinstance(data.get("bicycle"), dict):
             return registry.named(plant, data.get("bicycle"))
         return registry.from_dict({"plant": plant, **data})

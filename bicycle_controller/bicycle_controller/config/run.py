@@ -290,9 +290,9 @@ class RunConfig:
             "ddpg.mirror and ddpg.symmetric_actor take the second action for the displacement:"
             " with a pedal they need a scenario.displacement_limit above zero",
         )
-        taught = self.ddpg is not None and self.ddpg.bc_to == "teacher"
+        imitates_teacher = self.ddpg is not None and self.ddpg.bc_to == "teacher"
         require(
-            not taught or self.teacher.share > 0,
+            not imitates_teacher or self.teacher.share > 0,
             "ddpg.bc_to=teacher needs a teacher: set teacher.controller and teacher.share",
         )
 

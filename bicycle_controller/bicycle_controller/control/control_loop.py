@@ -265,8 +265,8 @@ class ControlLoop:
             in_charge = self._fallback_id
         else:
             in_charge = self.policy.policy_id if guide is None else guide.policy_id
-        told = self._tell(snapshot, trouble) if before != self._driven_by_fallback else None
-        return action, in_charge, "" if told else warning, told
+        switch = self._tell(snapshot, trouble) if before != self._driven_by_fallback else None
+        return action, in_charge, "" if switch else warning, switch
 
     def _ask(self, seen: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray | None, str]:
         """Return the policy's answer, see `_answer`, and record its computing time."""

@@ -11,8 +11,9 @@ class Controller(Protocol):
     """A learned actor, the LQR, or anything else that controls N bicycles at once.
 
     A controller that wants to know the past has two more attributes, `memory`, the number of past
-    control periods, and `told`, names of the bicycle's parameters (see `past.told_by`), and takes
-    a `past.Past` as third argument of `act`. `riding.Riding` remembers for it.
+    control periods, and `plant_parameters`, names of the bicycle's parameters (see
+    `past.parameters_of`), and takes a `past.Past` as third argument of `act`. `riding.Riding`
+    remembers for it.
     """
 
     @property

@@ -62,7 +62,7 @@ class Guidance:
 
     Attributes:
         config: settings; may be replaced at any time, the follower alone stays.
-        told: lines for the log that nobody has taken yet.
+        log_lines: lines for the log, not yet written.
         followed: the path that has just begun; None if it was taken.
     """
 
@@ -88,7 +88,7 @@ class Guidance:
         """Other bicycles to keep clear of on paths, by name."""
         self.name = ""
         """Own name among them."""
-        self.told: list[str] = []
+        self.log_lines: list[str] = []
         self.followed: Path | None = None
 
     # The bicycle.
@@ -106,19 +106,19 @@ class Guidance:
         def make() -> None:
             try:
                 with np.errstate(all="ignore"):
-                    made = followers.make(self.config.follower, plant, torque, pedal)
+                    new_follower = followers.make(self.config.follower, plant, torque, pedal)
             except (ValueError, ArithmeticError, TypeError) as error:
                 text = f"this bicycle can follow no path: {error}"
                 self._ready.put(lambda: self._take_follower(key, None, text))
                 return
-            self._ready.put(lambda: self._take_follower(key, made, ""))
+            self._ready.put(lambda: self._take_follower(key, new_follower, ""))
 
         threading.Thread(target=make, daemon=True).start()
 
-    def _take_follower(self, key: object, made: PathFollower | None, unable: str) -> None:
+    def _take_follower(self, key: object, follower: PathFollower | None, unable: str) -> None:
         if key != self._key:
             return
-        self._follower, self._unable = made, unable
+        self._follower, self._unable = follower, unable
 
     @property
     def ready(self) -> bool:
@@ -174,19 +174,19 @@ class Guidance:
                 course = make(radius)
                 asked = speed or course.speed
                 course = replace(course, laps=laps or course.laps, speed=max(asked, slowest))
-                made = PathRide(follower, course, number, slowest)
+                ride = PathRide(follower, course, number, slowest)
             except (ValueError, ArithmeticError, OSError) as error:
                 text = str(error)
                 self._ready.put(lambda: self._refuse(number, name, text))
                 return
-            self._ready.put(lambda: self._take_path(made))
+            self._ready.put(lambda: self._take_path(ride))
 
         threading.Thread(target=work, daemon=True).start()
 
     def _refuse(self, number: int, name: str, why: str) -> None:
         nothing = (0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, math.nan, 0.0)
         self._reports.append(PathReport(number, name, PathEnd.REJECTED, *nothing, why))
-        self.told.append(f"path {number} {name} rejected: {why}")
+        self.log_lines.append(f"path {number} {name} rejected: {why}")
 
     def _take_path(self, ride: PathRide) -> None:
         if ride.path_id != self._newest:
@@ -198,7 +198,7 @@ class Guidance:
         path = ride.course.path
         text = f"path {ride.path_id} {ride.course.name}: {ride.length:.0f} m"
         text += f", sharpest turn {1.0 / path.sharpest:.1f} m" if path.sharpest > 1e-3 else ""
-        self.told += [text, *path.notes]
+        self.log_lines += [text, *path.notes]
 
     def _steer(self, ride: PathRide) -> None:
         self._finish()
@@ -299,14 +299,14 @@ class Guidance:
         if self._follower is None:
             raise ValueError(self._unable or "the follower's gains are not computed yet")
         if self._twist is None or self._loop.guide is not self._twist:
-            made = TwistRide(self._follower, self.config.twist)
-            made.command(speed, yaw_rate)
+            twist = TwistRide(self._follower, self.config.twist)
+            twist.command(speed, yaw_rate)
             self._newest = 0
             self._finish()
             self._loop.tracker.cancel("cmd_vel steers instead")
-            self._loop.steer_by(made)
-            self._twist, self._ride = made, None
-            self.told.append("cmd_vel steers")
+            self._loop.steer_by(twist)
+            self._twist, self._ride = twist, None
+            self.log_lines.append("cmd_vel steers")
         self._twist.limits = self.config.twist
         self._twist.command(speed, yaw_rate)
 
@@ -327,7 +327,7 @@ class Guidance:
             goal, yaw = self._arrival
             if self._unable:
                 self._arrival = None
-                self.told.append(f"arrives in any direction: {self._unable}")
+                self.log_lines.append(f"arrives in any direction: {self._unable}")
             elif self._follower is not None:
                 self._arrival = None
                 self._approach(goal, yaw)
@@ -359,7 +359,7 @@ class Guidance:
         self._ride.end(PathEnd.REPLACED, "a newer order came")
         report, self._ride = self._ride.report(), None
         self._reports.append(report)
-        self.told.append(
+        self.log_lines.append(
             f"path {report.path_id} {report.name} {report.status.name.lower()}: {report.message}"
         )
 

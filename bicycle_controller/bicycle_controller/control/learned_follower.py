@@ -104,14 +104,14 @@ class Network:
                 count = sum(name.startswith("weight_") for name in held.files)
                 weights = tuple(held[f"weight_{i}"] for i in range(count))
                 biases = tuple(held[f"bias_{i}"] for i in range(count))
-                made = cls(weights, biases, str(held["plant"]), str(held["about"]))
+                follower = cls(weights, biases, str(held["plant"]), str(held["about"]))
         except (OSError, ValueError, KeyError, EOFError) as error:
             reason = error.strerror if isinstance(error, OSError) else None
             raise ValueError(f"{file} holds no follower: {reason or error}") from None
-        shapes = [weight.shape for weight in made.weights]
+        shapes = [weight.shape for weight in follower.weights]
         fits = bool(shapes) and shapes[0][0] == len(SCALE) and shapes[-1][1] == 1
         require(fits, f"{file} holds no follower: it must take {len(SCALE)} numbers")
-        return made
+        return follower
 
 
 class LearnedFollower(PathFollower):

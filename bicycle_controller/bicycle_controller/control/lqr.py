@@ -207,9 +207,9 @@ class LqrController:
             ValueError: when the tuning moves what the plant has not.
         """
         ridden = plant if plant is not None else registry.default()
-        made = cls(tuned(name, ridden, torque_limit), ridden)
-        made.tuning = name
-        return made
+        controller = cls(tuned(name, ridden, torque_limit), ridden)
+        controller.tuning = name
+        return controller
 
     def __init__(self, config: LqrConfig | None = None, plant: Plant[Any] | None = None) -> None:
         """Compute the gains for every speed of SPEEDS.

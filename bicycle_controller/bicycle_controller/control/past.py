@@ -11,11 +11,10 @@ from bicycle_common.observation import ACTION_FIELDS, OBSERVATION_FIELDS
 from bicycle_sim.plants.base import Plant
 
 ROW_FIELDS = (*OBSERVATION_FIELDS, "speed", *ACTION_FIELDS)
-"""Fields of a row: the observation at a control period's start, and the command that answered it.
-"""
+"""Fields of a row: observation and speed at a control period's start, and the command sent."""
 SPEED = len(OBSERVATION_FIELDS)
 """Column of the speed in a row; the observation is before it, the action behind it."""
-TOLD = "plant."
+PARAMETER = "plant."
 """Beginning of the name of a parameter of the ridden bicycle."""
 
 
@@ -24,13 +23,17 @@ class Past:
 
     Attributes:
         rows: (N, K, 10) ROW_FIELDS of the last K periods, the newest first.
-        told: (N, M) the bicycles' parameters that the controller asked for.
+        plant_parameters: (N, M) the bicycles' parameters that the controller asked for.
     """
 
-    def __init__(self, count: int, length: int, told: np.ndarray | None = None) -> None:
+    def __init__(
+        self, count: int, length: int, plant_parameters: np.ndarray | None = None
+    ) -> None:
         """Begin with zeros."""
         self.rows = np.zeros((count, length, len(ROW_FIELDS)))
-        self.told = np.zeros((count, 0)) if told is None else told
+        self.plant_parameters = (
+            np.zeros((count, 0)) if plant_parameters is None else plant_parameters
+        )
 
     @property
     def observation(self) -> np.ndarray:
@@ -53,10 +56,10 @@ class Past:
         observation: np.ndarray,
         speed: np.ndarray,
         length: int,
-        told: np.ndarray | None = None,
+        plant_parameters: np.ndarray | None = None,
     ) -> Past:
         """Return the past of rides that begin: as if it had always been so, without commands."""
-        past = cls(len(observation), length, told)
+        past = cls(len(observation), length, plant_parameters)
         past.fill(np.ones(len(observation), dtype=bool), observation, speed)
         return past
 
@@ -75,10 +78,10 @@ class Past:
 
     def keep(self, mask: np.ndarray) -> None:
         """Go on with the rides of `mask` (N,) only."""
-        self.rows, self.told = self.rows[mask], self.told[mask]
+        self.rows, self.plant_parameters = self.rows[mask], self.plant_parameters[mask]
 
 
-def told_by(plant: Plant[Any], names: tuple[str, ...], count: int) -> np.ndarray:
+def parameters_of(plant: Plant[Any], names: tuple[str, ...], count: int) -> np.ndarray:
     """Return parameters of the bicycles, (count, M).
 
     Args:
@@ -93,9 +96,9 @@ def told_by(plant: Plant[Any], names: tuple[str, ...], count: int) -> np.ndarray
     columns = np.empty((count, len(names)))
     for index, name in enumerate(names):
         found = data
-        for part in name.removeprefix(TOLD).split("."):
+        for part in name.removeprefix(PARAMETER).split("."):
             found = found.get(part) if isinstance(found, dict) else None
         if isinstance(found, bool) or not isinstance(found, (int, float, list)):
-            raise ValueError(f"the bicycle {plant.label} has no {name.removeprefix(TOLD)}")
+            raise ValueError(f"the bicycle {plant.label} has no {name.removeprefix(PARAMETER)}")
         columns[:, index] = found
     return columns

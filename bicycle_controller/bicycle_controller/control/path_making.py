@@ -144,7 +144,7 @@ def _rounded(points: np.ndarray, closed: bool, rounding: Rounding) -> Path:
     lengths = np.hypot(legs[:, 0], legs[:, 1])
     toward = legs / lengths[:, None]
     pieces: list[np.ndarray] = [] if closed else [points[:1]]
-    told: list[tuple[float, str]] = []
+    roundings: list[tuple[float, str]] = []
     for at in range(0 if closed else 1, count if closed else count - 1):
         before, after = (at - 1) % len(legs), at % len(legs)
         room = 0.5 * min(lengths[before], lengths[after])
@@ -156,7 +156,7 @@ def _rounded(points: np.ndarray, closed: bool, rounding: Rounding) -> Path:
         piece, cut, text = _corner(points[at], toward[before], toward[after], room, rounding)
         pieces.append(piece)
         if cut >= WORTH_TELLING:
-            told.append((cut, text))
+            roundings.append((cut, text))
     if not closed:
         pieces.append(points[-1:])
     dense = np.concatenate(pieces)
@@ -164,10 +164,10 @@ def _rounded(points: np.ndarray, closed: bool, rounding: Rounding) -> Path:
         middle = 0.5 * (points[:1] + points[1:2])
         first = len(pieces[0])
         dense = np.concatenate([middle, dense[first:], dense[:first], middle])
-    return sampled(dense[:, 0], dense[:, 1], closed, _told(told))
+    return sampled(dense[:, 0], dense[:, 1], closed, _rounding_notes(roundings))
 
 
-def _told(corners: list[tuple[float, str]]) -> list[str]:
+def _rounding_notes(corners: list[tuple[float, str]]) -> list[str]:
     lines = [text for _, text in corners[:MOST_TOLD]]
     more = corners[MOST_TOLD:]
     if more:
@@ -265,8 +265,8 @@ def _smoothed(points: np.ndarray, closed: bool, noise: float, rounding: Rounding
         curve, _ = splprep(points.T, s=weight, per=closed, k=3)
         x, y = splev(np.linspace(0.0, 1.0, max(50, round(length / STEP))), curve)
         away = max(float(np.hypot(*(points - _nearest(points, x, y)).T).max()), 0.0)
-        told = f"smoothed: the farthest point is {away:.2f} m off the path"
-        path = sampled(np.asarray(x), np.asarray(y), closed, [told])
+        note = f"smoothed: the farthest point is {away:.2f} m off the path"
+        path = sampled(np.asarray(x), np.asarray(y), closed, [note])
         try:
             check(path, rounding.tightest)
             return path

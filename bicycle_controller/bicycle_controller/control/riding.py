@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bicycle_controller.control.controller import Controller
-from bicycle_controller.control.past import Past, told_by
+from bicycle_controller.control.past import Past, parameters_of
 from bicycle_sim.plants.base import Plant
 
 
@@ -33,13 +33,14 @@ class Riding:
             ValueError: if it needs a parameter that the plant does not have.
         """
         self.controller = controller
-        length, names = getattr(controller, "memory", 0), getattr(controller, "told", ())
+        length = getattr(controller, "memory", 0)
+        names = getattr(controller, "plant_parameters", ())
         self._past: Past | None = None
         if length or names:
             if names and plant is None:
                 raise ValueError(f"{controller.policy_id} has to be told which bicycle it rides")
-            told = None if plant is None else told_by(plant, names, count)
-            self._past = Past(count, length, told)
+            parameters = None if plant is None else parameters_of(plant, names, count)
+            self._past = Past(count, length, parameters)
         self._begins = np.ones(count, dtype=bool)
 
     def act(self, observation: np.ndarray, speed: np.ndarray) -> np.ndarray:

@@ -144,20 +144,20 @@ class TransitionBuilder:
         if self._last:
             table = {n: np.concatenate([self._last[n], c]) for n, c in table.items()}
         table = _without_repeats(table)
-        made = self._made(table)
+        pursuits = self._pursuits(table)
         self._rows += max(0, len(table["step"]) - 1)
         self._last = {name: column[-1:] for name, column in table.items()}
         if self._waiting is not None:
-            made = _Pursuits.join(self._waiting, made)
+            pursuits = _Pursuits.join(self._waiting, pursuits)
         self._waiting = None
-        found = made.cut(reached)
-        if not len(made.at):
+        found = pursuits.cut(reached)
+        if not len(pursuits.at):
             return found
         self.policy = str(found.policy[-1])
         ended = found.terminated[-1] or found.fallen[-1]
-        if ended or made.at[-1] != self._rows - 1:
+        if ended or pursuits.at[-1] != self._rows - 1:
             return found
-        self._waiting = made.rows(slice(-1, None))
+        self._waiting = pursuits.rows(slice(-1, None))
         return found.rows(slice(0, -1))
 
     def finish(self, reached: Collection[Reached] = ()) -> Transitions:
@@ -169,7 +169,7 @@ class TransitionBuilder:
         """Return all transitions of a whole ride."""
         return Transitions.join([self.add(steps, reached), self.finish(reached)])
 
-    def _made(self, table: Columns) -> _Pursuits:
+    def _pursuits(self, table: Columns) -> _Pursuits:
         """Return the transitions between the rows of a table, not yet cut."""
         same = (np.diff(table["episode"].astype(np.int64)) == 0) & (np.diff(table["run"]) == 0)
         ahead = np.diff(table["step"].astype(np.int64))
@@ -181,17 +181,19 @@ class TransitionBuilder:
         good = ridden & known & ~table["fallen"].astype(bool)[:-1]
         good &= table["applied.has_goal"].astype(bool)[1:]
         before = np.flatnonzero(good)
-        made = _transitions(table, before, self._scenario)
-        self.arrived += len(made)
+        transitions = _transitions(table, before, self._scenario)
+        self.arrived += len(transitions)
         goal = [table[f"applied.{name}"][before + 1] for name in ("goal_id", "goal.x", "goal.y")]
-        return _Pursuits(made, np.stack(goal, axis=1).astype(np.float64), self._rows + before)
+        return _Pursuits(
+            transitions, np.stack(goal, axis=1).astype(np.float64), self._rows + before
+        )
 
 
 @dataclass(frozen=True)
 class _Pursuits:
     """M transitions with what shows where a pursuit ends."""
 
-    made: Transitions
+    transitions: Transitions
     goal: np.ndarray
     """(M, 3) number and place of the goal."""
     at: np.ndarray
@@ -202,7 +204,7 @@ class _Pursuits:
         """Return no transition."""
         empty, flags = np.zeros(0), np.zeros(0, dtype=bool)
         numbers = empty.astype(np.int64)
-        made = Transitions(
+        transitions = Transitions(
             episode=numbers,
             step=numbers,
             observation=np.zeros((0, len(OBSERVATION_FIELDS))),
@@ -215,34 +217,34 @@ class _Pursuits:
             policy=empty.astype(object),
             time=empty,
         )
-        return cls(made, np.zeros((0, 3)), numbers)
+        return cls(transitions, np.zeros((0, 3)), numbers)
 
     @classmethod
     def join(cls, first: _Pursuits, second: _Pursuits) -> _Pursuits:
         """Concatenate two parts."""
         return cls(
-            Transitions.join([first.made, second.made]),
+            Transitions.join([first.transitions, second.transitions]),
             np.concatenate([first.goal, second.goal]),
             np.concatenate([first.at, second.at]),
         )
 
     def rows(self, mask: slice) -> _Pursuits:
         """Return some of the rows."""
-        return _Pursuits(self.made.rows(mask), self.goal[mask], self.at[mask])
+        return _Pursuits(self.transitions.rows(mask), self.goal[mask], self.at[mask])
 
     def cut(self, reached: Collection[Reached] = ()) -> Transitions:
         """Return the transitions with the ends of pursuits marked, the last one's included."""
-        made = self.made
+        transitions = self.transitions
         goes_on = (np.diff(self.at) == 1) & (self.goal[1:] == self.goal[:-1]).all(axis=1)
-        last = np.append(~goes_on, True)[: len(made)]
-        open_ended = last & ~made.terminated & ~made.fallen
-        there = np.zeros(len(made), dtype=bool)
+        last = np.append(~goes_on, True)[: len(transitions)]
+        open_ended = last & ~transitions.terminated & ~transitions.fallen
+        there = np.zeros(len(transitions), dtype=bool)
         for row in np.flatnonzero(open_ended) if reached else ():
             there[row] = tuple(self.goal[row]) in reached
         return replace(
-            made,
-            terminated=made.terminated | there,
-            truncated=made.truncated | (open_ended & ~there),
+            transitions,
+            terminated=transitions.terminated | there,
+            truncated=transitions.truncated | (open_ended & ~there),
         )
 
 

@@ -118,7 +118,7 @@ def score(
             continue
         left, turned = (rng.uniform(-most, most, count) for most in start)
         left[0] = turned[0] = 0.0
-        found, told = ride_courses(
+        found, ridden = ride_courses(
             follower,
             plant,
             [one.path for one in group],
@@ -129,7 +129,7 @@ def score(
             traced=1,
         )
         results.append(_summary(group, follower.policy_id, found))
-        traces.append((group[0], told[0]))
+        traces.append((group[0], ridden[0]))
     return results, traces
 
 

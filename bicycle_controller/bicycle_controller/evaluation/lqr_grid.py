@@ -73,13 +73,13 @@ weights caught more than 1.04 times the best of these in any cell."""
 @lru_cache(maxsize=64)
 def controllers(plant: Plant[Any], torque_limit: float) -> tuple[LqrController, ...]:
     """Return the LQR of each of GRID for a bicycle; kept, for it takes a second or two."""
-    made = []
+    controllers = []
     for weights in GRID:
         try:
-            made.append(LqrController(weights.config(torque_limit), plant))
+            controllers.append(LqrController(weights.config(torque_limit), plant))
         except (ArithmeticError, np.linalg.LinAlgError):
             continue  # such weights have no LQR for this bicycle
-    return tuple(made)
+    return tuple(controllers)
 
 
 @dataclass(frozen=True)

@@ -60,16 +60,20 @@ def _seen(policy: Policy) -> str:
     words = "what it sees"
     if inputs.memory:
         words += f" and saw in the last {inputs.memory} periods"
-    return words + (f", told {len(inputs.told)} numbers of the bicycle," if inputs.told else "")
+    return words + (
+        f", told {len(inputs.plant_parameters)} numbers of the bicycle,"
+        if inputs.plant_parameters
+        else ""
+    )
 
 
 def _plants(policy: Policy) -> str:
     """Return the other plants of its training, in words."""
     info = policy.info
-    told = f" Trained to ride any bicycle of: {', '.join(info.plants)}." if info.plants else ""
+    text = f" Trained to ride any bicycle of: {', '.join(info.plants)}." if info.plants else ""
     if info.speeds is not None:
-        told += f" Speeds {info.speeds[0]:g} to {info.speeds[1]:g} m/s."
-    return told
+        text += f" Speeds {info.speeds[0]:g} to {info.speeds[1]:g} m/s."
+    return text
 
 
 def _scaling(policy: Policy) -> str:

@@ -116,15 +116,15 @@ class ActionDesk:
             found["nav2 poses"] = nav2.NavigateThroughPoses, "navigate_through_poses"
             found["nav2 path"] = nav2.FollowPath, "follow_path"
         full = node.resolve_service_name
-        return {kind: (made, full(name)) for kind, (made, name) in found.items()}
+        return {kind: (action_type, full(name)) for kind, (action_type, name) in found.items()}
 
-    def _serve(self, kind: str, made: Any, name: str) -> ActionServer:
+    def _serve(self, kind: str, action_type: Any, name: str) -> ActionServer:
         async def execute(handle: Any) -> Any:
-            return await self._execute(kind, made, handle)
+            return await self._execute(kind, action_type, handle)
 
         return ActionServer(
             self._node,
-            made,
+            action_type,
             name,
             execute,
             cancel_callback=lambda handle: CancelResponse.ACCEPT,
@@ -150,7 +150,7 @@ class ActionDesk:
         """End what has been ordered, for it is not ridden any more; called in any thread."""
         self._events.put(why)
 
-    async def _execute(self, kind: str, made: Any, handle: Any) -> Any:
+    async def _execute(self, kind: str, action_type: Any, handle: Any) -> Any:
         order = Order(handle, Future(), kind, [])
         order.began = self._orders.state()[1]
         self._take_events()  # the previous one may have ended
@@ -161,7 +161,7 @@ class ActionDesk:
             order.reason = str(error)
             self._order = previous
             handle.abort()
-            return self._result(order, made.Result())
+            return self._result(order, action_type.Result())
         if previous is not None and not previous.done.done():
             previous.reason = NEWER
             previous.done.set_result(None)
@@ -169,7 +169,7 @@ class ActionDesk:
         if self._order is order:
             self._order = None
         self._end(order)
-        return self._result(order, made.Result())
+        return self._result(order, action_type.Result())
 
     def _begin(self, order: Order, request: Any) -> None:
         """Give the order to the controller.
@@ -328,8 +328,8 @@ class ActionDesk:
     def _feed_nav2(self, order: Order, snapshot: BicycleState, elapsed: float) -> None:
         """Fill in the fields that nav2's feedbacks share."""
         request, last = order.handle.request, order.last
-        made = {"nav2 pose": "NavigateToPose", "nav2 poses": "NavigateThroughPoses"}
-        feedback = getattr(nav2, made.get(order.kind, "FollowPath")).Feedback()
+        names = {"nav2 pose": "NavigateToPose", "nav2 poses": "NavigateThroughPoses"}
+        feedback = getattr(nav2, names.get(order.kind, "FollowPath")).Feedback()
         if order.kind == "nav2 path":
             left = last.length - last.along if isinstance(last, PathReport) else 0.0
             feedback.distance_to_goal, feedback.speed = float(left), float(snapshot.speed)

@@ -109,8 +109,8 @@ class Guiding:
         for report in guidance.reports():
             self.on_report(report)
             self._publish(topics.PATH_STATUS, from_report(report, now))
-        told, guidance.told = guidance.told, []
-        for line in told:
+        lines, guidance.log_lines = guidance.log_lines, []
+        for line in lines:
             self._node.get_logger().info(line)
 
 

@@ -31,17 +31,17 @@ def from_event(event: Event, header: Header) -> GoalStatus:
     )
 
 
-def from_hand_over(told: ControllerSwitch, stamp: Time) -> HandOverMessage:
+def from_hand_over(switch: ControllerSwitch, stamp: Time) -> HandOverMessage:
     """Return the message about a change of the active controller."""
     return HandOverMessage(
         header=Header(stamp=stamp),
-        episode=int(told.episode),
-        step=int(told.step),
-        reason=int(told.reason),
-        stop=bool(told.stop),
-        policy=str(told.policy),
-        hand_overs=int(told.count),
-        message=told.message,
+        episode=int(switch.episode),
+        step=int(switch.step),
+        reason=int(switch.reason),
+        stop=bool(switch.stop),
+        policy=str(switch.policy),
+        hand_overs=int(switch.count),
+        message=switch.message,
     )
 
 

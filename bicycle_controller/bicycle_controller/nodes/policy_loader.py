@@ -87,10 +87,10 @@ class PolicyLoader:
     ) -> LoadPolicy.Response:
         try:
             policy = load(request.path)
-            told = self._swap(policy)
+            warning = self._swap(policy)
             response.success, response.message = True, f"{policy.policy_id} is in charge"
-            if told:
-                response.message += f"; {told}"
+            if warning:
+                response.message += f"; {warning}"
         except PolicyError as error:
             kept = self._present()
             response.success, response.message = False, f"{error}; {kept} stays in charge"

@@ -15,7 +15,7 @@ import numpy as np
 
 from bicycle_common.observation import ACTION_FIELDS, OBSERVATION_FIELDS
 from bicycle_common.validation import nearest
-from bicycle_controller.control.past import ROW_FIELDS, TOLD, Past
+from bicycle_controller.control.past import PARAMETER, ROW_FIELDS, Past
 
 MOST_INPUTS = 4096
 MOST_MEMORY = 400
@@ -65,7 +65,7 @@ class Inputs:
         names: as in the policy file.
         plain: True for the paper's six states and nothing else.
         memory: number of past periods that are needed.
-        told: names of the bicycle's parameters that are needed.
+        plant_parameters: names of the bicycle's parameters that are needed.
     """
 
     def __init__(self, names: Sequence[str]) -> None:
@@ -80,7 +80,7 @@ class Inputs:
         parsed = [parse(name) for name in self.names]
         self.plain = self.names == OBSERVATION_FIELDS
         self.memory = max(age for _, age in parsed)
-        self.told = tuple(name for name, _ in parsed if name.startswith(TOLD))
+        self.plant_parameters = tuple(name for name, _ in parsed if name.startswith(PARAMETER))
         self._parsed = parsed
 
     @cached_property
@@ -90,8 +90,8 @@ class Inputs:
         first = width * (self.memory + 1)
         return np.array(
             [
-                first + self.told.index(name)
-                if name in self.told
+                first + self.plant_parameters.index(name)
+                if name in self.plant_parameters
                 else width * age + ROW_FIELDS.index(name)
                 for name, age in self._parsed
             ]
@@ -113,7 +113,7 @@ class Inputs:
         if self.plain:
             return observation
         count = len(observation)
-        if speed is None or (past is None and self.told):
+        if speed is None or (past is None and self.plant_parameters):
             missing = "speed" if speed is None else "parameters of the bicycle"
             raise ValueError(
                 f"this policy needs the {missing}; see bicycle_controller.control.past"
@@ -128,7 +128,7 @@ class Inputs:
                 speed[:, None],
                 np.zeros((count, len(ACTION_FIELDS))),
                 past.rows[:, : self.memory].reshape(count, -1),
-                past.told,
+                past.plant_parameters,
             ],
             axis=1,
         )

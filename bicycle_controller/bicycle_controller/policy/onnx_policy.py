@@ -112,9 +112,9 @@ class OnnxPolicy:
         return self.inputs.memory
 
     @property
-    def told(self) -> tuple[str, ...]:
+    def plant_parameters(self) -> tuple[str, ...]:
         """Names of the bicycle's parameters that it is told, see `Controller`."""
-        return self.inputs.told
+        return self.inputs.plant_parameters
 
     def _run(self, inputs: np.ndarray) -> np.ndarray:
         (found,) = self._session.run([self._output], {self._input: inputs})

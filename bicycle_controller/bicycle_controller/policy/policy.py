@@ -121,9 +121,9 @@ class Policy:
         return self.inputs.memory
 
     @property
-    def told(self) -> tuple[str, ...]:
+    def plant_parameters(self) -> tuple[str, ...]:
         """Names of the bicycle's parameters that it is told, see `Controller`."""
-        return self.inputs.told
+        return self.inputs.plant_parameters
 
     def act(
         self,

@@ -16,7 +16,7 @@ class TorchPolicy:
     def __init__(self, policy: Policy, device: str = "cpu") -> None:
         """Copy the weights to `device`."""
         self.policy_id = policy.policy_id
-        self.memory, self.told = policy.memory, policy.told
+        self.memory, self.plant_parameters = policy.memory, policy.plant_parameters
         self._inputs = policy.inputs
         self.device = torch.device(device)
         self.network = network(policy).to(self.device)

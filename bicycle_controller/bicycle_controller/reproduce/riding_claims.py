@@ -60,10 +60,10 @@ def displacement(experiment: Experiment, summary: Summary) -> Verdict:
 def goals(experiment: Experiment, summary: Summary) -> Verdict:
     """Judge figures 13 and 14: the trained bicycle arrives from anywhere."""
     names = (DDPG, "fast", "fixed-speed", "lqr", "lqr-20cm")
-    told = arrivals(summary, experiment, names)
+    arrival_note = arrivals(summary, experiment, names)
     trained, ridden = training(summary, arm=DDPG), rides(summary, rider=DDPG)
     if trained is None or ridden is None:
-        return Verdict(not_run("it arrives from anywhere"), (told,))
+        return Verdict(not_run("it arrives from anywhere"), (arrival_note,))
     start, end = ({n: trained[p][n][0] for n in ("return", "steps")} for p in ("first", "last"))
     full, rate = at_length(experiment, trained), ridden["reached"][0]
     shown = f"`{DDPG}` reaches {percent(rate)}{of_runs(ridden)} after {over(experiment, trained)}"
@@ -73,7 +73,7 @@ def goals(experiment: Experiment, summary: Summary) -> Verdict:
     returns = Part("the return converges to zero (to a tenth)", small, shown, full)
     shown = f"from {number(start['steps'])} to {number(end['steps'])}"
     steps = Part("the steps fall (to half)", end["steps"] < 0.5 * start["steps"], shown, full)
-    return Verdict((arrives, returns, steps), (told,))
+    return Verdict((arrives, returns, steps), (arrival_note,))
 
 
 def turn(experiment: Experiment, summary: Summary) -> Verdict:
@@ -82,7 +82,9 @@ def turn(experiment: Experiment, summary: Summary) -> Verdict:
     trained = [training(summary, arm=DDPG, variant=name) for name in names]
     ridden = [rides(summary, rider=DDPG, variant=name) for name in names]
     slow = first(summary["profiles"], rider=DDPG, variant="pedal")
-    told = arrivals(summary, experiment, (DDPG, "fast", "learned-speed", "lqr-displacement-pedal"))
+    arrival_note = arrivals(
+        summary, experiment, (DDPG, "fast", "learned-speed", "lqr-displacement-pedal")
+    )
     earns = slows = None
     shown = speeds = f"`{DDPG}` was not run"
     if ridden[0] is not None and ridden[1] is not None:
@@ -100,7 +102,7 @@ def turn(experiment: Experiment, summary: Summary) -> Verdict:
         Part("the pedal earns more", earns, shown, at_length(experiment, *trained)),
         Part("it slows, turns and speeds up", slows, speeds, at_length(experiment, trained[0])),
     )
-    return Verdict(parts, (*said, told))
+    return Verdict(parts, (*said, arrival_note))
 
 
 def _speeds(rider: str, profile: Entry, where: str) -> str:

@@ -71,7 +71,7 @@ class Park:
         self._zero, self._wanted, self._wanted_rate, self._gust = zero, zero, zero, zero
         self.commands = np.zeros((count, COMMANDS))
         self.state = self.plant.initial(zero, zero, zero, zero + 3.0)
-        self.taught = np.ones(count, dtype=bool)
+        self.teacher_rides = np.ones(count, dtype=bool)
         self.falls = self.rides = 0
         self.seen, self.speed = np.zeros((count, 6)), zero
         self.begin(np.ones(count, dtype=bool), 1.0)
@@ -82,18 +82,21 @@ class Park:
         Returns:
             The teachers; (S, N) deg/s that they catch.
         """
-        made = [
+        candidates = [
             Teachers(self.plant, weights, self.config.turns, SPEEDS, self.limits)
             for weights in self.config.teachers
         ]
         caught = np.array(
-            [[self._largest(teachers, SPEEDS[index]) for index in JUDGED] for teachers in made]
+            [
+                [self._largest(teachers, SPEEDS[index]) for index in JUDGED]
+                for teachers in candidates
+            ]
         )
         nearest = np.abs(np.arange(len(SPEEDS))[:, None] - np.array(JUDGED)).argmin(axis=1)
         # Equal ones: the first of the list.
-        which = (caught + 1e-6 * np.arange(len(made), 0, -1)[:, None, None]).argmax(axis=0)
-        chosen = made[0]
-        chosen.choose(made, which[nearest])
+        which = (caught + 1e-6 * np.arange(len(candidates), 0, -1)[:, None, None]).argmax(axis=0)
+        chosen = candidates[0]
+        chosen.choose(candidates, which[nearest])
         best = caught.max(axis=0)
         levels = [np.interp(SPEEDS, SPEEDS[list(JUDGED)], row) for row in best.T]
         return chosen, np.array(levels).T
@@ -144,8 +147,8 @@ class Park:
         self._wanted_rate = np.where(mask, 0.0, self._wanted_rate)
         self._gust = np.where(mask, 0.0, self._gust)
         self.commands = np.where(mask[:, None], 0.0, self.commands)
-        self.taught = self.taught.copy()
-        self.taught[mask] = rng.uniform(size=number) < teacher_share
+        self.teacher_rides = self.teacher_rides.copy()
+        self.teacher_rides[mask] = rng.uniform(size=number) < teacher_share
         self.rides += number
         self._look(None)
         self.past.fill(mask, self.seen, self.speed)

@@ -89,7 +89,7 @@ class Collector:
         self.teacher = (
             load_controller(teacher.controller, config.physics) if teacher.share else None
         )
-        if getattr(self.teacher, "memory", 0) or getattr(self.teacher, "told", ()):
+        if getattr(self.teacher, "memory", 0) or getattr(self.teacher, "plant_parameters", ()):
             raise ValueError(
                 f"teacher.controller {teacher.controller} remembers the past, which this training"
                 " does not keep: choose another one"

@@ -130,7 +130,7 @@ class Imitation:
         self._remember(inputs, wanted, park.limits)
         with torch.inference_mode():
             chosen = self.actor(torch.as_tensor(inputs, dtype=torch.float32)).numpy()
-        torque = np.where(park.taught, wanted, own.torque_limit * chosen)
+        torque = np.where(park.teacher_rides, wanted, own.torque_limit * chosen)
         park.step(torque, share)
         self.steps += config.bicycles
         bar.advance(config.bicycles)

@@ -46,7 +46,7 @@ class Curve:
     high: np.ndarray
     """(P,) upper bound."""
 
-    def told(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, Any]:
         """Return the curve's end, for people and JSON."""
         return {
             "name": self.name,

@@ -75,8 +75,8 @@ class MixedPlant(Plant[BodyState]):
         self, rear_x: np.ndarray, rear_y: np.ndarray, heading: np.ndarray, speed: np.ndarray
     ) -> BodyState:
         """Return N upright bicycles; see `Plant.initial`."""
-        made: BodyState = self.first.initial(rear_x, rear_y, heading, speed)
-        return made
+        state: BodyState = self.first.initial(rear_x, rear_y, heading, speed)
+        return state
 
     def step(
         self,
@@ -106,13 +106,13 @@ class MixedPlant(Plant[BodyState]):
 
     def pushed(self, state: BodyState, lean_rate: Array) -> BodyState:
         """Return the state after a push; see `Plant.pushed`."""
-        made: BodyState = self.first.pushed(state, lean_rate)
-        return made
+        pushed: BodyState = self.first.pushed(state, lean_rate)
+        return pushed
 
     def settled(self, state: BodyState) -> BodyState:
         """Return the state with all that follows from it; see `Plant.settled`."""
-        made: BodyState = self.first.settled(state)
-        return made
+        settled: BodyState = self.first.settled(state)
+        return settled
 
     def yaw_rate(self, state: BodyState) -> np.ndarray:
         """Return (N,) rad/s."""

@@ -55,7 +55,7 @@ def run(
     out: Path,
     seed: int = 1,
     steps: int = 200_000,
-    told: Callable[[str], None] = print,
+    report: Callable[[str], None] = print,
     torque_limit: float = 2.0,
 ) -> Scored:
     """Train; write follower.npz, log.csv and run.json; return the best score.
@@ -65,7 +65,7 @@ def run(
         out: new or empty folder.
         seed: of everything.
         steps: environment steps over all bicycles.
-        told: takes lines about the progress.
+        report: takes lines about the progress.
         torque_limit: N m, largest |T|.
 
     Raises:
@@ -107,7 +107,7 @@ def run(
             row = [f"{scored.rms:.4f}", f"{scored.largest:.3f}", scored.lost, f"{wall:.0f}"]
             log.writerow([done, phase, *row])
             file.flush()
-            told(
+            report(
                 f"{done} steps, {phase}: {scored.rms:.3f} m rms, {scored.largest:.2f} m at most, "
                 f"{scored.lost} of {ROADS} lost, {wall:.0f} s"
             )

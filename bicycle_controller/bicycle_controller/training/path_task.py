@@ -55,12 +55,12 @@ class PathTask:
         self.follower: PathFollower = followers.make("preview", plant, torque_limit)
         self._rng = np.random.default_rng(seed)
         radius = followers.tightest(self.follower)
-        made = [random_road(self._rng, radius / 0.8, 80.0) for _ in range(roads)]
+        paths = [random_road(self._rng, radius / 0.8, 80.0) for _ in range(roads)]
         profiles = [
             speed_profile(road, float(self._rng.uniform(*speeds)), self.follower.sharpest, SLOWEST)
-            for road in made
+            for road in paths
         ]
-        self._paths = Paths(made, self._rng.integers(roads, size=count))
+        self._paths = Paths(paths, self._rng.integers(roads, size=count))
         self._profile = np.concatenate(profiles)
         self._roads = roads
         self._along = np.zeros(count)

@@ -13,7 +13,7 @@ import numpy as np
 
 from bicycle_controller.config.imitation import TeacherWeights, TurnConfig
 from bicycle_controller.control.lqr import TURN_ERRORS
-from bicycle_controller.control.past import told_by
+from bicycle_controller.control.past import parameters_of
 from bicycle_sim.plants.base import Plant
 
 STATES = ("lean_angle", "lean_rate", "steer_angle", "steer_rate")
@@ -55,7 +55,7 @@ class Teachers:
         self.weights, self.turns, self.speeds, self._limits = weights, turns, speeds, limits
         count = plant.count
         assert count is not None
-        delay = told_by(plant, ("plant.delay",), count)[:, 0]
+        delay = parameters_of(plant, ("plant.delay",), count)[:, 0]
         designs = [self._design(plant, float(speed), delay) for speed in speeds]
         # (S, N, numbers): each speed's designs lie together.
         self._table = np.ascontiguousarray(np.stack(designs))

@@ -31,9 +31,11 @@ def frames_of(namespace: str) -> str:
 
 def static_transforms(prefix: str, nanoseconds: int) -> TFMessage:
     """Return map → odom, the identity of simulated truth."""
-    made = TransformStamped(header=to_header(nanoseconds, "map"), child_frame_id=f"{prefix}odom")
-    made.transform.rotation.w = 1.0
-    return TFMessage(transforms=[made])
+    transform = TransformStamped(
+        header=to_header(nanoseconds, "map"), child_frame_id=f"{prefix}odom"
+    )
+    transform.transform.rotation.w = 1.0
+    return TFMessage(transforms=[transform])
 
 
 def transforms(

@@ -23,22 +23,22 @@ class SimReport:
     def __init__(self, name: str, loop: Loop) -> None:
         self._name = name
         self._loop = loop
-        self._made: list[StepResult] = []
+        self._steps: list[StepResult] = []
         self._since = time.monotonic()
         self._late = self._dropped = 0
 
-    def add(self, made: StepResult) -> None:
+    def add(self, step: StepResult) -> None:
         """Count one step."""
-        self._made.append(made)
+        self._steps.append(step)
 
     def statuses(self, simulators: int) -> list[DiagnosticStatus]:
         """Return the entries since the last call; `simulators` counts the state publishers."""
-        made, self._made = self._made, []
+        steps, self._steps = self._steps, []
         now = time.monotonic()
         elapsed, self._since = now - self._since, now
-        return [self._timing(made, elapsed), self._commands(made), self._bicycle(simulators)]
+        return [self._timing(steps, elapsed), self._commands(steps), self._bicycle(simulators)]
 
-    def _timing(self, made: list[StepResult], elapsed: float) -> DiagnosticStatus:
+    def _timing(self, steps: list[StepResult], elapsed: float) -> DiagnosticStatus:
         pacer = self._loop.pacer
         late, dropped = pacer.late - self._late, pacer.dropped - self._dropped
         self._late, self._dropped = pacer.late, pacer.dropped
@@ -50,15 +50,15 @@ class SimReport:
         elif late:
             level, text = WARN, f"{late} steps late"
         values: dict[str, object] = {
-            "rate (Hz)": len(made) / elapsed,
+            "rate (Hz)": len(steps) / elapsed,
             "late steps": pacer.late,
             "dropped steps": pacer.dropped,
-            **percentiles([one.timing.lateness for one in made], "lateness"),
-            **percentiles([one.latency for one in made], "state to command"),
+            **percentiles([one.timing.lateness for one in steps], "lateness"),
+            **percentiles([one.latency for one in steps], "state to command"),
         }
         return status(f"{self._name}: loop", level, text, values)
 
-    def _commands(self, made: list[StepResult]) -> DiagnosticStatus:
+    def _commands(self, steps: list[StepResult]) -> DiagnosticStatus:
         loop, gate = self._loop, self._loop.gate
         held = loop.waiting or loop.paused or loop.snapshot.fallen
         level, text = OK, "waiting" if held else f"from {gate.owner!r}"
@@ -70,7 +70,7 @@ class SimReport:
             "silence (s)": gate.silence(),
             "controller": gate.owner or "",
             **{reason.value: count for reason, count in gate.rejected.items()},
-            "steps by input": ", ".join(_sources(made)),
+            "steps by input": ", ".join(_sources(steps)),
         }
         return status(f"{self._name}: commands", level, text, values)
 
@@ -105,7 +105,7 @@ class SimReport:
         return "held" if loop.waiting else "riding"
 
 
-def _sources(made: list[StepResult]) -> list[str]:
+def _sources(steps: list[StepResult]) -> list[str]:
     """Return a text per kind of input: how many steps it made."""
-    names = [one.applied.source.name.lower() for one in made]
+    names = [one.applied.source.name.lower() for one in steps]
     return [f"{names.count(name)} {name}" for name in sorted(set(names))]

@@ -106,9 +106,9 @@ class SimNode(Node):
         self._describe()
         self._listen()
         self._start_timers()
-        told = Priority().take(self._settings.loop_priority())
-        if told:
-            self.get_logger().info(told)
+        notice = Priority().take(self._settings.loop_priority())
+        if notice:
+            self.get_logger().info(notice)
         try:
             self._begin(self._settings.make_start(), self._settings.seed)
         except ValueError as error:
@@ -184,7 +184,7 @@ class SimNode(Node):
 
     def _on_command(self, message: BicycleCommand) -> None:
         was_waiting = self._loop.waiting
-        warning, made = self._loop.receive(convert.to_command(message))
+        warning, step = self._loop.receive(convert.to_command(message))
         if warning:
             self.get_logger().warning(
                 f"command for step {message.step} from {message.controller!r} ignored: {warning}"
@@ -195,7 +195,7 @@ class SimNode(Node):
                 f"episode {message.episode} rides under {message.controller!r} from step "
                 f"{self._loop.gate.newest.step if self._loop.gate.newest else 0}"
             )
-        self._on_made(made)
+        self._after_step(step)
 
     def _on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
         pose = message.pose.pose
@@ -222,20 +222,20 @@ class SimNode(Node):
         return response
 
     def _on_pause(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
-        made = self._loop.pause(bool(request.data))
+        step = self._loop.pause(bool(request.data))
         self._pace_from_now()
         response.success = True
         response.message = "paused" if request.data else "goes on"
         self.get_logger().info(f"{response.message} at step {self._loop.snapshot.step}")
-        self._on_made(made)
+        self._after_step(step)
         return response
 
     def _on_step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        made = self._loop.single_step()
-        self._on_made(made)
-        response.success = made is not None
-        if made is not None:
-            response.message = f"step {made.snapshot.step}: {made.applied.source.name}"
+        step = self._loop.single_step()
+        self._after_step(step)
+        response.success = step is not None
+        if step is not None:
+            response.message = f"step {step.snapshot.step}: {step.applied.source.name}"
         elif self._loop.snapshot.fallen:
             response.message = "the bicycle lies: call bicycle/reset first"
         else:
@@ -256,7 +256,7 @@ class SimNode(Node):
     # Timers.
 
     def _on_due(self) -> None:
-        self._on_made(self._loop.tick())
+        self._after_step(self._loop.tick())
         if self._loop.timed_out and not self._was_timed_out:
             what = WITHOUT_COMMANDS[self._settings.on_timeout]
             self.get_logger().warning(
@@ -319,32 +319,32 @@ class SimNode(Node):
         self._publish_state()
         self.get_logger().info(f"episode {info.episode} waits for its first command")
 
-    def _on_made(self, made: StepResult | None) -> None:
+    def _after_step(self, step: StepResult | None) -> None:
         """Publish a step, the state first: the controller waits for it."""
-        if made is None:
+        if step is None:
             return
-        if made.push is not None:
-            self._publish(topics.PUSHED, convert.from_push(made.push, self._now))
-        self._joints.advance(made.snapshot)
+        if step.push is not None:
+            self._publish(topics.PUSHED, convert.from_push(step.push, self._now))
+        self._joints.advance(step.snapshot)
         self._publish_state()
         pacer = self._loop.pacer
         timing = LoopTiming(
             header=convert.to_header(self._now),
-            episode=int(made.snapshot.episode),
-            step=int(made.snapshot.step),
-            period=float(made.timing.period),
-            lateness=float(made.timing.lateness),
-            latency=float(made.latency),
+            episode=int(step.snapshot.episode),
+            step=int(step.snapshot.step),
+            period=float(step.timing.period),
+            lateness=float(step.timing.lateness),
+            latency=float(step.latency),
             late_steps=int(pacer.late),
             dropped_steps=int(pacer.dropped),
         )
         self._publish(topics.TIMING, timing)
-        self._report.add(made)
-        if made.snapshot.fallen:
+        self._report.add(step)
+        if step.snapshot.fallen:
             self._fallen_at = time.monotonic()
             self.get_logger().warning(
-                f"fell at step {made.snapshot.step} of episode {made.snapshot.episode}, leaning "
-                f"{math.degrees(-made.snapshot.lean_angle):.0f} degrees"
+                f"fell at step {step.snapshot.step} of episode {step.snapshot.episode}, leaning "
+                f"{math.degrees(-step.snapshot.lean_angle):.0f} degrees"
             )
 
     def _publish_readings(self) -> None:

@@ -147,12 +147,12 @@ def markers(
         ("rear wheel", plane.wheel(False, rear), _TYRE),
         ("frame", frame, _FRAME),
     )
-    made = [_line(name, points, colour, nanoseconds) for name, points, colour in lines]
-    made.append(_rider(plane, geometry, nanoseconds))
-    made.append(_numbers(snapshot, nanoseconds))
-    for marker in made:
+    markers = [_line(name, points, colour, nanoseconds) for name, points, colour in lines]
+    markers.append(_rider(plane, geometry, nanoseconds))
+    markers.append(_numbers(snapshot, nanoseconds))
+    for marker in markers:
         marker.header.frame_id = prefix + ODOM_FRAME
-    return MarkerArray(markers=made)
+    return MarkerArray(markers=markers)
 
 
 def numbers(snapshot: BicycleState) -> str:

@@ -117,17 +117,17 @@ class Simulator:
         Raises:
             ValueError: when the snapshot holds no state of that plant.
         """
-        made = cls(scenario, plant, seed)
-        made.seed = seed
-        made.snapshot = snapshot
+        simulator = cls(scenario, plant, seed)
+        simulator.seed = seed
+        simulator.snapshot = snapshot
         if plant.body_is_all:
-            made._state = plant.state_type(
+            simulator._state = plant.state_type(
                 **{name: np.array([getattr(snapshot, name)]) for name in _BODY}
             )
         else:
-            made._state = base.from_array(plant.state_type, np.array([snapshot.plant_state]))
-        made._noise = _noise(seed, snapshot.step)
-        return made
+            simulator._state = base.from_array(plant.state_type, np.array([snapshot.plant_state]))
+        simulator._noise = _noise(seed, snapshot.step)
+        return simulator
 
     def step(self, command: Command | None, push: float = 0.0) -> BicycleState:
         """Make a time step, with or without a command (see `Scenario.silence_gain`).

@@ -52,9 +52,9 @@ class SensorSuite:
         self._sensors: dict[str, _Sensor] = {}
         for index, name in enumerate(ORDER):
             rng = np.random.Generator(np.random.PCG64([seed, 1000 + index]))
-            made = _made(getattr(settings, name), count, rng, radius)
-            if made is not None:
-                self._sensors[name] = made
+            sensor = _create(getattr(settings, name), count, rng, radius)
+            if sensor is not None:
+                self._sensors[name] = sensor
         self.time = 0.0
         """s of the sensors' clock."""
         self._last: Motion | None = None
@@ -330,7 +330,7 @@ class _Gnss(_Sensor):
         return np.concatenate([place, velocity + s.velocity_noise * draws[:, 4:6]], axis=1)
 
 
-def _made(
+def _create(
     settings: Sampled, count: int, rng: np.random.Generator, radius: float
 ) -> _Sensor | None:
     """Return the sensors with these settings on N bicycles; None where there are none."""

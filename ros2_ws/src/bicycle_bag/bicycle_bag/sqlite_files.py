@@ -46,7 +46,7 @@ def convert_files(path: Path) -> list[Path]:
         found = [path] if single else sorted(path.glob(f"*{SUFFIX}"))
     except (OSError, ValueError):  # a name that is too long, or no name
         return []
-    made = []
+    targets = []
     for database in found:
         target = database.with_suffix(".mcap")
         if os.path.lexists(target):
@@ -68,8 +68,8 @@ def convert_files(path: Path) -> list[Path]:
             ) from None
         finally:
             scratch.unlink(missing_ok=True)
-        made.append(target)
-    return made
+        targets.append(target)
+    return targets
 
 
 def _convert(database: Path, scratch: Path, name: str) -> None:

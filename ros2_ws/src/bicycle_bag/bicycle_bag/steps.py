@@ -46,12 +46,12 @@ def steps(states: Columns, echoes: Columns, commands: Columns) -> Columns:
     """
     if "command_source" in states:
         rows = _applied(states, commands)
-        made = {**states, **_taken(commands, rows)}
+        columns = {**states, **_taken(commands, rows)}
     elif len(echoes.get("step", ())):
-        made = _from_echoes(states, echoes)
+        columns = _from_echoes(states, echoes)
     else:
-        made = _guessed(states, commands)
-    return made if "goal_distance" in made else {**made, **_bearing(made)}
+        columns = _guessed(states, commands)
+    return columns if "goal_distance" in columns else {**columns, **_bearing(columns)}
 
 
 def states_name_commands(reader: BagReader, topic: str) -> bool:

@@ -54,7 +54,7 @@ def text(status: Status, place: Point2D, message: str) -> str:
     return f"{line}{joint}{own}" if own else line
 
 
-class Told:
+class NewsFilter:
     """Filter that drops repeated news.
 
     A path that is sent again makes its first goal active again while the bicycle pursues it; and
@@ -64,7 +64,7 @@ class Told:
     def __init__(self) -> None:
         self._active: Point2D | None = None
 
-    def news(self, status: Status, place: Point2D) -> bool:
+    def is_new(self, status: Status, place: Point2D) -> bool:
         """Return True if a change is to be reported."""
         if status is Status.REJECTED:
             return True

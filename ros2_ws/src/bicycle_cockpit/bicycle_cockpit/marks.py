@@ -68,14 +68,14 @@ def _goals(ridden: Ridden) -> Iterator[Mark]:
     found = ridden.ride.statuses
     if "status" not in found:
         return
-    told = goal_words.Told()
+    news = goal_words.NewsFilter()
     for index, row in enumerate(_rows(ridden, found)):
         number = int(found["status"][index])
         if number not in set(Status):
             continue  # from a later version
         status = Status(number)
         place = float(found["position.x"][index]), float(found["position.y"][index])
-        if not np.isfinite(place).all() or not told.news(status, place):
+        if not np.isfinite(place).all() or not news.is_new(status, place):
             continue
         text = goal_words.text(status, place, str(found["message"][index]))
         mark = _mark(ridden, row, goal_words.kind(status), goal_words.level(status), text)

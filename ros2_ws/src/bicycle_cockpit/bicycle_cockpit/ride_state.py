@@ -202,10 +202,10 @@ class RideState:
         """Return the riding policy, for the pages; see `WhoRides`."""
         taken = self.who.hand_over
         chosen = self.who.chosen
-        told: dict[str, Any] = {
+        facts: dict[str, Any] = {
             "driver": asdict(rider(self.who.driver, self.names)),
             "chosen": asdict(rider(chosen, self.names)),
         }
         if taken is not None:
-            told |= {"why": taken.why, "since": plain(taken.since), "stop": taken.stop}
-        return told
+            facts |= {"why": taken.why, "since": plain(taken.since), "stop": taken.stop}
+        return facts

@@ -47,7 +47,7 @@ class Exit:
         return f"{self.name} exited with status {self.status}"
 
 
-class Vigil:
+class SaveWait:
     """Waits for a process that is saving, tells the user, and stops waiting on Ctrl-C.
 
     Args:
@@ -147,13 +147,13 @@ class ManagedProcess:
             return []
         return [line for line in lines if line.strip()][-count:]
 
-    def stop(self, vigil: Vigil | None = None, patience: float = PATIENCE) -> int | None:
+    def stop(self, save_wait: SaveWait | None = None, patience: float = PATIENCE) -> int | None:
         """Stop it: SIGINT, then SIGTERM, then SIGKILL, each after `patience` seconds.
 
         A process that saves gets no SIGKILL: it is waited for.
 
         Args:
-            vigil: reports the wait and may end it; None for a silent wait.
+            save_wait: reports the wait and may end it; None for a silent wait.
             patience: wait before each further signal, s.
 
         Returns:
@@ -164,8 +164,8 @@ class ManagedProcess:
         steps = [(0.0, signal.SIGINT), (patience, signal.SIGTERM), (2 * patience, signal.SIGKILL)]
         if self.saves:
             steps.pop()
-        if vigil is not None:
-            vigil.begin(f"the {self.name} is still writing {self.saves} (the disk is slow)")
+        if save_wait is not None:
+            save_wait.begin(f"the {self.name} is still writing {self.saves} (the disk is slow)")
         began = time.monotonic()
         while self._process.poll() is None:
             waited = time.monotonic() - began
@@ -173,7 +173,7 @@ class ManagedProcess:
                 self._process.send_signal(steps.pop(0)[1])
                 # A process stopped by SIGSTOP would not react.
                 self._process.send_signal(signal.SIGCONT)
-            if self.saves and vigil is not None and not vigil.goes_on(waited):
+            if self.saves and save_wait is not None and not save_wait.goes_on(waited):
                 return None
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._process.wait(LOOK)
@@ -240,7 +240,7 @@ class ProcessGroup:
         lines = child.last_lines(1)
         return f"{lines[0] if lines else 'it said nothing'} (log: {child.log})"
 
-    def stop(self, *order: str, vigil: Vigil | None = None) -> list[str]:
+    def stop(self, *order: str, save_wait: SaveWait | None = None) -> list[str]:
         """Stop the processes one after the other.
 
         Returns:
@@ -251,7 +251,7 @@ class ProcessGroup:
             child = self._children[name]
             if not child.running:
                 continue
-            status = child.stop(vigil)
+            status = child.stop(save_wait)
             if status is None:
                 lines.append(child.left())
             elif not child.is_well(status):

@@ -38,14 +38,14 @@ def build(folder: Path | None = None) -> Path:
         target = (folder or Path(tempfile.gettempdir())) / f"bicycle-board-{digest}"
         if target.is_file() and folder is not None:
             return target
-        made = Path(tempfile.mkdtemp(prefix="bicycle-board-")) / "board"
-        words = [compiler, *FLAGS, "-o", str(made), *map(str, texts[:-1]), "-lm"]
+        program = Path(tempfile.mkdtemp(prefix="bicycle-board-")) / "board"
+        words = [compiler, *FLAGS, "-o", str(program), *map(str, texts[:-1]), "-lm"]
         done = subprocess.run(words, capture_output=True, text=True, check=False)
         if done.returncode:
             raise OSError(f"{compiler} failed: {done.stderr.strip().splitlines()[0]}")
     if folder is None:
-        return made
-    made.replace(target)
+        return program
+    program.replace(target)
     return target
 
 

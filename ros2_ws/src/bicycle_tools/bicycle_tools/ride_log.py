@@ -102,11 +102,11 @@ def load_ride(reader: BagReader, prefix: str) -> RideLog:
     loaded = load_topics(reader, [prefix + name for name in there])
     columns = {name: loaded[prefix + name] if name in there else {} for name in READ}
     states, segment = distinct(columns[STATE]) if columns[STATE] else _no_states()
-    commands, told = columns[COMMAND], columns[GOAL_STATUS]
+    commands, recorded_statuses = columns[COMMAND], columns[GOAL_STATUS]
     if columns[STATE]:
         states = steps(dict(states), dict(columns[ECHO]), dict(commands))
     drove = driving(commands, states)
-    statuses = goals_of_recording(told, begun(reader), commands)
+    statuses = goals_of_recording(recorded_statuses, begun(reader), commands)
     return RideLog(
         path=reader.path,
         states=states,
@@ -122,7 +122,7 @@ def load_ride(reader: BagReader, prefix: str) -> RideLog:
         estimates=columns[ESTIMATE],
         pushes=columns[PUSHED],
         hand_overs=_of_recording(columns[HAND_OVER], begun(reader), commands),
-        old_statuses=len(told.get("status", ())) - len(statuses.get("status", ())),
+        old_statuses=len(recorded_statuses.get("status", ())) - len(statuses.get("status", ())),
     )
 
 

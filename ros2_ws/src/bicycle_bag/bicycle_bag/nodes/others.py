@@ -53,7 +53,7 @@ def _name(namespace: str, name: str) -> str:
     return f"{namespace.rstrip('/')}/{name}"
 
 
-def told(found: dict[str, list[str]]) -> str:
+def listed(found: dict[str, list[str]]) -> str:
     """Return a text that names the nodes and their topics."""
     parts = []
     for name, topics in found.items():

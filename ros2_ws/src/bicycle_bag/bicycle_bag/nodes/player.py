@@ -18,7 +18,7 @@ from tqdm import tqdm
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import Topic
 from bicycle_bag.nodes.controls import Controls
-from bicycle_bag.nodes.others import guarded, other_publishers, told
+from bicycle_bag.nodes.others import guarded, listed, other_publishers
 from bicycle_bag.nodes.session import message_class, overridden_profile, publisher_profile
 from bicycle_bag.playback import CLOCK, ClockTick, Playback
 from bicycle_bag.qos import QosProfile
@@ -209,8 +209,9 @@ class Player:
         time.sleep(SETTLE_SECONDS)
         found = other_publishers(self._node, self._guarded, own)
         raise BagError(
-            f"the same topics are published by {told(found)}: end that (stop.sh), play on another "
-            "ROS_DOMAIN_ID, leave topics out with --exclude-topics, or rename them with --remap"
+            f"the same topics are published by {listed(found)}: end that (stop.sh), play on "
+            "another ROS_DOMAIN_ID, leave topics out with --exclude-topics, or rename them with "
+            "--remap"
         )
 
     def finish(self) -> None:

@@ -29,7 +29,7 @@ Quality = tuple[bool, bool]
 """True if a subscription asks for reliable publishers, and for transient-local ones."""
 
 
-class Ear:
+class TopicSubscription:
     """One subscription.
 
     Args:
@@ -38,7 +38,7 @@ class Ear:
         name: the topic's name.
         quality: that it asks for.
         profile: the same, in full.
-        take: is given this ear, the message and what the middleware says of it.
+        take: is given this subscription, the message and what the middleware says of it.
     """
 
     def __init__(
@@ -48,7 +48,7 @@ class Ear:
         name: str,
         quality: Quality,
         profile: QoSProfile,
-        take: Callable[[Ear, bytes, dict[str, Any]], None],
+        take: Callable[[TopicSubscription, bytes, dict[str, Any]], None],
     ) -> None:
         self.latched = quality[1]
         self.last_sequence = 0
@@ -118,7 +118,7 @@ class RecordedTopic:
         self._clock = SourceClock()
         self._known: set[tuple[int, int]] = set()
         self._known_in_order: deque[tuple[int, int]] = deque()
-        self._ears: dict[Quality, Ear] = {}
+        self._subscriptions: dict[Quality, TopicSubscription] = {}
         self._overridden = override is not None
         if override is not None:
             self._listen((False, False), overridden_profile(override, QUEUE))
@@ -133,7 +133,7 @@ class RecordedTopic:
             (offer.reliability == "reliable", offer.durability == "transient_local")
             for offer in offers
         }
-        new = sorted(wanted - self._ears.keys(), reverse=True)
+        new = sorted(wanted - self._subscriptions.keys(), reverse=True)
         for quality in new:
             self._listen(quality, subscription_profile(*quality, QUEUE))
         return bool(new)
@@ -142,29 +142,31 @@ class RecordedTopic:
         """End the recording: what was sent later than this is left out from now on."""
         self._cut = moment
         often = len(self._lately) == FLOW and time.monotonic() - self._lately[0] < FLOW_SECONDS
-        self.flowed = often and any(ear.publishers for ear in self._ears.values())
+        self.flowed = often and any(
+            subscription.publishers for subscription in self._subscriptions.values()
+        )
 
     def drain(self) -> None:
         """Take all that has arrived."""
-        for ear in list(self._ears.values()):
-            ear.drain()
+        for subscription in list(self._subscriptions.values()):
+            subscription.drain()
 
     def _listen(self, quality: Quality, profile: QoSProfile) -> None:
-        self._ears[quality] = Ear(
+        self._subscriptions[quality] = TopicSubscription(
             self._node, self._class, self.topic.name, quality, profile, self._take
         )
         # Those that ask for most come first.
-        self._ears = dict(sorted(self._ears.items(), reverse=True))
+        self._subscriptions = dict(sorted(self._subscriptions.items(), reverse=True))
 
-    def _take(self, ear: Ear, data: bytes, info: dict[str, Any]) -> None:
+    def _take(self, subscription: TopicSubscription, data: bytes, info: dict[str, Any]) -> None:
         received, sent = info["received_timestamp"], info["source_timestamp"]
         sequence = info["publication_sequence_number"]
         self._clock.add(received, sent, time.monotonic_ns())
         if self._cut is not None and self._cut.is_before(self._clock.here(sent)):
             self.passed = True
             return
-        self._count(ear, sequence)
-        # Without numbers, as some middleware has it, what is equal was sent once.
+        self._count(subscription, sequence)
+        # Some middleware gives no sequence number: equal messages are repetitions then.
         if self._is_known((sent, hash(data) if sequence is None else sequence)):
             return
         self.heard = time.monotonic()
@@ -174,25 +176,37 @@ class RecordedTopic:
     def _is_known(self, key: tuple[int, int]) -> bool:
         """Return True if another subscription has received the same message."""
         if key in self._known:
-            return len(self._ears) > 1
+            return len(self._subscriptions) > 1
         self._known.add(key)
         self._known_in_order.append(key)
-        most = REMEMBERED if len(self._ears) == 1 else QUEUE
+        most = REMEMBERED if len(self._subscriptions) == 1 else QUEUE
         while len(self._known_in_order) > most:
             self._known.discard(self._known_in_order.popleft())
         return False
 
-    def _count(self, ear: Ear, sequence: int | None) -> None:
+    def _count(self, subscription: TopicSubscription, sequence: int | None) -> None:
         """Count the messages that a publisher numbered and no subscription received."""
         if sequence is None:
             return
-        last, ear.last_sequence = ear.last_sequence, sequence
-        if not last and not self._known and not ear.latched:
+        last, subscription.last_sequence = subscription.last_sequence, sequence
+        if not last and not self._known and not subscription.latched:
             self.missed = sequence - 1
         # Several publishers number their messages independently: only one can be followed.
-        if last and sequence > last + 1 and ear.publishers == 1 and self._is_best(ear):
+        if (
+            last
+            and sequence > last + 1
+            and subscription.publishers == 1
+            and self._is_best(subscription)
+        ):
             self.lost += sequence - last - 1
 
-    def _is_best(self, ear: Ear) -> bool:
+    def _is_best(self, subscription: TopicSubscription) -> bool:
         """Return True if no less lossy subscription receives a publisher."""
-        return next(one for one in self._ears.values() if one is ear or one.publishers) is ear
+        return (
+            next(
+                one
+                for one in self._subscriptions.values()
+                if one is subscription or one.publishers
+            )
+            is subscription
+        )

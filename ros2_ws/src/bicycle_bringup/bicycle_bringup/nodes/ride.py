@@ -26,7 +26,7 @@ from bicycle_bringup.display import Display
 from bicycle_bringup.ride_options import RideOptions, parse
 from bicycle_common.node_commands import workspace
 from bicycle_common.nodes.runner import start_tool
-from bicycle_common.processes import ProcessGroup, Supervisor, Vigil, registry_of
+from bicycle_common.processes import ProcessGroup, SaveWait, Supervisor, registry_of
 from bicycle_common.signals import StopRequest
 from bicycle_controller.control.goals import Status
 from bicycle_tools.nodes.ride_client import RECORDER, RideClient
@@ -127,9 +127,9 @@ class Ride:
             A line about each that did not end well.
         """
         self._display.close()
-        vigil = Vigil(_tell, lambda: self.stop.interrupts)
+        save_wait = SaveWait(_tell, lambda: self.stop.interrupts)
         last = [name for name in STOPPED_LAST if name in self._options.modules]
-        return self._crew.stop(*last, vigil=vigil)
+        return self._crew.stop(*last, save_wait=save_wait)
 
     @property
     def recording(self) -> bool:

@@ -19,7 +19,7 @@ from bicycle_cockpit.options import NAMESPACE, RIDE, Options, parse
 from bicycle_cockpit.trouble import Line
 from bicycle_common.node_commands import config_folder, node_command, workspace
 from bicycle_common.nodes.runner import UserError, run
-from bicycle_common.processes import ProcessGroup, Supervisor, Vigil, registry_of
+from bicycle_common.processes import ProcessGroup, SaveWait, Supervisor, registry_of
 from bicycle_common.signals import StopRequest
 
 MISUSED = 2
@@ -177,7 +177,7 @@ def _end(ride: Ride, recording: Recording) -> list[str]:
     """
     stop = StopRequest().listen()
     failures = ride.close()
-    recording.close(Vigil(_tell, lambda: stop.interrupts))
+    recording.close(SaveWait(_tell, lambda: stop.interrupts))
     failures += recording.failures
     for failure in failures:
         _tell(failure)

@@ -78,7 +78,7 @@ class Hearing:
         self._fallen = False
         self._path: list[list[float | None]] = []
         self._shown_path: list[list[float | None]] = []
-        self._told = goal_words.Told()
+        self._news = goal_words.NewsFilter()
         self._began = time.monotonic()
         self._began_ns = time.time_ns()
         live.names |= {**shipped_names(), **lqr_names(registry.default())}
@@ -211,7 +211,7 @@ class Hearing:
         place = (float(change.position.x), float(change.position.y))
         self._live.goals.changed(change.status, place, int(change.remaining))
         status = Status(change.status)
-        if not self._told.news(status, place) or self._is_old(change):
+        if not self._news.is_new(status, place) or self._is_old(change):
             return
         where = {"x": place[0], "y": place[1]} if place[0] == place[0] else {}
         self._tell(
@@ -239,16 +239,16 @@ class Hearing:
             if self._path != self._shown_path:
                 self._show_path(self._path)
             return
-        told = f"path {status.name}".rstrip()
+        subject = f"path {status.name}".rstrip()
         if status.status == PathStatus.REJECTED:
             # It is latched: a new cockpit hears of those before its start, too.
             if time.monotonic() - self._began > OLD_NEWS:
-                self._tell("bad", f"{told} refused: {status.message}", kind="path")
+                self._tell("bad", f"{subject} refused: {status.message}", kind="path")
             return
         if self._shown_path:
             self._show_path([])
             finished = status.status == PathStatus.FINISHED
-            self._tell("good" if finished else "warn", f"{told}: {status.message}", kind="path")
+            self._tell("good" if finished else "warn", f"{subject}: {status.message}", kind="path")
 
     def _show_path(self, points: list[list[float | None]]) -> None:
         self._shown_path = points

@@ -10,7 +10,7 @@ from typing import Any
 from bicycle_cockpit.trouble import Line
 from bicycle_common.node_commands import program, workspace
 from bicycle_common.nodes.topics import STATE
-from bicycle_common.processes import ManagedProcess, Vigil, registry_of
+from bicycle_common.processes import ManagedProcess, SaveWait, registry_of
 
 HEARD = f"{STATE.name}: first message"
 """Line that the recorder prints once it receives the bicycle's state."""
@@ -73,9 +73,9 @@ class Recording:
             return False, "nothing is being recorded"
         if self._ending is None:
             # No user at a terminal decides how long is too long.
-            vigil = Vigil(self._words.append, lambda: 0)
+            save_wait = SaveWait(self._words.append, lambda: 0)
             self._ending = threading.Thread(
-                target=self._child.stop, args=(vigil,), daemon=True, name="closing"
+                target=self._child.stop, args=(save_wait,), daemon=True, name="closing"
             )
             self._ending.start()
         return True, f"closing {self._name}"
@@ -111,12 +111,12 @@ class Recording:
             return None
         return Line("info", f"recording {self._name}") if self._hears else None
 
-    def close(self, vigil: Vigil) -> None:
+    def close(self, save_wait: SaveWait) -> None:
         """Close the bag and wait for it."""
         child = self._child
         if child is None:
             return
-        if child.stop(vigil) is None:
+        if child.stop(save_wait) is None:
             self.failures.append(child.left())
         else:
             self.look()

@@ -51,6 +51,6 @@ class BoardLoop(Loop):
             timing = StepTiming(since, math.nan)
         else:
             timing = self.pacer.tick()
-        made = self._make(None, timing)
+        result = self._make(None, timing)
         self.waiting = self.simulator.held
-        return made
+        return result

@@ -91,7 +91,7 @@ class BoardSimulator(Simulator):
 
     def _place(self, start: InitialPose, episode: int) -> BicycleState:
         """Put the bicycle at its start, with the microcontroller switched off and on."""
-        made = super()._place(start, episode)
+        snapshot = super()._place(start, episode)
         self._suite = SensorSuite(self._worn, self.plant, 1, max(self.seed, 0))
         self._under_way, self.readings = [], []
         self.board.restart()
@@ -99,7 +99,7 @@ class BoardSimulator(Simulator):
         self._number = -1
         self._asked = 0
         self.held = True
-        return made
+        return snapshot
 
     @property
     def _now_us(self) -> int:

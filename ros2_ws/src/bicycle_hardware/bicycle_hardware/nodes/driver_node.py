@@ -113,9 +113,9 @@ class DriverNode(Node):
         self.create_timer(0.5 * STATE_PERIOD, self._on_idle, clock=steady)
         self.create_timer(settings.diagnostics_period, self._on_report, clock=steady)
         wanted = settings.realtime_priority if settings.pace == "realtime" else 0
-        told = Priority().take(wanted)
-        if told:
-            self.get_logger().info(told)
+        notice = Priority().take(wanted)
+        if notice:
+            self.get_logger().info(notice)
         self._closing = threading.Event()
         self._reader = threading.Thread(target=self._read, name="serial line", daemon=True)
         self._reader.start()
@@ -339,13 +339,13 @@ class DriverNode(Node):
                 if again is not None:
                     self._publish_step(again)
             lost = self._line is not None and silent > SILENCE
-        told = lost and self._settings.pace == "realtime"
-        if told and not self._was_silent:
+        is_silent = lost and self._settings.pace == "realtime"
+        if is_silent and not self._was_silent:
             self.get_logger().warning(
                 f"no frame from {self._settings.port}: is it the microcontroller's, and does its "
                 "firmware run?"
             )
-        self._was_silent = told
+        self._was_silent = is_silent
 
     def _on_report(self) -> None:
         with self._lock:

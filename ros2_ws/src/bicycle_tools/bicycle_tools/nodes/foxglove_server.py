@@ -246,10 +246,10 @@ class FoxgloveServer(Node):
 
     def _complain(self, text: str) -> None:
         """Report to the clients and the log, at a limited rate."""
-        now, told = time.monotonic(), self._complaints
-        if len(told) == MOST_COMPLAINTS and now - told[0] < QUIET:
+        now, recent = time.monotonic(), self._complaints
+        if len(recent) == MOST_COMPLAINTS and now - recent[0] < QUIET:
             return
-        told.append(now)
+        recent.append(now)
         self._server.publish_status(text, foxglove.StatusLevel.Warning)
         self.get_logger().warning(text)
 

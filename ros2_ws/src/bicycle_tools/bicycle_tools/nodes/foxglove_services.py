@@ -52,10 +52,12 @@ class Services:
             MessageSchema(
                 encoding="json",
                 schema=foxglove.Schema(
-                    name=f"{kind}_{part}", encoding="jsonschema", data=_text(json_schema(made()))
+                    name=f"{kind}_{part}",
+                    encoding="jsonschema",
+                    data=_text(json_schema(message_class())),
                 ),
             )
-            for part, made in parts
+            for part, message_class in parts
         )
         schema = ServiceSchema(name=kind, request=request, response=response)
         return Offer(name, schema=schema, handler=functools.partial(self._handle, service))

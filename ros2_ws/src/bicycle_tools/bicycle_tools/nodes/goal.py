@@ -45,8 +45,8 @@ LYING_FOR = 1.0
 LIES = "the bicycle lies: reset.sh puts it up again"
 
 
-class ErrandError(Exception):
-    """Why the wait is over; its text is one line with the remedy.
+class GoalClientError(Exception):
+    """Failure of a goal; the text is one line with the remedy.
 
     Args:
         status: exit status.
@@ -75,7 +75,7 @@ class GoalClient:
         """Send the goals and wait until the controller has accepted them.
 
         Raises:
-            ErrandError: if there is no bicycle or no controller, the bicycle lies, or the
+            GoalClientError: if there is no bicycle or no controller, the bicycle lies, or the
                 controller does not answer or rejects the goals.
         """
         patience = min(self._timeout, ACCEPT)
@@ -87,19 +87,19 @@ class GoalClient:
             self._rider.send(self._plan.goals, self._yaw)
             if self._spin_until(self._heard, min(REPEAT, deadline - time.monotonic())):
                 if self._rider.state is not None and self._rider.state.fallen:
-                    raise ErrandError(LYING, f"{LIES}; the goal waits until then")
+                    raise GoalClientError(LYING, f"{LIES}; the goal waits until then")
                 return
             if time.monotonic() >= deadline:
-                raise ErrandError(
+                raise GoalClientError(
                     NOBODY, f"the controller did not answer within {patience:g} s: see its log"
                 )
-        raise ErrandError(130, "interrupted; the goal may have been sent")
+        raise GoalClientError(130, "interrupted; the goal may have been sent")
 
     def _look(self, patience: float) -> None:
         """Wait until a bicycle and a controller are present.
 
         Raises:
-            ErrandError: if they are not, or the bicycle lies.
+            GoalClientError: if they are not, or the bicycle lies.
         """
         rider = self._rider
         there = self._spin_until(
@@ -107,14 +107,14 @@ class GoalClient:
             patience,
         )
         if self.stop.requested:
-            raise ErrandError(130, "interrupted; no goal was sent")
+            raise GoalClientError(130, "interrupted; no goal was sent")
         if rider.state is not None and rider.state.fallen:
-            raise ErrandError(LYING, f"{LIES}; no goal was sent")
+            raise GoalClientError(LYING, f"{LIES}; no goal was sent")
         if there:
             return
         missing = [] if rider.state is not None else ["no simulator (start sim.sh)"]
         missing += [] if rider.controller_listens() else ["no controller (start controller.sh)"]
-        raise ErrandError(NOBODY, f"{' and '.join(missing)} within {patience:g} s")
+        raise GoalClientError(NOBODY, f"{' and '.join(missing)} within {patience:g} s")
 
     def wait(self) -> int:
         """Wait for the end of every goal with a progress bar.
@@ -123,8 +123,8 @@ class GoalClient:
             The exit status of the worst one.
 
         Raises:
-            ErrandError: if a goal takes too long, the bicycle lies, somebody else removes it, or
-                simulator or controller are gone.
+            GoalClientError: if a goal takes too long, the bicycle lies, somebody else removes it,
+                or simulator or controller are gone.
         """
         worst = 0
         with tqdm(total=len(self._plan.goals), disable=None, bar_format="{desc} {elapsed}") as bar:
@@ -139,10 +139,10 @@ class GoalClient:
                 if self._plan.finished:
                     return worst
                 if self.stop.requested:
-                    raise ErrandError(130, f"interrupted; {self._rider.condition()}")
+                    raise GoalClientError(130, f"interrupted; {self._rider.condition()}")
                 self._check()
                 if time.monotonic() > deadline:
-                    raise ErrandError(
+                    raise GoalClientError(
                         4, f"not reached within {self._timeout:g} s; {self._rider.condition()}"
                     )
 
@@ -150,16 +150,16 @@ class GoalClient:
         """Check that the wait still makes sense.
 
         Raises:
-            ErrandError: if it does not.
+            GoalClientError: if it does not.
         """
         rider = self._rider
         fallen = rider.state is not None and rider.state.fallen
         if self._lasts("lying", fallen, LYING_FOR):
-            raise ErrandError(LYING, LIES)
+            raise GoalClientError(LYING, LIES)
         if self._lasts("simulator", rider.silence() > 1.0, ABSENT):
-            raise ErrandError(NOBODY, f"no state for {rider.silence():.0f} s: start sim.sh")
+            raise GoalClientError(NOBODY, f"no state for {rider.silence():.0f} s: start sim.sh")
         if self._lasts("controller", not rider.controller_listens(), ABSENT):
-            raise ErrandError(NOBODY, f"no controller for {ABSENT:g} s: start controller.sh")
+            raise GoalClientError(NOBODY, f"no controller for {ABSENT:g} s: start controller.sh")
 
     def _lasts(self, what: str, holds: bool, seconds: float) -> bool:
         """Return True if a condition has held for so long."""
@@ -176,7 +176,7 @@ class GoalClient:
         """Return True if the controller has answered the first goal.
 
         Raises:
-            ErrandError: if it rejected the goal.
+            GoalClientError: if it rejected the goal.
         """
         for change in self._rider.changes:
             # The controller's last answers to others may still arrive: they are kept for late
@@ -184,7 +184,7 @@ class GoalClient:
             if (change.position.x, change.position.y) not in self._plan.goals:
                 continue
             if change.status == Status.REJECTED:
-                raise ErrandError(2, f"goal rejected: {change.message}")
+                raise GoalClientError(2, f"goal rejected: {change.message}")
             return True
         return False
 
@@ -192,7 +192,7 @@ class GoalClient:
         """Return the goals that have ended since the last call.
 
         Raises:
-            ErrandError: if the goals were removed.
+            GoalClientError: if the goals were removed.
         """
         ends: list[tuple[Status, str]] = []
         while self._rider.changes:
@@ -211,7 +211,7 @@ class GoalClient:
             if status is Status.FALLEN:
                 self._plan.goals = self._plan.goals[: len(self._plan.results)]
         if time.monotonic() > self._taken_away[0]:
-            raise ErrandError(4, self._taken_away[1])
+            raise GoalClientError(4, self._taken_away[1])
         return ends
 
     def _spin_until(self, condition: Callable[[], bool], seconds: float) -> bool:
@@ -265,15 +265,15 @@ def main() -> int:
     start_tool("goal.sh", ros)
     rider = RideClient("bicycle_goal")
     yaw = None if given.yaw is None else math.radians(given.yaw)
-    errand = GoalClient(rider, given.goals, given.timeout, yaw)
+    client = GoalClient(rider, given.goals, given.timeout, yaw)
     try:
-        errand.send()
+        client.send()
         if given.wait:
-            return errand.wait()
+            return client.wait()
         count = len(given.goals)
         print("accepted" if count == 1 else f"{count} goals accepted")
         return 0
-    except ErrandError as error:
+    except GoalClientError as error:
         print(f"goal.sh: {error}", file=sys.stderr)
         return error.status
     finally:

@@ -115,8 +115,8 @@ class RideClient(Node):
             for item in status.values:
                 ridden = self.state is not None and self.state.step > 0
                 self.policy_judged |= item.key == UNLIKE and ridden
-                told = item.key == UNLIKE and item.value != "no"
-                if told and item.value not in self.warnings:
+                is_warning = item.key == UNLIKE and item.value != "no"
+                if is_warning and item.value not in self.warnings:
                     self.warnings.append(item.value)
 
     def silence(self) -> float:

@@ -292,9 +292,9 @@ def _compute(
     for command, push in product(_candidates(recording, echo), pushes):
         trial = Simulator.restore(here, simulator.scenario, simulator.plant, simulator.seed)
         after = trial.step(command, push)
-        told = convert.from_applied(trial.applied, after.episode, after.step, stamp)
+        echo = convert.from_applied(trial.applied, after.episode, after.step, stamp)
         message = convert.from_snapshot(after, stamp)
-        computed = _numbers(message, told if known is not None else None, recording.missing)
+        computed = _numbers(message, echo if known is not None else None, recording.missing)
         same = _bits(computed) == _bits(recorded)
         gap = 0.0 if same else _gap(recorded, computed)
         if gap <= ROUNDING:
