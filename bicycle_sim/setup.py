@@ -63,6 +63,7 @@ setup(
         "gym": ["gymnasium", "matplotlib"],
         "mujoco": ["mujoco>=3.3"],
         "sb3": ["gymnasium", "matplotlib", "stable-baselines3"],
+        "torch": ["torch"],
         "test": ["pytest"],
     },
     python_requires=">=3.10",

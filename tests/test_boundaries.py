@@ -144,12 +144,8 @@ def test_a_room_imports_what_its_row_names(room: Room) -> None:
 
 
 KNOWN_BY_NAME = {
-    "bicycle_controller.training.tensor_dynamics": "steps the paper's as tensors",
     "bicycle_controller.config.imitation": "names ranges of random Whipple bicycles",
     "bicycle_controller.training.bicycle_park": "rides them",
-    "bicycle_controller.evaluation.link_loss": "steps a bicycle every 10 ms",
-    "bicycle_controller.evaluation.sensing": "puts motor, delay and friction on a bicycle",
-    "bicycle_hardware.bench.board_simulator": "steps a bicycle every 5 ms",
     "bicycle_controller.identification.unknowns": "fits the numbers of a Whipple bicycle",
     "bicycle_controller.identification.ride_model": "its linear equations, with its motor",
     "bicycle_controller.identification.curvature": "rides it beside them",
@@ -181,7 +177,7 @@ def test_table_1_is_known_to_the_papers_plant_alone() -> None:
         for module, path in MODULES.items()
         if room_of(module) != "bicycle_sim.plants" and words.search(path.read_text())
     ]
-    assert found == ["bicycle_controller.training.tensor_dynamics"]
+    assert found == []
 
 
 def test_the_simulator_knows_neither_goals_nor_rewards() -> None:

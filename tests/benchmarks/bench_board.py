@@ -28,7 +28,6 @@ from bicycle_hardware.serial_line import SerialLine
 from bicycle_hardware.simulated_board import BoardInputs, BoardOutputs, SimulatedBoard, build
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Loads
-from bicycle_sim.plants.whipple.plant import WhipplePlant
 from bicycle_sim.sensors import settings as sensors
 from bicycle_sim.sensors.suite import SensorSuite
 
@@ -85,7 +84,7 @@ class Ride:
 
     def __init__(self, bicycle: str, count: int, seed: int) -> None:
         plant = CONDITIONS.applied(registry.named("whipple", bicycle))
-        self.plant = WhipplePlant(replace(plant.parameters, time_step=TICK, substeps=4))
+        self.plant = plant.with_time_step(TICK, substeps=4)
         plain = replace(CONDITIONS, motor_lag=0.0, friction=0.0).applied(plant)
         self.pc = LqrController.named("lqr", plain, CONDITIONS.torque_limit)
         self.rng = np.random.default_rng([seed, 23])

@@ -28,10 +28,10 @@ from tqdm import tqdm
 from bicycle_controller.config import loading
 from bicycle_controller.training.factory import make_agent, make_collector, make_memory
 from bicycle_controller.training.run_folder import origin
-from bicycle_controller.training.tensor_dynamics import TensorDynamics
 from bicycle_sim.plants.choi import dynamics
 from bicycle_sim.plants.choi.dynamics import State
 from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.choi.plant import ChoiPlant
 
 RESULTS = Path(__file__).parent / "results" / "device.json"
 SIZES = (1024, 16384, 262144, 1048576)
@@ -47,7 +47,7 @@ Work = Callable[[], None]
 
 def stepped(count: int, device: str) -> Work:
     """Return the whole task: dynamics on `device`, goals and rewards in numpy."""
-    return batched(count, plant=None if device == "cpu" else TensorDynamics(None, device))
+    return batched(count, plant=None if device == "cpu" else ChoiPlant().on_device(device))
 
 
 def resident(count: int, device: str) -> Work:

@@ -197,3 +197,35 @@ def test_the_paper_s_bicycle_takes_no_loads() -> None:
     state = start(plant)
     with pytest.raises(ValueError, match="takes no loads"):
         plant.step(state, zero, zero, zero, None, Loads(lateral_force=1.0))
+
+
+def test_a_whipple_bicycle_takes_another_time_step() -> None:
+    """Five steps of 5 ms are one of 25 ms while the torque is the same, but for rounding."""
+    plant = registry.named("whipple", "browser-rider")
+    assert plant.with_time_step(plant.time_step, plant.substeps) == plant
+    quick = plant.with_time_step(0.2 * plant.time_step, 1)
+    given, zero = np.full(8, 0.5), np.zeros(8)
+    state = start(quick)
+    for _ in range(5):
+        state = quick.step(state, given, zero, zero)
+    five = plant.with_time_step(plant.time_step, 5)
+    once = five.step(start(five), given, zero, zero)
+    np.testing.assert_allclose(state.lean_rate, once.lean_rate, rtol=1e-9)
+    np.testing.assert_allclose(state.steer_angle, once.steer_angle, rtol=1e-9)
+
+
+def test_a_whipple_bicycle_takes_delay_motor_and_friction() -> None:
+    plant = registry.named("whipple", "browser-rider").with_actuation(0.05, 7.0, 0.03, 0.1, 0.2)
+    assert isinstance(plant, WhipplePlant)
+    motor, steering = plant.parameters.motor, plant.parameters.steering
+    assert (plant.parameters.delay, motor.limit, motor.lag, motor.step) == (0.05, 7.0, 0.03, 0.1)
+    assert (steering.friction, steering.stiction) == (0.2, 0.2)
+
+
+def test_a_plant_refuses_what_it_cannot_be() -> None:
+    with pytest.raises(ValueError, match=r"choi steps by 0\.0\d+ s only: choose plant:=whipple"):
+        ChoiPlant().with_time_step(0.005, 1)
+    with pytest.raises(ValueError, match="only a Whipple bicycle has a motor and friction"):
+        ChoiPlant().with_actuation(0.0, 7.0, 0.0, 0.0, 0.0)
+    with pytest.raises(ValueError, match="stepped on the processor only: use device=cpu"):
+        registry.named("whipple").on_device("cuda")

@@ -17,7 +17,6 @@ import numpy as np
 
 from bicycle_controller.evaluation.sensing import FALL, Conditions
 from bicycle_sim.plants.base import Loads, Plant
-from bicycle_sim.plants.whipple.plant import WhipplePlant
 
 if TYPE_CHECKING:
     from bicycle_controller.control.controller import Controller
@@ -91,7 +90,7 @@ def ride(
         raise ValueError(f"no law {law!r}: choose one of {', '.join(LAWS)}")
     c = replace(conditions, delay=0.0)
     whole = c.applied(plant)
-    quick = WhipplePlant(replace(whole.parameters, time_step=PERIOD, substeps=4))
+    quick = whole.with_time_step(PERIOD, substeps=4)
     rng = np.random.default_rng([seed, 17])
     zero = np.zeros(count)
     speed = rng.uniform(*c.speeds, count)

@@ -18,8 +18,6 @@ from bicycle_controller.control.riding import Riding
 from bicycle_controller.estimation.kalman import Estimate, Filter
 from bicycle_controller.estimation.queue import Arrivals
 from bicycle_sim.plants.base import Loads, Plant
-from bicycle_sim.plants.whipple.parameters import Parameters
-from bicycle_sim.plants.whipple.plant import WhipplePlant
 from bicycle_sim.sensors.settings import SensorSettings
 from bicycle_sim.sensors.suite import SensorSuite
 
@@ -83,26 +81,14 @@ class Conditions:
         low, high = self.speeds
         require(0.5 <= low <= high <= 15.0, "speeds must lie within 0.5 and 15 m/s")
 
-    def applied(self, plant: Plant[Any]) -> WhipplePlant:
+    def applied(self, plant: Plant[Any]) -> Plant[Any]:
         """Return the bicycle with this delay, motor and friction.
 
         Raises:
-            ValueError: when it is no Whipple bicycle.
+            ValueError: when the plant has no motor.
         """
-        require(
-            isinstance(plant, WhipplePlant),
-            "only a Whipple bicycle has a motor and friction: name one with --bicycle",
-        )
-        p: Parameters = plant.parameters  # type: ignore[attr-defined]
-        return WhipplePlant(
-            replace(
-                p,
-                delay=self.delay,
-                motor=replace(
-                    p.motor, limit=self.torque_limit, lag=self.motor_lag, step=self.torque_step
-                ),
-                steering=replace(p.steering, friction=self.friction, stiction=self.friction),
-            )
+        return plant.with_actuation(
+            self.delay, self.torque_limit, self.motor_lag, self.torque_step, self.friction
         )
 
 
@@ -170,7 +156,7 @@ def ride(
         model: what the estimator believes; None is the bicycle itself without delay.
 
     Raises:
-        ValueError: on a count or seed that makes no sense, or no Whipple bicycle.
+        ValueError: on a count or seed that makes no sense, or on a plant without a motor.
     """
     require(count >= 1, f"there must be at least one ride, not {count}")
     require(seed >= 0, f"a seed must be zero or more, not {seed}")

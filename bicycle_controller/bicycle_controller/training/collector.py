@@ -22,7 +22,6 @@ from bicycle_controller.training.hardships import Hardships
 from bicycle_controller.training.late_actions import LateActions
 from bicycle_controller.training.mixed_plant import MixedPlant
 from bicycle_controller.training.starts import restart, ride_on, training_scenario
-from bicycle_controller.training.tensor_dynamics import TensorDynamics
 from bicycle_sim.task.task import BicycleTask, Step
 
 FAR = 20.0
@@ -72,7 +71,7 @@ class Collector:
         seeds = np.random.SeedSequence(config.seed).spawn(3)
         task_rng, noise_rng, self.warm_rng = map(np.random.default_rng, seeds)
         scenario = training_scenario(config.scenario, config.starts)
-        plant = config.physics if device == "cpu" else TensorDynamics.of(config.physics, device)
+        plant = config.physics if device == "cpu" else config.physics.on_device(device)
         if config.physics_too is not None:
             every_second = np.arange(config.bicycles) % 2 == 1
             plant = MixedPlant(config.physics, config.physics_too, every_second)

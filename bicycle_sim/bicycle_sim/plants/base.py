@@ -168,6 +168,53 @@ class Plant(ABC, Generic[State]):
         raise ValueError(f"the plant {self.name} takes no displacement noise: leave it at 0")
 
     @property
+    def pedal_gear(self) -> float:
+        """Force at the rear wheel's rim per pedal force, of the first of many bicycles."""
+        return 1.0
+
+    @property
+    def substeps(self) -> int:
+        """Number of integration steps in a control period."""
+        return 1
+
+    def with_time_step(self, time_step: float, substeps: int) -> Plant[State]:
+        """Return the plant whose control period is `time_step`, s, integrated in `substeps`.
+
+        Raises:
+            ValueError: when the plant has one period only.
+        """
+        raise ValueError(
+            f"the plant {self.name} steps by {self.time_step:g} s only: choose plant:=whipple"
+        )
+
+    def with_actuation(
+        self, delay: float, limit: float, lag: float, step: float, friction: float
+    ) -> Plant[State]:
+        """Return the plant whose commands are late and whose handlebar a real motor turns.
+
+        Args:
+            delay: s between a command and its effect.
+            limit: N m, largest torque of the motor.
+            lag: s, time constant of the motor.
+            step: N m, quantum of the motor's torque.
+            friction: N m, Coulomb friction and stiction of the steering.
+
+        Raises:
+            ValueError: when the plant has no motor.
+        """
+        raise ValueError(
+            "only a Whipple bicycle has a motor and friction: name one with --bicycle"
+        )
+
+    def on_device(self, device: str) -> Plant[State]:
+        """Return the plant that torch steps on `device`.
+
+        Raises:
+            ValueError: when the plant is stepped on the processor only.
+        """
+        raise ValueError(f"{self.label} is stepped on the processor only: use device=cpu")
+
+    @property
     def compiled_numbers(self) -> Mapping[str, float] | None:
         """Numbers of the equations that `task/native_task.cpp` steps, by its names.
 

@@ -28,9 +28,16 @@ class ChoiPlant(Plant[BodyState]):
     state_type = BodyState
     body_is_all = True
 
-    def __init__(self, physics: Physics | None = None) -> None:
-        """Use these constants and corrections; faithful by default."""
+    def __init__(self, physics: Physics | None = None, device: str | None = None) -> None:
+        """Use these constants and corrections; faithful by default.
+
+        Args:
+            physics: constants and corrections.
+            device: torch's name of the device that steps the bicycles; None for numpy. Starts,
+                goals and rewards stay with the task, in numpy.
+        """
         self.physics = physics or Physics()
+        self.device = device
 
     @classmethod
     def named(cls, mode: str) -> ChoiPlant:
@@ -86,12 +93,16 @@ class ChoiPlant(Plant[BodyState]):
 
     def with_displacement_noise(self, spread: float) -> ChoiPlant:
         """Return the plant whose noise is `spread`, m."""
-        return type(self)(replace(self.physics, displacement_noise=spread))
+        return type(self)(replace(self.physics, displacement_noise=spread), self.device)
+
+    def on_device(self, device: str) -> ChoiPlant:
+        """Return the plant that torch steps on `device`."""
+        return type(self)(self.physics, device)
 
     @property
     def compiled_numbers(self) -> Mapping[str, float] | None:
-        """Numbers computed as in `dynamics`; None for a subclass, which steps otherwise."""
-        if type(self) is not ChoiPlant:
+        """Numbers computed as in `dynamics`; None on a device, or for a subclass."""
+        if type(self) is not ChoiPlant or self.device is not None:
             return None
         k, physics = self.physics.constants, self.physics
         gyroscopic = physics.gyroscopic_correction
@@ -137,7 +148,13 @@ class ChoiPlant(Plant[BodyState]):
         """
         if loads is not None:
             raise ValueError("the paper's bicycle takes no loads: choose the plant whipple")
-        return dynamics.step(state, torque, displacement, pedal_force, self.physics, speed_limits)
+        inputs = torque, displacement, pedal_force
+        if self.device is not None:
+            # Only training on a device needs torch; a ride must not load it.
+            from bicycle_sim.plants.choi import tensor_dynamics
+
+            return tensor_dynamics.step(self.device, self.physics, state, inputs, speed_limits)
+        return dynamics.step(state, *inputs, self.physics, speed_limits)
 
     def pushed(self, state: BodyState, lean_rate: Array) -> BodyState:
         """Return the state after a push that adds `lean_rate`, rad/s, float or (N,)."""

@@ -103,6 +103,34 @@ class WhipplePlant(Plant[WhippleState]):
         return "torque", "displacement", "pedal_force"
 
     @property
+    def pedal_gear(self) -> float:
+        """Force at the rear wheel's rim per pedal force; the largest of many bicycles."""
+        return float(np.max(self.parameters.drive.gear))
+
+    @property
+    def substeps(self) -> int:
+        """Number of integration steps in a control period."""
+        return self.parameters.substeps
+
+    def with_time_step(self, time_step: float, substeps: int) -> WhipplePlant:
+        """Return the plant whose control period is `time_step`, s, integrated in `substeps`."""
+        return type(self)(replace(self.parameters, time_step=time_step, substeps=substeps))
+
+    def with_actuation(
+        self, delay: float, limit: float, lag: float, step: float, friction: float
+    ) -> WhipplePlant:
+        """Return the plant with a delay, a motor and friction; see `Plant.with_actuation`."""
+        p = self.parameters
+        return type(self)(
+            replace(
+                p,
+                delay=delay,
+                motor=replace(p.motor, limit=limit, lag=lag, step=step),
+                steering=replace(p.steering, friction=friction, stiction=friction),
+            )
+        )
+
+    @property
     def label(self) -> str:
         """The plant and the bicycle's name."""
         return f"{self.name} {self.parameters.name}".strip()

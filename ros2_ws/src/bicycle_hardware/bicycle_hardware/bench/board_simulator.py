@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from bicycle_common.validation import require
 from bicycle_hardware.frames import Mode
 from bicycle_hardware.simulated_board import BoardInputs, BoardOutputs, SimulatedBoard
 from bicycle_sim.plants.base import Plant
-from bicycle_sim.plants.whipple.plant import WhipplePlant
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_sim.sensors.reading import Reading
 from bicycle_sim.sensors.settings import SensorSettings
@@ -59,14 +57,9 @@ class BoardSimulator(Simulator):
         """Hang a bicycle on a microcontroller.
 
         Raises:
-            ValueError: if the bicycle has no parts as real ones have, or its control period does
-                not hold whole ticks.
+            ValueError: if the plant has one time step only, or its control period does not hold
+                whole ticks.
         """
-        require(
-            isinstance(plant, WhipplePlant),
-            f"a microcontroller needs plant:=whipple, not {plant.name}",
-        )
-        assert isinstance(plant, WhipplePlant)
         self.board = board
         self.outputs = BoardOutputs()
         self.stopped = False
@@ -77,12 +70,11 @@ class BoardSimulator(Simulator):
             f"the bicycle's time_step {plant.time_step:g} s must be a multiple of {TICK:g} s",
         )
         self._rests = math.ceil(sensors.rest / plant.time_step - 1e-9)
-        substeps = max(1, round(plant.parameters.substeps / self._ticks))
-        quick = replace(plant.parameters, time_step=TICK, substeps=substeps)
-        self._gear = float(np.max(plant.parameters.drive.gear))
+        self._gear = plant.pedal_gear
         self._worn = sensors
         self.ages: deque[float] = deque(maxlen=100_000)
-        super().__init__(scenario, WhipplePlant(quick), seed)
+        quick = plant.with_time_step(TICK, max(1, round(plant.substeps / self._ticks)))
+        super().__init__(scenario, quick, seed)
 
     @property
     def time_step(self) -> float:

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import torch
 
 from bicycle_controller.config import loading
-from bicycle_controller.training import collector
 from bicycle_controller.training.factory import make_agent, make_collector, make_memory
-from bicycle_controller.training.tensor_dynamics import TensorDynamics
-from bicycle_sim.plants.choi.parameters import Physics
+from bicycle_sim.plants.base import BodyState
+from bicycle_sim.plants.choi import tensor_dynamics
 from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import named
 from bicycle_sim.task.task import BicycleTask
@@ -24,7 +25,7 @@ CUDA = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device 
 def test_a_task_of_tensors_is_that_of_arrays(scenario: str, plant: ChoiPlant, device: str) -> None:
     tasks = [
         BicycleTask(named(scenario), one, 64, np.random.default_rng(3))
-        for one in (plant, TensorDynamics.of(plant, device))
+        for one in (plant, plant.on_device(device))
     ]
     source = np.random.default_rng(5)
     limits = tasks[0].scenario.action_limits
@@ -40,19 +41,19 @@ def test_a_task_of_tensors_is_that_of_arrays(scenario: str, plant: ChoiPlant, de
 
 def test_training_steps_its_bicycles_on_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
     """No GPU is needed to see that a collector of another device steps there."""
-    result: list[str] = []
+    devices: list[str] = []
+    step = tensor_dynamics.step
 
-    class Spy(TensorDynamics):
-        def __init__(self, physics: Physics | None, device: torch.device | str) -> None:
-            result.append(str(device))
-            super().__init__(physics, "cpu")
+    def on_the_processor(device: str, *given: Any) -> BodyState:
+        devices.append(device)
+        return step("cpu", *given)
 
-    monkeypatch.setattr(collector, "TensorDynamics", Spy)
+    monkeypatch.setattr(tensor_dynamics, "step", on_the_processor)
     config = loading.preset("fast", ["bicycles=8", "warm_up=0", "steps=400"])
     memory = make_memory(config, "cpu")
     agent = make_agent(config, "cpu")
-    made_one = make_collector(config, memory, "cuda")
+    collector = make_collector(config, memory, "cuda")
     for _ in range(10):
-        made_one.step(agent)
-    assert result == ["cuda"]
-    assert made_one.steps == 80
+        collector.step(agent)
+    assert devices == 10 * ["cuda"]
+    assert collector.steps == 80
