@@ -96,7 +96,7 @@ def keep_clear(
         for share in np.linspace(1.0, 0.0, SPEEDS):
             tried = slowest + share * np.maximum(wanted - slowest, 0.0)
             found, _ = _miss(own, other, tried, aside - beside)
-            # Clear is clear: among those the first, fastest and straightest, is taken.
+            # Of all clear ways, take the first: it is the fastest and straightest.
             score = np.minimum(found, CLEAR) - 0.02 * abs(aside) - 0.01 * (1.0 - share)
             if aside > 0.0:  # who comes against it may keep to its right
                 score = score - np.where(angle > AGAINST, CLEAR, 0.0)

@@ -355,7 +355,7 @@ class LqrController:
             costs[:inputs],
         )
         gain[:inputs] = found[:, [model.states.index(name) for name in STATES]]
-        # What no observation shows, a motor's torque and commands under way, the commands do.
+        # The last commands show what no observation does: motor torque and commands under way.
         late = np.zeros((2, self.memory, inputs))
         late[:inputs] = through_commands(model, found, STATES, self._inputs, self.memory)
 
@@ -390,7 +390,7 @@ def _regulator(
     a: np.ndarray, b: np.ndarray, state_costs: Sequence[float], input_costs: Sequence[float]
 ) -> np.ndarray:
     """Gain K of the u = -K x with the least sum of weighted squares, (inputs, states)."""
-    # Imported here: who only asks for a tuning's id does without scipy, which takes a second.
+    # Imported here: scipy takes a second to load, and a tuning's id does not need it.
     from scipy.linalg import solve_discrete_are
 
     q, r = np.diag(state_costs), np.diag(input_costs)

@@ -89,7 +89,7 @@ class PathFollower:
         """
         row = self._row(speed)
         near = np.clip(2.0 - np.abs(place.cross_track) / self.config.near, 0.0, 1.0)
-        # What crosses the path, or comes along it the wrong way, does not meet its next turns.
+        # A bicycle across the path, or against it, does not meet the path's next turns.
         near = near * np.clip(2.0 - np.abs(place.heading_error) / ALONG, 0.0, 1.0)
         planned = self._planned(row, speed, place, paths) * near
         # A place beside a turn is on a circle of another radius.

@@ -140,7 +140,7 @@ class PathRide:
         assert self._along is not None
         self._cross, self._error = cross, error
         along = float(self._along[0])
-        # What is far from the path at first is joining it, which is not its error.
+        # A bicycle that begins far from the path joins it first, which is not an error.
         on_path = abs(cross) < 0.5 and abs(error) < 0.2
         if math.isinf(self._entered) and (on_path or along - self._from > 30.0):
             self._entered = abs(cross)

@@ -179,7 +179,7 @@ class Safety:
         mode = self._mode.take(nearest, axis=0, mode="clip")
         if not self._memory:
             return np.asarray(np.abs((mode * observation[:, MODE_ORDER]).sum(axis=1)))
-        # What is on its way counts as if it had come.
+        # Count commands under way as applied.
         known = np.concatenate([observation[:, MODE_ORDER], self._sent], axis=1)
         return np.asarray(np.abs((mode * known).sum(axis=1)))
 
@@ -204,7 +204,7 @@ class Safety:
         with np.errstate(invalid="ignore"):
             calm = (shares <= CALM).all(axis=0)
         self._left = np.maximum(self._left - 1, 0)
-        # The policy is not let in before the bicycle is calm, and has been for a moment.
+        # The policy returns only after the bicycle has been calm for a moment.
         soon = np.maximum(self._left, self._steps(0.5 * self.config.hold))
         self._left = np.where(driving & ~calm, soon, self._left)
         self._quiet = np.where(driving, 0, self._quiet + 1)

@@ -444,7 +444,7 @@ class Filter:
         wide = np.concatenate([np.zeros((self.count, len(STATES))), change], axis=1)
         self._history.correct(time, wide)
 
-    # What is estimated.
+    # Estimates.
 
     def estimate(self, time: float | None = None) -> Estimate:
         """Return the estimate at a time not before the last reading's; None is that time.

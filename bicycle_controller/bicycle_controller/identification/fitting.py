@@ -167,6 +167,6 @@ def _scores(stacks: list[Stack], rest: Array, table: Array, modes: int, count: i
             scores[stack.rows] += part.reshape(len(stack.rows), -1, table.shape[1]).sum(axis=1)
             place += size
     rows = slice(place, place + modes)
-    # A mode's own scatter is in its standard error; what the fit leaves of it adds to that.
+    # A mode's standard error holds its own scatter; the fit's residual adds to it.
     scores[count:] = np.maximum(np.abs(rest[rows, None]), 1.0) * table[rows]
     return scores

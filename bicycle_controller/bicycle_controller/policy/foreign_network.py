@@ -23,7 +23,7 @@ from bicycle_controller.policy.policy_file import PolicyError, PolicyInfo, metad
 HIDDEN = ("relu", "tanh")
 OUTPUT = ("tanh", "clip")
 _DENSE = {
-    # What comes before the number of a layer, and the layer after the last of those.
+    # Prefix of the layers' numbers, and the layer after the last of them.
     "td3": (r"actor\.mu\.(\d+)\.", None),
     "sac": (r"actor\.latent_pi\.(\d+)\.", "actor.mu"),
     "tqc": (r"actor\.latent_pi\.(\d+)\.", "actor.mu"),

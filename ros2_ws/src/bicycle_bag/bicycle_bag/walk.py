@@ -248,7 +248,7 @@ class Walk:
         opcode, length = HEAD.unpack(ahead)
         if opcode < PRIVATE and self._begins(end, self._limit, 1):
             return True
-        # The next one's head may be what is broken, or it is cut off.
+        # The next record's head may be broken, or cut off.
         after, resumed = end + HEAD.size + length, self._resume(offset)
         is_message = opcode == Opcode.MESSAGE and self._likely(opcode, end + HEAD.size, length)
         cut_off = opcode in PROOFS and after > self._limit == resumed

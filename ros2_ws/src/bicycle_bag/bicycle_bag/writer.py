@@ -173,7 +173,7 @@ class BagWriter:
         """
         if not self._ended:
             return False
-        # Where it is missing, `close` has written it meanwhile.
+        # If the file is missing, `close` has replaced it meanwhile.
         with _disk_errors(self.path), contextlib.suppress(FileNotFoundError):
             metadata.write(self.path, self._metadata(), sync=False)
         return True

@@ -23,7 +23,7 @@ class ClockOffset:
     def answered(self, asked: float, now: float, stamp_us: int) -> None:
         """Take an answer: asked and received at s of the PC's clock."""
         self.round_trip = now - asked
-        # The quickest answers tell best; an old one is trusted less and less.
+        # The quickest answers are the most exact; trust in an answer fades with its age.
         self._best *= 1.02
         if self.round_trip <= self._best or self._offset is None:
             self._best = self.round_trip

@@ -124,7 +124,7 @@ class Recorder:
             self.drain()
             now = time.monotonic()
             last = max([began, *(topic.heard for topic in self.topics.values())])
-            # Silence says nothing where this process, or the network, stood still.
+            # Silence proves nothing while this process or the network stood still.
             waiting = any(topic.flowed and not topic.passed for topic in self.topics.values())
             complete = all(topic.passed for topic in self.topics.values())
             quiet = now - last > QUIET and not waiting

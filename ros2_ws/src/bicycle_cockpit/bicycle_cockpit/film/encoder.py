@@ -43,7 +43,7 @@ def find_ffmpeg() -> str:
     if found is not None:
         return found
     with contextlib.suppress(ImportError, RuntimeError):
-        # Not a requirement: who has it need not install a program.
+        # Optional: with this package no ffmpeg program is needed.
         return str(importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe())
     raise EncoderError(
         "MP4 and WebM need ffmpeg: sudo apt install ffmpeg, pip install imageio-ffmpeg, "

@@ -241,7 +241,7 @@ class Hearing:
             return
         subject = f"path {status.name}".rstrip()
         if status.status == PathStatus.REJECTED:
-            # It is latched: a new cockpit hears of those before its start, too.
+            # The topic is latched: a new cockpit also receives messages from before its start.
             if time.monotonic() - self._began > OLD_NEWS:
                 self._tell("bad", f"{subject} refused: {status.message}", kind="path")
             return
