@@ -8,6 +8,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from busy_machine import UNHURRIED
 from foreign_bag import SECOND, UNCHUNKED, ride_with_times
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -214,7 +215,7 @@ def test_the_clock_topic_follows_the_recordings_clock(tmp_path: Path) -> None:
 TIMES = st.integers(0, 2**64 - 1) | st.integers(NOW, NOW + 10 * SECOND) | st.just(0)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(UNHURRIED, max_examples=200)
 @given(st.lists(st.tuples(TIMES, TIMES, st.sampled_from(["/a", "/b", "/c"])), max_size=60))
 def test_whatever_the_times_are_all_is_played_and_nobody_waits_long(
     times: list[tuple[int, int, str]],
@@ -227,7 +228,7 @@ def test_whatever_the_times_are_all_is_played_and_nobody_waits_long(
     assert all(after - before <= 60 * SECOND for before, after in pairwise([0, *due]))
 
 
-@settings(deadline=None)
+@UNHURRIED
 @given(st.lists(st.tuples(st.integers(0, 5 * SECOND), st.sampled_from("ab")), max_size=40))
 def test_a_sound_clock_is_followed_to_the_nanosecond(steps: list[tuple[int, str]]) -> None:
     now, times = NOW, []

@@ -7,6 +7,7 @@ import json
 from typing import Any
 
 import pytest
+from busy_machine import UNHURRIED
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -63,6 +64,7 @@ def test_what_is_none_is_one_line(message: Any, complaint: str) -> None:
     assert "\n" not in str(error.value)
 
 
+@UNHURRIED
 @given(
     st.binary(max_size=200)
     | st.recursive(

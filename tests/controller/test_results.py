@@ -5,6 +5,7 @@ import re
 from pathlib import Path
 
 import pytest
+from busy_machine import UNHURRIED
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -30,6 +31,7 @@ def test_interval_worked_by_hand() -> None:
     assert interval([]) == [None, None, None]
 
 
+@UNHURRIED
 @given(st.lists(st.integers(0, 40), min_size=1, max_size=8), st.floats(-1e3, 0.0))
 def test_no_interval_leaves_what_there_can_be(hits: list[int], least: float) -> None:
     mean, low, high = share(hits, [40] * len(hits))

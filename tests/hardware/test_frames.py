@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from busy_machine import UNHURRIED
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -27,7 +28,7 @@ def test_published_examples_of_the_stuffing() -> None:
         assert stuff(bytes.fromhex(plain)) == bytes.fromhex(stuffed)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(UNHURRIED, max_examples=200)
 @given(st.binary(max_size=600))
 def test_stuffing_goes_back_and_forth_without_a_zero(plain: bytes) -> None:
     stuffed = stuff(plain)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from busy_machine import UNHURRIED
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -134,6 +135,7 @@ def test_answers_in_flight_at_a_reset_are_no_trouble(gate: CommandValidator, clo
     assert gate.decide(replace(GOOD, step=1), 0).warning
 
 
+@UNHURRIED
 @given(
     st.tuples(*[st.floats(allow_nan=True, allow_infinity=True)] * 3),
     st.integers(0, 2**32 - 1),

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import reference_bicycle as reference
+from busy_machine import UNHURRIED
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference_bicycle import Bicycle
@@ -45,7 +46,7 @@ bicycles = st.builds(
 )
 actions = st.tuples(between(-2.0, 2.0), between(-0.2, 0.2), between(-100.0, 100.0))
 rides = st.lists(actions, min_size=1, max_size=20)
-ordinary = settings(max_examples=60, deadline=None)
+ordinary = settings(UNHURRIED, max_examples=60)
 
 
 def ride(state: State, actions: Actions, physics: Physics) -> State:
