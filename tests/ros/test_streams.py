@@ -1,4 +1,4 @@
-"""Where a script's words go, and where it lies: closed, full, left by the reader, linked, gone."""
+"""Output streams and locations of scripts: closed, full, left by the reader, linked, gone."""
 
 from __future__ import annotations
 
