@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from bicycle_bag.errors import BagError
 from bicycle_bag.layout import Leaf, layout
+from bicycle_bag.own_types import check_definition
 from bicycle_bag.reader import BagReader
 
 Columns = dict[str, NDArray[Any]]
@@ -67,9 +68,10 @@ def load_topics(bag: BagReader | Path | str, topics: Collection[str]) -> dict[st
 
 
 def _leaves(reader: BagReader, topic: str) -> list[Leaf]:
-    type_name = reader.topics[topic].type
+    type_name, definition = reader.topics[topic].type, reader.definition(topic)
+    check_definition(topic, type_name, definition)
     try:
-        return layout(type_name, reader.definition(topic))
+        return layout(type_name, definition)
     except ValueError as error:
         raise BagError(
             f"{topic} ({type_name}) cannot be made columns of ({error}): read it with "

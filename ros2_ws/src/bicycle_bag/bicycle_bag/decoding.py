@@ -10,6 +10,7 @@ from mcap.records import Schema
 from mcap_ros2.decoder import DecoderFactory
 
 from bicycle_bag.errors import BagError
+from bicycle_bag.own_types import check_definition
 
 
 def decoder(topic: str, type_name: str, definition: str) -> Callable[[bytes], Any]:
@@ -21,8 +22,9 @@ def decoder(topic: str, type_name: str, definition: str) -> Callable[[bytes], An
         definition: In the bag.
 
     Raises:
-        BagError: The definition is of no use.
+        BagError: The definition is of no use, or lacks fields of this project's type.
     """
+    check_definition(topic, type_name, definition)
     schema = Schema(id=1, data=definition.encode(), encoding="ros2msg", name=type_name)
     try:
         decode = DecoderFactory().decoder_for("cdr", schema) if definition else None

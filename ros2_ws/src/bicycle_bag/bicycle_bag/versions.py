@@ -18,13 +18,12 @@ from mcap_ros2._dynamic import serialize_dynamic
 from bicycle_bag.decoding import decoder
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import Topic
+from bicycle_bag.own_types import OURS
 from bicycle_bag.reader import BagMessage, BagReader
 from bicycle_bag.schemas import SEPARATOR, Schemas, fields
 from bicycle_common import topic_names
 from bicycle_common.types import CommandSource
 
-OURS = "bicycle_msgs/msg/"
-"""Package of the types that are brought up to date."""
 STATE, COMMAND, ECHO = (
     topic_names.in_bag(name)
     for name in (topic_names.STATE, topic_names.COMMAND, topic_names.COMMAND_ECHO)
