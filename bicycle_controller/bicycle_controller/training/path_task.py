@@ -69,6 +69,12 @@ class PathTask:
         self._begin(np.ones(count, dtype=bool))
         self._look()
 
+    def restart(self, rng: np.random.Generator) -> None:
+        """Begin all rides again, with starts drawn by `rng` from now on."""
+        self._rng = rng
+        self._begin(np.ones(self.count, dtype=bool))
+        self._look()
+
     def _begin(self, which: np.ndarray) -> None:
         """Put some bicycles at new places beside their roads."""
         rng, number = self._rng, int(which.sum())
