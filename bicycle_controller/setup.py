@@ -59,7 +59,7 @@ setup(
         "scipy",
     ],
     extras_require={
-        "train": ["torch", "tensorboard", "tqdm", "matplotlib"],
+        "train": ["torch", "gymnasium", "tensorboard", "tqdm", "matplotlib"],
         "sweep": ["ray"],
         "onnx": ["onnx", "onnxruntime"],
         "test": ["pytest"],
