@@ -170,7 +170,7 @@ def learners(pid: int) -> list[int]:
     """Children that run what multiprocessing spawns."""
     found = []
     for child in children_of(pid):
-        with contextlib.suppress(FileNotFoundError):
+        with contextlib.suppress(FileNotFoundError, ProcessLookupError):  # it may have ended
             if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes():
                 found.append(child)
     return found

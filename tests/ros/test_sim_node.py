@@ -307,9 +307,10 @@ def test_without_commands_zero_input_is_applied_and_told(start_sim: Any, probe: 
     probe.spin_until(
         lambda: reports and any("zero input" in status.message for status in reports[-1].status)
     )
+    heard = len(sources(probe))
     ride_some(probe, newest(probe).step + 10)
     sim.wait_for_line("commands again")
-    assert CommandEcho.SOURCE_FRESH in sources(probe)[-8:]
+    probe.spin_until(lambda: CommandEcho.SOURCE_FRESH in sources(probe)[heard:])
     assert sum("no valid command" in line for line in sim.lines) == 1, "told once"
 
 

@@ -6,6 +6,7 @@ import asyncio
 import json
 import re
 import struct
+from collections import defaultdict
 from collections.abc import Callable
 from typing import Any
 
@@ -40,7 +41,7 @@ class FoxgloveClient:
         self._loop = asyncio.new_event_loop()
         self.info: dict[str, Any] = {}
         self.channels: dict[str, dict[str, Any]] = {}
-        self.messages: dict[str, list[Any]] = {}
+        self.messages: defaultdict[str, list[Any]] = defaultdict(list)
         self.raw: dict[str, list[bytes]] = {}
         self.statuses: list[str] = []
         self.services: dict[str, dict[str, Any]] = {}
@@ -79,7 +80,7 @@ class FoxgloveClient:
             _, number, _ = struct.unpack_from("<BIQ", message.data)
             topic, data = self._topics[number], message.data[13:]
             self.raw.setdefault(topic, []).append(data)
-            self.messages.setdefault(topic, []).append(self._decode[topic](data))
+            self.messages[topic].append(self._decode[topic](data))
         elif message.type == aiohttp.WSMsgType.BINARY and message.data[0] == SERVICE_RESPONSE:
             _, _, call, length = struct.unpack_from("<BIII", message.data)
             self._answers[call] = json.loads(message.data[13 + length :])
