@@ -134,6 +134,7 @@ def test_a_person_chooses_in_the_browser(fleet: tuple[str, int]) -> None:
         page.locator("#bicycle").select_option("/b2")
         said(page, "^/b2 is shown and steered$")
         until(page, "live.series.length > 0 && live.series.y[live.cursor] > 15")
+        until(page, "fleet.others.length > 0")
         assert inside(page, "fleet.others.map(({ name }) => name)") == ["/b1"]
         page.locator("#bicycle").select_option("/b1")
         said(page, "^/b1 is shown and steered$")
