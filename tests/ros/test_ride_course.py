@@ -10,6 +10,8 @@ import pytest
 from node_process import NodeProcess
 
 from bicycle_bringup.ride_options import parse
+from bicycle_tools.report_page.loading import load
+from bicycle_tools.report_page.page import html
 from bicycle_tools.ride_log import read_ride
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
@@ -33,6 +35,9 @@ def test_a_course_of_ones_own_is_ridden_recorded_and_drawn(
     assert len(log.paths) == 1
     assert log.paths[0][0] == pytest.approx([0.0, 0.0], abs=0.01)
     assert (folder / "ride.png").is_file()
+    page = load(folder, "ride")
+    assert not page.notes, "a course has no goals, so none is missing"
+    assert f"bend finished, {path['rms']:.2f} m off (RMS)" in html([page])
 
 
 @pytest.mark.parametrize(

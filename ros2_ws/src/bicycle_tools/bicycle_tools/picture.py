@@ -86,10 +86,7 @@ def headline(summary: RideSummary) -> str:
     """Return the main numbers in one line."""
     falls = {0: "no fall", 1: "1 fall"}.get(summary.falls, f"{summary.falls} falls")
     parts = [f"{summary.reached} of {summary.goals} goals"] if summary.goals else []
-    parts += [
-        f"{path.name or 'path'} {path.status}, {path.rms:.2f} m off (RMS)"
-        for path in summary.paths
-    ]
+    parts += [path.verdict for path in summary.paths]
     parts += [falls, f"{summary.path_length:.0f} m in {summary.ridden_time:.0f} s"]
     if np.isfinite(summary.path_ratio):
         parts.append(f"path {summary.path_ratio:.2f} × straight line")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -80,6 +81,12 @@ class PathEnd:
     elapsed: float
     """s of simulated time."""
     message: str
+
+    @property
+    def verdict(self) -> str:
+        """The main numbers in a few words."""
+        off = f", {self.rms:.2f} m off (RMS)" if math.isfinite(self.rms) else ""
+        return f"{self.name or 'path'} {self.status}{off}"
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,7 @@ from bicycle_tools.outcomes import Outcome, outcomes
 from bicycle_tools.ride_log import (
     ECHO,
     EXPECTED,
+    GOAL_STATUS,
     READ,
     RIDDEN,
     STATE,
@@ -193,6 +194,8 @@ def _ride(reader: BagReader, prefix: str) -> tuple[RideLog, Sequence[str]]:
     empty = [prefix + topic for topic in EXPECTED if not reader.counts.get(prefix + topic)]
     if prefix + ECHO in empty and states_name_commands(reader, prefix + STATE):
         empty.remove(prefix + ECHO)
+    if prefix + GOAL_STATUS in empty and log.path_statuses:
+        empty.remove(prefix + GOAL_STATUS)  # a course has no goals
     if not any(reader.counts.get(prefix + topic) for topic in RIDDEN):
         raise no_bicycle(reader)
     nothing = [f"Nothing was recorded of {', '.join(empty)}."] if empty else []

@@ -79,12 +79,18 @@ def _ride_line(page: RidePage) -> str:
     )
 
 
+ENDS = {"finished": True, "active": None, "replaced": None, "cancelled": None}
+"""Whether the end of a path is good, neither (None), or bad, as all others are."""
+
+
 def _chips(page: RidePage) -> Iterator[str]:
     """Yield the verdict in a few words."""
     summary = page.summary
     if summary.goals:
         good = summary.reached == summary.decided if summary.decided else None
         yield _chip(f"{summary.reached} of {summary.goals} goals reached", good)
+    for path in summary.paths:
+        yield _chip(path.verdict, ENDS.get(path.status, False))
     if page.has_states:
         falls = {0: "no fall", 1: "1 fall"}.get(summary.falls, f"{summary.falls} falls")
         yield _chip(falls, summary.falls == 0)
