@@ -19,6 +19,8 @@ BAG = Path(__file__).parents[1] / "data" / "ride-0.1.0"
 LISTS = f"'{WORKSPACE}/topic.sh' list"
 VERIFIES = f"'{WORKSPACE}/replay.sh' --verify '{BAG}'"
 EVALUATES = f"'{WORKSPACE}/bin/bicycle' evaluate lqr --episodes 2"
+BUFFERED = ["env -u PYTHONUNBUFFERED", "env PYTHONUNBUFFERED=1"]
+"""Ways to write: all at the end, where a flush fails, and each print at once."""
 Start = Callable[..., NodeProcess]
 
 
@@ -28,15 +30,19 @@ def bash(text: str, cwd: Path = Path("/")) -> subprocess.CompletedProcess[str]:
     )
 
 
+@pytest.mark.parametrize("buffered", BUFFERED)
 @pytest.mark.parametrize("command", [LISTS, VERIFIES, EVALUATES])
-def test_a_reader_that_leaves_is_no_error(ros_domain: int, command: str) -> None:
-    done = bash(f"set -o pipefail; {command} | true")  # gone long before the first word
+def test_a_reader_that_leaves_is_no_error(ros_domain: int, command: str, buffered: str) -> None:
+    done = bash(f"set -o pipefail; {buffered} {command} | true")  # gone long before the first word
     assert (done.returncode, done.stderr) == (0, "")
 
 
+@pytest.mark.parametrize("buffered", BUFFERED)
 @pytest.mark.parametrize("command", [LISTS, VERIFIES, EVALUATES])
-def test_output_that_finds_no_space_is_told_in_one_line(ros_domain: int, command: str) -> None:
-    done = bash(f"{command} >/dev/full")
+def test_output_that_finds_no_space_is_told_in_one_line(
+    ros_domain: int, command: str, buffered: str
+) -> None:
+    done = bash(f"{buffered} {command} >/dev/full")
     assert done.returncode in (1, 2)
     (line,) = done.stderr.splitlines()
     assert "No space left on device" in line

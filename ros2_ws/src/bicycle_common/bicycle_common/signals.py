@@ -161,7 +161,7 @@ def run_module(name: str) -> NoReturn:
     main = importlib.import_module(name).main
     try:
         signal.signal(signal.SIGINT, _interrupt)
-        status = _status_of(main)
+        status, error = _status_of(main)
         for number in (*ENDING, signal.SIGALRM):
             signal.signal(number, signal.SIG_IGN)
     except KeyboardInterrupt:
@@ -170,7 +170,7 @@ def run_module(name: str) -> NoReturn:
         atexit._run_exitfuncs()
         # Python kills itself at its end where the exception struck in an exec of a dataclass, say.
         _end(status if isinstance(status, int) else bool(status))
-    sys.exit(_after_output(status, name.rpartition(".")[2]))
+    sys.exit(_after_output(status, error, name.rpartition(".")[2]))
 
 
 @contextlib.contextmanager
@@ -193,47 +193,52 @@ def _check_shared_memory(name: str) -> None:
         sys.exit(1)
 
 
-def _status_of(main: Callable[[], int | None]) -> str | int | None:
+def _status_of(main: Callable[[], int | None]) -> tuple[str | int | None, OSError | None]:
+    """Return the status of `main`, and the error that ended it if its output failed."""
     try:
-        return main()
+        return main(), None
     except SystemExit as leaving:
-        return leaving.code
-    except BrokenPipeError:
-        if not _output_is_lost():
+        return leaving.code, None
+    except OSError:
+        error = _output_error(probe=True)
+        if error is None:
             raise
-        return 0
+        return 0, error
 
 
-def _after_output(status: str | int | None, program: str) -> str | int | None:
+def _output_error(probe: bool) -> OSError | None:
+    """Return why standard output takes nothing more; None if it does, or is closed.
+
+    With PYTHONUNBUFFERED nothing is left to flush after a failed print: a probe writes an empty
+    line to find out. Without it, only the flush fails.
+    """
+    if sys.stdout is None:
+        return None
+    try:
+        sys.stdout.flush()
+        if probe:
+            os.write(sys.stdout.fileno(), b"\n")
+    except OSError as error:
+        return error
+    return None
+
+
+def _after_output(
+    status: str | int | None, error: OSError | None, program: str
+) -> str | int | None:
     """Return the status of a program once its output is written, which Python does too late.
 
     A reader that leaves, such as head, has what it wanted; a full disk makes a failure of success.
     """
-    try:
-        if sys.stdout is not None:
-            sys.stdout.flush()
-    except BrokenPipeError:
-        _forget_output()
-    except OSError as error:
-        _forget_output()
-        if not status:  # else the reason has been told
-            print(f"{program}: cannot write the output ({error.strerror})", file=sys.stderr)
-            return 1
-    return status
-
-
-def _output_is_lost() -> bool:
-    """Return True if the reader of the output has left."""
-    try:
-        sys.stdout.flush()
-    except BrokenPipeError:
-        return True
-    return False
-
-
-def _forget_output() -> None:
-    """Have what cannot be written go nowhere."""
+    error = error or _output_error(probe=False)
+    if error is None:
+        return status
+    # Python's own flush at its end finds the rest of the output: let that go nowhere.
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if status or isinstance(error, BrokenPipeError):  # else the reason has been told
+        return status
+    print(f"{program}: cannot write the output ({error.strerror})", file=sys.stderr)
+    return 1
 
 
 def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
