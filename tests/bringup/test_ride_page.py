@@ -213,7 +213,7 @@ def test_a_goal_that_is_not_over_at_the_end_is_no_failure(tmp_path: Path) -> Non
     assert (page.summary.goals, page.summary.open, page.summary.decided) == (1, 1, 0)
     text = html([page])
     assert '<span class="chip">0 of 1 goals reached</span>' in text
-    assert "0 of 1 reached, 1 not over at the end" in text
+    assert "0 of 1 reached, 1 without an end in the bag" in text
 
 
 def test_commands_of_a_second_controller_are_no_part_of_the_ride(tmp_path: Path) -> None:

@@ -218,7 +218,11 @@ def test_a_controller_killed_on_the_way_is_reported(
     assert len(events) == 2
     assert events[0].startswith("controller was killed by SIGKILL at t = ")
     assert events[1].startswith("controller started again, ready at t = ")
-    assert "20 of 20 reached" in ride.output
+    # The recorder may lack the end that the controller told as it was killed.
+    assert sum(": reached after" in line for line in ride.lines) == 20
+    assert re.search(
+        r"20 of 20 reached|19 of 20 reached, 1 without an end in the bag", ride.output
+    )
 
 
 def test_goals_that_are_rejected_are_sent_again(

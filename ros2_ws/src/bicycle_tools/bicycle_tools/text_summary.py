@@ -25,7 +25,7 @@ def _ride_rows(summary: RideSummary) -> list[tuple[str, str]]:
     others = {
         "missed": summary.missed,
         "given up": summary.given_up,
-        "not over at the end": summary.open,
+        "without an end in the bag": summary.open,
     }
     reached += "".join(f", {count} {name}" for name, count in others.items() if count)
     asked = [("goals", reached)] if summary.goals else []

@@ -137,13 +137,16 @@ class Ride:
         return self._crew.left
 
     def all_reached(self, summary: RideSummary) -> bool:
-        """Return True if the bag shows that all requested goals were reached."""
+        """Return True if all requested goals were reached.
+
+        The ride's own ears count: the bag lacks an end that a controller told as it was killed.
+        """
         if self._options.course:
             path = self._rider.path
             return path is not None and path.status == PathStatus.FINISHED
         if self._options.minutes:
             return self._over() and summary.missed == summary.given_up == 0 < summary.reached
-        return summary.reached == self._options.goals
+        return self._plan.finished and set(self._plan.results) == {Status.REACHED}
 
     def _over(self) -> bool:
         if self._options.course:
