@@ -1,13 +1,14 @@
 #!/usr/bin/env bash
 # Makes this clone ready to ride: virtual environment, locked Python packages, colcon build.
 #
-# Usage: setup.sh [--with train|foxglove|sbom|dev|bench]... [--force] [--quiet]
+# Usage: setup.sh [--with train|foxglove|sbom|dev|bench]... [--cpp] [--force] [--quiet]
 #
 #   --with train      also what training needs: torch, Ray, Gymnasium, TensorBoard, ONNX
 #   --with foxglove   also Foxglove's WebSocket server, for foxglove.sh
 #   --with sbom       also what sbom.sh lists all packages with
 #   --with dev        also what tests and checks need (holds train, foxglove and sbom)
 #   --with bench      also sb3-contrib and SBX, which tests/benchmarks compares with (holds train)
+#   --cpp             build the messages for C++, too, from now on; --force without it ends that
 #   --force           do every stage again, done or not
 #   --quiet           say nothing when there is nothing to do
 #
@@ -37,6 +38,7 @@ stamps=$venv/.bicycle
 sets=(build ride)
 force=
 quiet=
+cpp=
 
 while (($#)); do
   case $1 in
@@ -47,6 +49,7 @@ while (($#)); do
       esac
       shift
       ;;
+    --cpp) cpp=yes ;;
     --force) force=yes ;;
     --quiet) quiet=yes ;;
     -h | --help) usage "${BASH_SOURCE[0]}" && exit 0 ;;
@@ -102,6 +105,7 @@ else
   ln -sfn ../../ros2_ws/bin/bicycle "$venv/bin/bicycle"
 fi
 
+[[ -n $force || ! -f $ws/install/.bicycle.cpp ]] || cpp=yes # asked for before
 inputs=$(build_inputs)
 due=
 is_done "$ws/install/.bicycle.stamp" "$inputs" || due=yes
@@ -121,6 +125,7 @@ fi
 if [[ -n $due ]]; then
   clean_unless_same_python
   mark "$ws/install/.bicycle.stamp" building
+  [[ -z $cpp ]] || : >"$ws/install/.bicycle.cpp"
   build "${beside[@]}"
   mark "$ws/install/.bicycle.stamp" "$inputs"
   ((${#beside[@]} == 0)) || mark "$stamps/${beside[0]}.stamp" "$packages"

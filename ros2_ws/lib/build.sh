@@ -1,4 +1,4 @@
-# shellcheck shell=bash disable=SC2154 # ws, venv, log and native are the caller's
+# shellcheck shell=bash disable=SC2154 # ws, venv, log, native and cpp are the caller's
 # The build of setup.sh: colcon over src, apart where CMake cannot take the path. Sourced.
 
 build() { # [SET]: builds in place, so that Python packages run from their sources; installs SET meanwhile
@@ -60,7 +60,7 @@ colcon_build() { # VENV OPTION...: with ROS 2 from VENV, or the native one
     # Not by its script: the first line of that cannot name every path.
     colcon=("$venv/bin/python" -c 'import sys; from colcon_core.command import main; sys.exit(main())')
     # The wheels hold no C++ program that could use the messages; for C++ they take half as long again.
-    cmake+=(-G Ninja -DPYTHON_ONLY=ON "-DCMAKE_PREFIX_PATH=$1" "-DPython3_EXECUTABLE=$1/bin/python")
+    cmake+=(-G Ninja "-DPYTHON_ONLY=$([[ -n ${cpp:-} ]] && echo OFF || echo ON)" "-DCMAKE_PREFIX_PATH=$1" "-DPython3_EXECUTABLE=$1/bin/python")
   fi
   "${colcon[@]}" --log-base /dev/null build "${@:2}" \
     --event-handlers console_direct+ console_cohesion- status- --cmake-args "${cmake[@]}"

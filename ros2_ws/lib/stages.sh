@@ -101,6 +101,7 @@ build_inputs() { # The fingerprint of all that decides what colcon builds
     (cd "$ws" && find src/bicycle_bringup/config src/bicycle_bringup/launch -type f | LC_ALL=C sort)
     cat "$ws/requirements/build.lock"
     python_in_use
+    [[ -z ${cpp:-} ]] || echo C++
   } | sha256sum | cut -d' ' -f1
 }
 
