@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from nav_msgs.msg import Path
 from node_process import NodeProcess
 from probe import Probe, goal
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
@@ -62,6 +64,9 @@ def test_states_and_parameters(start_node: StartNode, ros_domain: int) -> None:
         probe.spin_until(lambda: bool(probe[topics.GOAL_STATUS]))
         refused = probe[topics.GOAL_STATUS][-1]
         assert (refused.status, "not active" in refused.message) == (Status.REJECTED, True)
+        probe.say(topics.GOAL_PATH, Path())  # it has no first goal that could be refused
+        probe.spin_until(lambda: len(probe[topics.GOAL_STATUS]) > 1)
+        assert math.isnan(probe[topics.GOAL_STATUS][-1].position.x)
         change(Transition.TRANSITION_CONFIGURE)
         assert state() == State.PRIMARY_STATE_INACTIVE
         assert probe[topics.COMMAND] == []

@@ -7,8 +7,6 @@ if __name__ == "__main__":
 
     run_module("bicycle_controller.nodes.controller_node")
 
-import contextlib
-import math
 import os
 import secrets
 import sys
@@ -17,14 +15,11 @@ import time
 from typing import Any
 
 import numpy as np
-from bicycle_msgs.msg import BicycleState, CommandEcho, EpisodeInfo, GoalStatus
+from bicycle_msgs.msg import BicycleState, CommandEcho, EpisodeInfo
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Path
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from std_msgs.msg import String
-from visualization_msgs.msg import Marker
 
 from bicycle_common.nodes import convert, topics
 from bicycle_common.nodes.declare_parameters import declare, follow
@@ -33,20 +28,21 @@ from bicycle_common.nodes.realtime import Priority
 from bicycle_common.nodes.runner import LOOP_EXECUTOR, UserError, run
 from bicycle_common.nodes.topics import Topic, advertise, listen
 from bicycle_common.parameters import describe
-from bicycle_common.types import AppliedCommand, Point2D
+from bicycle_common.types import AppliedCommand
 from bicycle_common.types import BicycleState as Snapshot
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.echo_pairing import EchoPairing
-from bicycle_controller.control.goals import Event, GoalTracker, Status
+from bicycle_controller.control.goals import GoalTracker
 from bicycle_controller.control.guidance import Guidance
 from bicycle_controller.control.guide import PathEnd
 from bicycle_controller.nodes.action_desk import ActionDesk, Orders
 from bicycle_controller.nodes.controller_settings import ControllerSettings
 from bicycle_controller.nodes.estimator import Estimator
-from bicycle_controller.nodes.guiding import Guiding, course_named, course_of, to_points
+from bicycle_controller.nodes.goal_desk import GoalDesk
+from bicycle_controller.nodes.guiding import Guiding
 from bicycle_controller.nodes.hand_over_marks import HandOverMarks
-from bicycle_controller.nodes.messages import from_event, from_hand_over, goal_marker
+from bicycle_controller.nodes.messages import from_hand_over
 from bicycle_controller.nodes.policy_loader import Making, PolicyLoader
 from bicycle_controller.nodes.setup import NO_LIMITS, Setup, designed, limits_of
 from bicycle_controller.policy.policy import PolicyError, load_controller
@@ -59,17 +55,10 @@ from bicycle_sim.sensors.settings import SensorSettings
 from bicycle_sim.task.scenario import Scenario
 
 NAME = "bicycle_controller"
-MOST_WAYPOINTS = 10_000
 SILENCE = 1.0
 """Longest time without a state before a warning (s); states come at least every 0.1 s."""
 WARM_UP = 0.002
 """Time between the policy's warm-up and the next state, beyond the duration of an answer (s)."""
-UNTURNED = (0.0, 0.0, 0.0, 1.0)
-"""Orientation of a goal that asks for no direction of arrival."""
-
-
-INACTIVE = "the controller is not active: ros2 lifecycle set it active"
-"""Reason why an order is refused."""
 
 
 class ControllerNode(LifecycleNode):
@@ -111,6 +100,15 @@ class ControllerNode(LifecycleNode):
             topics.CONTROLLER_SETUP,
         )
         self._guidance, self._guiding = self._make_guidance()
+        self._goals = GoalDesk(
+            self,
+            self._guidance,
+            self._driver.tracker,
+            self._in_use,
+            self._publish,
+            lambda: self._settings,
+            lambda: self._active,
+        )
         follow(self, self._settings, self._change)
         # Subscribe to episodes first, so a reset cancels only older goals.
         sensors = self._sensors()
@@ -122,8 +120,7 @@ class ControllerNode(LifecycleNode):
         listen(self, topics.COMMAND_ECHO, self._on_echo, depth=1)
         if self._estimator is None:
             listen(self, topics.STATE, self._on_state, depth=1)
-        listen(self, topics.GOAL_POSE, self._on_goal_pose)
-        listen(self, topics.GOAL_PATH, self._on_goal_path)
+        self._goals.listen()
         self._newest: tuple[Snapshot | None, float] = None, 0.0
         self._loader = PolicyLoader(self, lambda: self._driver.policy.policy_id, self._swap)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -139,7 +136,7 @@ class ControllerNode(LifecycleNode):
         # The desk's thread serves at once: made earlier, it would refuse an order as inactive.
         self._desk = ActionDesk(
             self,
-            Orders(self._order_ride, self._order_path, self._order_cancel, lambda: self._newest),
+            Orders(self._goals.ride, self._goals.follow, self._goals.cancel, lambda: self._newest),
         )
         self._guiding.on_report = self._desk.tell
 
@@ -292,8 +289,7 @@ class ControllerNode(LifecycleNode):
             self._warn(f"at step {snapshot.step} {answer.hand_over.message}")
         for event in answer.events:
             self._desk.tell(event)
-            self._on_event(event)
-            self._after_event(event)
+            self._goals.report(event)
         with self._in_use:
             self._guiding.after_state(snapshot)
         if self._warms_up and answer.command is not None:
@@ -402,131 +398,6 @@ class ControllerNode(LifecycleNode):
                 self._warn(f"no LQR for this bicycle, the fallback stays as it was: {made}")
             else:
                 self._driver.fallback = made
-
-    # Goals come by topic, or by action in another thread; both are the same order.
-
-    def _on_goal_pose(self, message: PoseStamped) -> None:
-        turn = message.pose.orientation
-        turned = (turn.x, turn.y, turn.z, turn.w) != UNTURNED
-        self._take([message], message.header.frame_id, turned)
-
-    def _on_goal_path(self, message: Path) -> None:
-        self._take(message.poses, message.header.frame_id, False)
-
-    def _take(self, poses: list[PoseStamped], frame: str, use_heading: bool) -> None:
-        """Pursue goals of a topic, or refuse all of them."""
-        use_heading = use_heading and self._settings.arrival == "heading"
-        with contextlib.suppress(ValueError):  # it is told
-            self._ride(poses, frame, use_heading)
-
-    def _ride(
-        self, poses: list[PoseStamped], frame: str, use_heading: bool
-    ) -> tuple[list[int], str]:
-        """Pursue these poses instead of all previous goals, or refuse all of them.
-
-        Returns:
-            The goals' numbers, and why the last one is not reached in the direction of its
-            orientation, as `use_heading` asks; empty if it is.
-
-        Raises:
-            ValueError: if they are refused; the status of the first tells it, too.
-        """
-        points: list[Point2D] = []
-        try:
-            if not self._active:
-                raise ValueError(INACTIVE)
-            if len(poses) > MOST_WAYPOINTS:
-                raise ValueError(f"{len(poses)} waypoints are more than {MOST_WAYPOINTS}")
-            for pose in poses:
-                position = pose.pose.position
-                points.append(convert.to_goal(pose.header.frame_id or frame, position))
-        except ValueError as error:
-            self._warn(f"goal rejected: {error}")
-            self._publish(topics.GOAL_STATUS, self._rejection(poses, str(error)))
-            raise
-        yaw, why = math.nan, ""
-        if use_heading:
-            try:
-                yaw = convert.to_yaw(poses[-1].pose.orientation)
-            except ValueError as error:
-                why = str(error)
-        with self._in_use:
-            self._guidance.stop("a newer goal came")
-            ids = [goal.goal_id for goal in self._driver.tracker.replace(points)]
-            if math.isfinite(yaw):
-                why = self._guidance.arrive(points, yaw)
-        if why:
-            self._warn(f"arrives in any direction: {why}")
-        return ids, why
-
-    def _order_ride(self, poses: list[PoseStamped], use_heading: bool) -> tuple[list[int], str]:
-        """Take an action's goals; see `_ride`."""
-        found = self._ride(poses, poses[0].header.frame_id, use_heading)
-        path = Path(header=convert.to_header(self.get_clock().now().nanoseconds), poses=poses)
-        self._publish(topics.ORDERED_GOALS, path)
-        return found
-
-    def _order_path(self, path: Path, course: str, laps: int, speed: float, noise: float) -> int:
-        if not self._active:
-            raise ValueError(INACTIVE)
-        if bool(course) == bool(path.poses):
-            raise ValueError("give either a path or a course")
-        good = all(math.isfinite(value) and value >= 0.0 for value in (speed, noise))
-        if not good or speed > 8.0 or noise > 100.0 or laps > 10_000:
-            raise ValueError("speed must be 0 to 8 m/s, noise 0 to 100 m, laps 0 to 10000")
-        make = (
-            course_named(course)
-            if course
-            else course_of(to_points(path), self._settings.path_speed, noise)
-        )
-        with self._in_use:
-            return self._guidance.follow(course, make, laps, speed)
-
-    def _order_cancel(self) -> None:
-        with self._in_use:
-            self._guidance.stop("cancelled by the client of the action", PathEnd.CANCELLED)
-            self._driver.tracker.cancel("cancelled by the client of the action")
-
-    def _after_event(self, event: Event) -> None:
-        """Do what follows the last goal."""
-        if event.status is not Status.REACHED or self._driver.tracker.has_goal or event.remaining:
-            return
-        with self._in_use:
-            told = self._guidance.after_goal(event.goal.point)
-        if told:
-            self.get_logger().info(f"after goal {event.goal.goal_id}: {told}")
-
-    def _rejection(self, poses: list[PoseStamped], why: str) -> GoalStatus:
-        position = poses[0].pose.position
-        return GoalStatus(
-            header=convert.to_header(self.get_clock().now().nanoseconds),
-            status=GoalStatus.REJECTED,
-            position=convert.to_point((position.x, position.y)),
-            distance=math.nan,
-            message=why,
-        )
-
-    def _on_event(self, event: Event) -> None:
-        """Publish a goal's new status."""
-        header = convert.to_header(self.get_clock().now().nanoseconds)
-        message = from_event(event, header)
-        self._publish(topics.GOAL_STATUS, message)
-        if event.status is Status.ACTIVE:
-            pose = PoseStamped(header=header)
-            pose.pose.position = message.position
-            self._publish(topics.ACTIVE_GOAL, pose)
-        if event.status is not Status.QUEUED:
-            self._publish(topics.GOAL_MARKER, self._goal_marker())
-        x, y = event.goal.point
-        name = event.status.name.lower().replace("_", " ")
-        text = f"goal {event.goal.goal_id} ({x:g}, {y:g}) {name}: {event.message}"
-        self.get_logger().info(text)
-
-    def _goal_marker(self) -> Marker:
-        """Return the active goal with its radius for visualization tools."""
-        tracker = self._driver.tracker
-        goal = tracker.active.point if tracker.active else None
-        return goal_marker(goal, tracker.radius, frames_of(self.get_namespace()))
 
     def _swap(self, policy: Controller) -> str:
         """Use another policy from the next state on; called in another thread.
