@@ -12,6 +12,7 @@ import json
 import os
 import shlex
 import sys
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -275,23 +276,25 @@ FAULTS = ("", "bytes lost", "bits flipped", "delayed")
 PARTS = ("PC killed", "bad wire", "button")
 
 
-def measured(part: str, names: list[str], count: int) -> list[dict[str, Any]]:
-    """Return the rows of one part, `count` rides of each bicycle."""
-    if part == "PC killed":
-        return [killed(name, count, 1 + n) for n, name in enumerate(names)]
-    if part == "button":
-        return [stopped(name, count, 200 + n) for n, name in enumerate(names)]
-    return [
-        bad_wire(name, count, 100 + n, fault) for fault in FAULTS for n, name in enumerate(names)
-    ]
+def measured(part: str, names: list[str], count: int, seed: int) -> Iterator[dict[str, Any]]:
+    """Yield the rows of one part as they come, `count` rides of each bicycle."""
+    for n, name in enumerate(names):
+        if part == "PC killed":
+            yield killed(name, count, seed + 1 + n)
+        elif part == "button":
+            yield stopped(name, count, seed + 200 + n)
+        else:
+            for fault in FAULTS:
+                yield bad_wire(name, count, seed + 100 + n, fault)
 
 
 def main() -> None:
-    """Measure, and write or add to what is written."""
+    """Measure, and write or add to what is written after each bicycle."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rides", type=int, default=200, help="of each bicycle")
     parser.add_argument("--parts", nargs="+", default=PARTS, choices=PARTS)
     parser.add_argument("--bicycles", default=BICYCLES)
+    parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--add", action="store_true", help="to the file's rows")
     parser.add_argument("--out", type=Path, default=OUT)
     given = parser.parse_args()
@@ -310,11 +313,11 @@ def main() -> None:
         result = json.loads(given.out.read_text())
     command = ["python", "tests/benchmarks/bench_board.py", *sys.argv[1:]]
     result["commands"].append(shlex.join(command))
-    for part in given.parts:
-        rows = measured(part, given.bicycles.split(","), given.rides)
-        result.setdefault(part, []).extend(rows)
     given.out.parent.mkdir(parents=True, exist_ok=True)
-    given.out.write_text(json.dumps(result, indent=2) + "\n")
+    for part in given.parts:
+        for row in measured(part, given.bicycles.split(","), given.rides, given.seed):
+            result.setdefault(part, []).append(row)
+            given.out.write_text(json.dumps(result, indent=2) + "\n")
     print(json.dumps(result, indent=2))
 
 
