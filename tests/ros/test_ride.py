@@ -17,13 +17,14 @@ from lifecycle_msgs.srv import ChangeState
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from node_process import NodeProcess
-from probe import Probe
+from probe import Probe, goal
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.highlevel import AnyReader
 from waiting import until
 
 from bicycle_bag.reader import BagReader
 from bicycle_bag.writer import BagWriter
+from bicycle_common.nodes import topics
 from bicycle_common.nodes.topics import Service
 from bicycle_controller.policy.policy import load_controller
 from bicycle_sim.plants import registry
@@ -223,6 +224,18 @@ def test_a_controller_killed_on_the_way_is_reported(
     assert re.search(
         r"20 of 20 reached|19 of 20 reached, 1 without an end in the bag", ride.output
     )
+
+
+def test_goals_that_another_node_replaced_are_sent_again(
+    start_node: Start, ros_domain: int, tmp_path: Path
+) -> None:
+    ride = start_node(RIDE, [*MANY, LOCKSTEP, "--output", tmp_path / "run"])
+    ride.wait_for_line("goal 1 at")
+    probe = Probe(ros_domain)
+    probe.say(topics.GOAL_POSE, goal(0.0, 0.0))
+    probe.close()
+    assert ride.wait() == 0, ride.output
+    assert sum(": reached after" in line for line in ride.lines) == 20
 
 
 def test_goals_that_are_rejected_are_sent_again(

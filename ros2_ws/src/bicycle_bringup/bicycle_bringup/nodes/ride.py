@@ -227,7 +227,10 @@ class Ride:
                 if change.status == GoalStatus.REJECTED:
                     self._note_once(f"the goals are sent again, for {change.message}")
                     continue
-                self._sent = math.inf  # the controller has confirmed it
+                # Once one is over, the next must be confirmed: a controller that took up a dead
+                # one's goal knows no other, and another node's goal replaces all of them.
+                pursued = change.status in (GoalStatus.QUEUED, GoalStatus.ACTIVE)
+                self._sent = math.inf if pursued else time.monotonic()
             number = self._plan.take(position, Status(change.status))
             if number is None:
                 continue
