@@ -80,7 +80,7 @@ def _ride_line(page: RidePage) -> str:
 
 
 ENDS = {"finished": True, "active": None, "replaced": None, "cancelled": None}
-"""Whether the end of a path is good, neither (None), or bad, as all others are."""
+"""True for a good end of a path, None for one that is neither; all others are bad."""
 
 
 def _chips(page: RidePage) -> Iterator[str]:
