@@ -131,8 +131,10 @@ def test_one_that_is_asked_to_end_while_it_starts_does_so_without_a_word(
         own = whole.process.stop() if whole.process.running else whole.process.wait()
     assert "Traceback" not in whole.words
     forgotten = 0
-    for number in range(MOMENTS):
-        moment = FIRST_LINES + (count - FIRST_LINES) * (number + 0.5) / MOMENTS
+    # circle.sh runs programs that are here themselves, one after another for half a minute.
+    moments = min(MOMENTS, 2) if script == "circle.sh" else MOMENTS
+    for number in range(moments):
+        moment = FIRST_LINES + (count - FIRST_LINES) * (number + 0.5) / moments
         program = TracedProgram(script, tmp_path / str(number + 1))
         with program.process:
             asked = (signal.SIGINT, signal.SIGTERM)[number % 4 == 1]
