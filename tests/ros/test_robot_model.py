@@ -17,6 +17,7 @@ from bicycle_sim.nodes import robot_model
 from bicycle_sim.nodes.visualization import JOINTS
 from bicycle_sim.plants import registry
 from bicycle_sim.runtime.simulator import Simulator
+from bicycle_sim.sensors import settings
 from bicycle_sim.task.scenario import named
 
 WHIPPLE = registry.named(plant="whipple", bicycle="browser-rider")
@@ -96,6 +97,23 @@ def test_the_urdf_has_the_tree_and_the_joints_of_the_messages() -> None:
     assert (static.header.frame_id, static.child_frame_id) == ("map", "b1/odom")
     assert robot_model.frames_of("/b1") == "b1/"
     assert robot_model.frames_of("/") == ""
+
+
+def test_sensors_have_their_mounts_in_tree_and_model() -> None:
+    imu = replace(settings.load("mpu6050-rtk").imu, position=(0.1, 0.2, 0.3), mounting=(90, 0, 90))
+    mounts = robot_model.mounts_of(replace(settings.load("mpu6050-rtk"), imu=imu))
+    _, mounted, antenna = robot_model.static_transforms("b1/", 0, mounts).transforms
+    assert (mounted.header.frame_id, mounted.child_frame_id) == ("b1/base_link", "b1/imu_link")
+    assert (antenna.header.frame_id, antenna.child_frame_id) == ("b1/base_link", "b1/gnss_link")
+    place, turn = mounted.transform.translation, mounted.transform.rotation
+    assert (place.x, place.y, place.z) == (0.1, 0.2, 0.3)
+    # Half a right angle each about roll, then yaw: x goes to y, y to z, z to x.
+    assert [turn.w, turn.x, turn.y, turn.z] == pytest.approx([0.5] * 4)
+    root = ElementTree.fromstring(robot_model.urdf(WHIPPLE.geometry, "b", "b1/", mounts))
+    origin = root.find("joint[@name='imu_link']/origin")
+    assert origin is not None
+    assert origin.attrib == {"xyz": "0.1 0.2 0.3", "rpy": "1.5708 0 1.5708"}
+    assert robot_model.mounts_of(None) == ()
 
 
 @pytest.mark.ros

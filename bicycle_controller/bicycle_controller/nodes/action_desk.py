@@ -26,9 +26,11 @@ from rclpy.task import Future
 
 from bicycle_common.geometry import heading_to_yaw, wrap_angle
 from bicycle_common.nodes import convert, topics
+from bicycle_common.nodes.topics import ODOM_FRAME
 from bicycle_common.types import BicycleState
 from bicycle_controller.control.goals import Event, Status
 from bicycle_controller.control.guide import PathEnd, PathReport
+from bicycle_sim.nodes.robot_model import frames_of
 
 nav2: Any = None
 """Nav2's actions, where they are installed: no package of this project needs them."""
@@ -357,7 +359,8 @@ def _off(snapshot: BicycleState | None, yaw: float) -> float:
 
 
 def _pose_of(snapshot: BicycleState, node: Node) -> PoseStamped:
-    pose = PoseStamped(header=convert.to_header(node.get_clock().now().nanoseconds))
+    frame = frames_of(node.get_namespace()) + ODOM_FRAME
+    pose = PoseStamped(header=convert.to_header(node.get_clock().now().nanoseconds, frame))
     pose.pose.position = convert.to_point((snapshot.rear_x, snapshot.rear_y))
     pose.pose.orientation = convert.to_quaternion(float(heading_to_yaw(snapshot.heading)))
     return pose

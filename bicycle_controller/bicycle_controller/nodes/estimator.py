@@ -14,11 +14,12 @@ from rclpy.node import Node
 from sensor_msgs.msg import Imu, JointState, NavSatFix, TimeReference
 
 from bicycle_common.nodes import convert, topics
-from bicycle_common.nodes.topics import BASE_FRAME, advertise, listen
+from bicycle_common.nodes.topics import BASE_FRAME, ODOM_FRAME, advertise, listen
 from bicycle_common.types import BicycleState
 from bicycle_controller.estimation.kalman import Estimate, as_body
 from bicycle_controller.estimation.steps import StepEstimator
 from bicycle_sim.nodes import sensor_messages
+from bicycle_sim.nodes.robot_model import frames_of
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.sensors.reading import Reading
 from bicycle_sim.sensors.settings import SensorSettings
@@ -49,6 +50,7 @@ class Estimator:
             on_estimate: called with each estimate, after it was published.
         """
         self._node, self._sensors, self._on_estimate = node, sensors, on_estimate
+        self._prefix = frames_of(node.get_namespace())
         self._publishers = advertise(node, topics.ESTIMATE, topics.ESTIMATED_ODOMETRY)
         self._steps: StepEstimator | None = None
         self._plant: Plant[Any] | None = None
@@ -138,7 +140,9 @@ class Estimator:
         now = stamp.sec * 10**9 + stamp.nanosec
         estimate = convert.from_snapshot(state, now)
         self._publishers[topics.ESTIMATE.name].publish(estimate)
-        self._publishers[topics.ESTIMATED_ODOMETRY.name].publish(odometry(state, found, now))
+        self._publishers[topics.ESTIMATED_ODOMETRY.name].publish(
+            odometry(state, found, now, self._prefix)
+        )
         self._on_estimate(estimate)
 
 
@@ -181,9 +185,19 @@ def as_state(
     )
 
 
-def odometry(state: BicycleState, estimate: Estimate, nanoseconds: int) -> Odometry:
-    """The rear contact's pose and twist with their covariances (REP-103)."""
-    message = Odometry(header=convert.to_header(nanoseconds), child_frame_id=BASE_FRAME)
+def odometry(
+    state: BicycleState, estimate: Estimate, nanoseconds: int, prefix: str = ""
+) -> Odometry:
+    """Return the rear contact's pose and twist with their covariances (REP-103).
+
+    Args:
+        state: the estimated state.
+        estimate: its covariances.
+        nanoseconds: its time.
+        prefix: before the frames, see `robot_model.frames_of`.
+    """
+    header = convert.to_header(nanoseconds, prefix + ODOM_FRAME)
+    message = Odometry(header=header, child_frame_id=prefix + BASE_FRAME)
     message.pose.pose.position = convert.to_point((state.rear_x, state.rear_y))
     message.pose.pose.orientation = convert.to_quaternion(
         convert.yaw_of(state), -float(state.lean_angle)

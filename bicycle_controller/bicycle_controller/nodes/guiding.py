@@ -25,6 +25,7 @@ from bicycle_controller.control.guide import PathReport
 from bicycle_controller.control.keep_clear import Mover
 from bicycle_controller.control.path import Path
 from bicycle_controller.control.path_making import Rounding, path_through
+from bicycle_sim.nodes.robot_model import frames_of
 
 FORGOTTEN = 2.0
 """s after which a silent bicycle is no longer kept clear of."""
@@ -53,6 +54,7 @@ class Guiding:
         self.guidance = guidance
         self._node, self._publish = node, publish
         self._twist_refused = False
+        self._frame = frames_of(node.get_namespace()) + ODOM_FRAME
         self.on_report: Callable[[PathReport], None] = lambda report: None
         listen(node, topics.FOLLOW_PATH, self._on_path)
         listen(node, topics.CMD_VEL, self._on_twist_stamped)
@@ -105,10 +107,10 @@ class Guiding:
         now = self._node.get_clock().now().nanoseconds
         path, guidance.followed = guidance.followed, None
         if path is not None:
-            self._publish(topics.FOLLOWED_PATH, to_message(path, now))
+            self._publish(topics.FOLLOWED_PATH, to_message(path, now, self._frame))
         for report in guidance.reports():
             self.on_report(report)
-            self._publish(topics.PATH_STATUS, from_report(report, now))
+            self._publish(topics.PATH_STATUS, from_report(report, now, self._frame))
         lines, guidance.log_lines = guidance.log_lines, []
         for line in lines:
             self._node.get_logger().info(line)
@@ -145,9 +147,9 @@ def to_points(message: PathMessage, frame: str = "") -> list[Point2D]:
     ]
 
 
-def to_message(path: Path, nanoseconds: int) -> PathMessage:
+def to_message(path: Path, nanoseconds: int, frame: str = ODOM_FRAME) -> PathMessage:
     """Return a path as it is followed, with its headings; every n-th sample of a long one."""
-    header = convert.to_header(nanoseconds, ODOM_FRAME)
+    header = convert.to_header(nanoseconds, frame)
     message = PathMessage(header=header)
     every = max(1, math.ceil(len(path.x) / MOST_SHOWN))
     chosen = [*range(0, len(path.x) - 1, every), len(path.x) - 1]
@@ -160,10 +162,10 @@ def to_message(path: Path, nanoseconds: int) -> PathMessage:
     return message
 
 
-def from_report(report: PathReport, nanoseconds: int) -> PathStatus:
+def from_report(report: PathReport, nanoseconds: int, frame: str = ODOM_FRAME) -> PathStatus:
     """Return the status message of a path."""
     return PathStatus(
-        header=convert.to_header(nanoseconds),
+        header=convert.to_header(nanoseconds, frame),
         path_id=int(report.path_id),
         name=report.name,
         status=int(report.status),

@@ -2,13 +2,15 @@
 
 Frames: `odom` → `base_footprint` (the rear contact, heading only) → `base_link` (leans with the
 rear frame) → `steer_link` → `front_wheel_link`; `rear_wheel_link` and `crank_link` hang on
-`base_link`. With simulated truth `map` → `odom` is the identity. A namespace is put before each
-frame but `map`.
+`base_link`, and so do `imu_link` and `gnss_link` where there are sensors. With simulated truth
+`map` → `odom` is the identity. A namespace is put before each frame but `map`.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from xml.sax.saxutils import quoteattr
 
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
@@ -18,9 +20,21 @@ from bicycle_common.conventions import mirror
 from bicycle_common.nodes.convert import to_header, to_quaternion, yaw_of
 from bicycle_common.types import BicycleState
 from bicycle_sim.plants.base import Geometry
+from bicycle_sim.sensors.settings import SensorSettings
 
 FOOTPRINT = "base_footprint"
 """Frame of the rear contact."""
+
+
+@dataclass(frozen=True)
+class Mount:
+    """Position and orientation of a sensor in `base_link`."""
+
+    frame: str
+    position: tuple[float, float, float]
+    """m."""
+    angles: tuple[float, float, float]
+    """Roll, pitch and yaw, rad."""
 
 
 def frames_of(namespace: str) -> str:
@@ -29,13 +43,27 @@ def frames_of(namespace: str) -> str:
     return f"{inner}/" if inner else ""
 
 
-def static_transforms(prefix: str, nanoseconds: int) -> TFMessage:
-    """Return map → odom, the identity of simulated truth."""
-    transform = TransformStamped(
-        header=to_header(nanoseconds, "map"), child_frame_id=f"{prefix}odom"
-    )
-    transform.transform.rotation.w = 1.0
-    return TFMessage(transforms=[transform])
+def static_transforms(prefix: str, nanoseconds: int, mounts: Sequence[Mount] = ()) -> TFMessage:
+    """Return map → odom, the identity of simulated truth, and where the sensors are mounted."""
+    rows = [
+        ("map", "odom", (0.0, 0.0, 0.0), Quaternion(w=1.0)),
+        *(("base_link", m.frame, m.position, _turned(m.angles)) for m in mounts),
+    ]
+    return TFMessage(transforms=[_transform(prefix, nanoseconds, *row) for row in rows])
+
+
+def mounts_of(sensors: SensorSettings | None) -> tuple[Mount, ...]:
+    """Return the mounts of the sensors that have a place: IMU and GNSS; none without sensors."""
+    if sensors is None:
+        return ()
+    imu, gnss = sensors.imu, sensors.gnss
+    found = []
+    if imu.rate > 0.0:
+        roll, pitch, yaw = map(math.radians, imu.mounting)
+        found.append(Mount("imu_link", _triple(imu.position), (roll, pitch, yaw)))
+    if gnss.rate > 0.0:
+        found.append(Mount("gnss_link", _triple(gnss.position), (0.0, 0.0, 0.0)))
+    return tuple(found)
 
 
 def transforms(
@@ -75,28 +103,36 @@ def transforms(
         ("base_link", "steer_link", head, steer),
         ("steer_link", "front_wheel_link", wheel, _about_y(travel / g.front_radius)),
     )
-    return TFMessage(
-        transforms=[
-            TransformStamped(
-                header=to_header(nanoseconds, prefix + parent),
-                child_frame_id=prefix + child,
-                transform=Transform(
-                    translation=Vector3(x=float(at[0]), y=float(at[1]), z=float(at[2])),
-                    rotation=turn,
-                ),
-            )
-            for parent, child, at, turn in rows
-        ]
+    return TFMessage(transforms=[_transform(prefix, nanoseconds, *row) for row in rows])
+
+
+def _transform(
+    prefix: str,
+    nanoseconds: int,
+    parent: str,
+    child: str,
+    at: tuple[float, float, float],
+    turn: Quaternion,
+) -> TransformStamped:
+    """Return one transform; all bicycles of a fleet share `map`."""
+    return TransformStamped(
+        header=to_header(nanoseconds, parent if parent == "map" else prefix + parent),
+        child_frame_id=prefix + child,
+        transform=Transform(
+            translation=Vector3(x=float(at[0]), y=float(at[1]), z=float(at[2])),
+            rotation=turn,
+        ),
     )
 
 
-def urdf(geometry: Geometry, name: str, prefix: str) -> str:
+def urdf(geometry: Geometry, name: str, prefix: str, mounts: Sequence[Mount] = ()) -> str:
     """Return a URDF of primitives whose sizes are the bicycle's own.
 
     Args:
         geometry: the bicycle's geometry.
         name: the robot's name.
         prefix: see `frames_of`.
+        mounts: of its sensors.
     """
     g = geometry
     tilt, head, wheel, crank = g.steer_axis_tilt, _head(g), _wheel_in_steer(g), _crank(g)
@@ -144,6 +180,9 @@ def urdf(geometry: Geometry, name: str, prefix: str) -> str:
             "0 1 0",
         ),
     ]  # fmt: skip
+    for mount in mounts:
+        links.append(_link(prefix, mount.frame, []))
+        joints.append(_fixed(prefix, mount))
     colours = {"frame": "0.8 0.1 0.1 1", "tyre": "0.1 0.1 0.1 1", "rider": "0.1 0.3 0.8 1"}
     materials = [
         f'<material name="{key}"><color rgba="{value}"/></material>'
@@ -240,3 +279,23 @@ def _joint(
         f'<child link="{prefix}{child}"/><origin xyz="{place}" rpy="0 {pitch:.6g} 0"/>'
         f'<axis xyz="{axis}"/>{bound if kind == "revolute" else ""}</joint>'
     )
+
+
+def _fixed(prefix: str, mount: Mount) -> str:
+    place = " ".join(f"{value:.6g}" for value in mount.position)
+    turn = " ".join(f"{value:.6g}" for value in mount.angles)
+    return (
+        f'<joint name="{mount.frame}" type="fixed"><parent link="{prefix}base_link"/>'
+        f'<child link="{prefix}{mount.frame}"/><origin xyz="{place}" rpy="{turn}"/></joint>'
+    )
+
+
+def _turned(angles: tuple[float, float, float]) -> Quaternion:
+    """Return the rotation by roll, pitch and yaw about fixed axes, rad (REP-103)."""
+    roll, pitch, yaw = angles
+    return _product(_product(to_quaternion(yaw), _about_y(pitch)), to_quaternion(0.0, roll))
+
+
+def _triple(values: Sequence[float]) -> tuple[float, float, float]:
+    x, y, z = map(float, values)
+    return x, y, z

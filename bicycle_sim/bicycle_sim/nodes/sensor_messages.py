@@ -24,16 +24,19 @@ UNKNOWN = -1.0
 """First entry of the covariance of a quantity that is not measured (REP-145)."""
 
 
-def messages(reading: Reading, base: int, sensors: SensorSettings) -> list[tuple[Topic, Any]]:
-    """The messages of a reading of one bicycle.
+def messages(
+    reading: Reading, base: int, sensors: SensorSettings, prefix: str = ""
+) -> list[tuple[Topic, Any]]:
+    """Return the messages of a reading of one bicycle.
 
     Args:
         reading: of one bicycle.
         base: ns that are added to its time stamp.
         sensors: whose noise the covariances tell, and whose map's origin the fixes have.
+        prefix: before the frames, see `robot_model.frames_of`.
     """
     v = [float(value) for value in reading.values[0]]
-    header = to_header(base + round(reading.stamp * 1e9), FRAMES[reading.sensor])
+    header = to_header(base + round(reading.stamp * 1e9), prefix + FRAMES[reading.sensor])
     if reading.sensor == "imu":
         s = sensors.imu
         return [

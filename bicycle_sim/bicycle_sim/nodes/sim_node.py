@@ -92,7 +92,7 @@ class SimNode(Node):
         self._loop = self._make_loop()
         plant = self._loop.simulator.plant
         self._geometry = plant.geometry
-        self._gnss = self._settings.make_sensors()
+        self._sensors = self._settings.make_sensors()
         self._sensor_base = 0
         self._joints = visualization.Joints(self._geometry, plant.time_step)
         self._report = SimReport(self.get_fully_qualified_name().lstrip("/"), self._loop)
@@ -100,7 +100,7 @@ class SimNode(Node):
         self._was_timed_out = self._was_silent = False
         refuse_second_simulator(self)
         self._publishers_by_name = advertise(
-            self, *self.outputs, *(self.sensor_outputs if self._gnss is not None else ())
+            self, *self.outputs, *(self.sensor_outputs if self._sensors is not None else ())
         )
         self._frames = robot_model.frames_of(self.get_namespace())
         self._describe()
@@ -136,9 +136,10 @@ class SimNode(Node):
     def _describe(self) -> None:
         """Publish the constant facts: the model and the fixed transform."""
         label = f"bicycle {self._loop.simulator.plant.label}"
-        text = robot_model.urdf(self._geometry, label, self._frames)
+        mounts = robot_model.mounts_of(self._sensors)
+        text = robot_model.urdf(self._geometry, label, self._frames, mounts)
         self._publish(topics.ROBOT_DESCRIPTION, String(data=text))
-        self._publish(topics.TF_STATIC, robot_model.static_transforms(self._frames, 0))
+        self._publish(topics.TF_STATIC, robot_model.static_transforms(self._frames, 0, mounts))
 
     def _listen(self) -> None:
         if self.obeys_topic:
@@ -349,11 +350,13 @@ class SimNode(Node):
 
     def _publish_readings(self) -> None:
         """Publish the readings that have arrived, and the sensors' time."""
-        if self._gnss is None:
+        if self._sensors is None:
             return
         simulator, snapshot = self._loop.simulator, self._loop.snapshot
         for reading in simulator.readings:
-            for topic, message in sensor_messages.messages(reading, self._sensor_base, self._gnss):
+            for topic, message in sensor_messages.messages(
+                reading, self._sensor_base, self._sensors, self._frames
+            ):
                 self._publish(topic, message)
         simulator.readings = []
         time_now = self._sensor_base + round(simulator.sensor_time * 1e9)

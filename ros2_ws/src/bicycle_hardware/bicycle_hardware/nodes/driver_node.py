@@ -37,6 +37,7 @@ from bicycle_hardware.nodes.driver_settings import DriverSettings
 from bicycle_hardware.serial_line import SPEEDS, SerialLine
 from bicycle_sim import __version__
 from bicycle_sim.nodes import sensor_messages
+from bicycle_sim.nodes.robot_model import frames_of
 from bicycle_sim.runtime.command_validator import CommandValidator
 from bicycle_sim.sensors.reading import Reading
 
@@ -96,6 +97,7 @@ class DriverNode(Node):
         self._steps = 0
         self._counted = time.monotonic(), 0
         self._was_silent, self._was_mode = False, -1
+        self._frames = frames_of(self.get_namespace())
         self._publishers_by_name = advertise(
             self,
             topics.IMU,
@@ -223,7 +225,7 @@ class DriverNode(Node):
             np.zeros(1, dtype=bool),
             np.array([measured.values]),
         )
-        for topic, message in sensor_messages.messages(reading, 0, self._sensors):
+        for topic, message in sensor_messages.messages(reading, 0, self._sensors, self._frames):
             self._publish(topic, message)
 
     def _publish_step(self, heard: Step) -> None:
