@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bicycle_bringup.fleet_report import Rider, as_text, facts
 from bicycle_bringup.fleet_routes import routes
 from bicycle_controller.control import courses, followers
 from bicycle_sim.plants import registry
@@ -30,12 +29,3 @@ def test_ten_routes_can_be_ridden_and_cross(plant: Any, tmp_path: Path) -> None:
     ).min()
     assert apart < 1.0
     assert (paths[0].x[0], paths[0].y[0]) == pytest.approx((drawn[0].x, drawn[0].y), abs=0.01)
-
-
-def test_a_report_tells_the_nearest_pair_and_the_latest_steps() -> None:
-    riders = [Rider("b1", "ridden to its end", True, 0.1, 0.2, lateness=[0.001] * 99 + [0.01])]
-    riders.append(Rider("b2"))
-    found = facts(riders, {("b1", "b2"): 2.5})
-    assert (found["finished"], found["nearest_m"], found["nearest_pair"]) == (1, 2.5, ["b1", "b2"])
-    assert found["bicycles"]["b1"]["lateness_p99_ms"] == pytest.approx(1.09, abs=0.1)
-    assert "1 of 2 rode their routes to the end; nearest 2.50 m (b1 and b2)" in as_text(found)

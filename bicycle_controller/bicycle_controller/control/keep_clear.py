@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+UNHEARD = "bicycles not heard"
+"""Key of a controller's diagnostics that names those that it hears nothing of."""
 CLEAR = 3.0
 """Distance between two rear contacts that is kept, m."""
 HORIZON = 10.0

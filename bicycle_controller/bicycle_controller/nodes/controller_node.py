@@ -36,6 +36,7 @@ from bicycle_controller.control.echo_pairing import EchoPairing
 from bicycle_controller.control.goals import GoalTracker
 from bicycle_controller.control.guidance import Guidance
 from bicycle_controller.control.guide import PathEnd
+from bicycle_controller.control.keep_clear import UNHEARD
 from bicycle_controller.nodes.action_desk import ActionDesk, Orders
 from bicycle_controller.nodes.controller_settings import ControllerSettings
 from bicycle_controller.nodes.estimator import Estimator
@@ -433,10 +434,14 @@ class ControllerNode(LifecycleNode):
         other = driver.standby.other
         if other:
             text = f"stands by: {other} drives this bicycle"
+        unheard = ", ".join(self._guiding.unheard)
+        if unheard:
+            text = f"hears nothing of {unheard}, and cannot keep clear of it"
         if not self._active:
             text = "is not active: it answers no state"
         bad = self._state_was_bad or driver.failing or bool(driver.driving or other)
-        bad = bad or not self._active or silence > SILENCE or bool(self._unlike)
+        bad = bad or not self._active or silence > SILENCE
+        bad = bad or bool(self._unlike or unheard)
         name = f"{self.get_fully_qualified_name().lstrip('/')}: policy"
         values: dict[str, object] = {
             "policy": driver.policy.policy_id,
@@ -448,6 +453,7 @@ class ControllerNode(LifecycleNode):
             "bad states": self._bad_states,
             UNLIKE: self._unlike or "no",
             "goals waiting": driver.tracker.waiting,
+            UNHEARD: unheard or "none",
             **percentiles(list(driver.times), "answer"),
             **percentiles(list(driver.policy_times), "policy"),
         }

@@ -61,8 +61,14 @@ class Guiding:
         listen(node, topics.CMD_VEL_PLAIN, self._on_twist)
         self._heard: dict[str, float] = {}
         guidance.name = node.get_namespace().strip("/")
+        self._others = tuple(others)
         for name in others:
             self._watch(name)
+
+    @property
+    def unheard(self) -> list[str]:
+        """Names of the bicycles to keep clear of that nothing is heard of."""
+        return [name for name in self._others if name not in self._heard]
 
     def _watch(self, name: str) -> None:
         """Keep the pose of another bicycle up to date."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import shlex
 import sys
@@ -22,6 +23,8 @@ class Rider:
         latency: s from publishing a state to receiving its command.
         late: steps that began later than half a period.
         dropped: whole periods that were skipped.
+        track: when each state was sent, s by the machine's clock, and the rear contact then, m.
+            A state that is read late is no later state.
     """
 
     name: str
@@ -33,6 +36,7 @@ class Rider:
     dropped: int = 0
     lateness: list[float] = field(default_factory=list)
     latency: list[float] = field(default_factory=list)
+    track: list[tuple[float, float, float]] = field(default_factory=list)
 
     def facts(self) -> dict[str, Any]:
         """Return the keys of one bicycle in `fleet.json`."""
@@ -49,8 +53,23 @@ class Rider:
         }
 
 
-def facts(riders: Sequence[Rider], nearest: Mapping[tuple[str, str], float]) -> dict[str, Any]:
-    """Return the content of `fleet.json`; `nearest` is the least distance of each pair, m."""
+def least_distance(one: Rider, other: Rider) -> float:
+    """Return how near two bicycles came, m; infinite if they did not ride at the same time."""
+    a, b = np.array(one.track).reshape(-1, 3), np.array(other.track).reshape(-1, 3)
+    if not (len(a) and len(b)):
+        return math.inf
+    times = np.union1d(a[:, 0], b[:, 0])
+    times = times[(times >= max(a[0, 0], b[0, 0])) & (times <= min(a[-1, 0], b[-1, 0]))]
+    apart = [np.interp(times, *a[:, [0, i]].T) - np.interp(times, *b[:, [0, i]].T) for i in (1, 2)]
+    return float(np.hypot(*apart).min(initial=math.inf))
+
+
+def facts(riders: Sequence[Rider]) -> dict[str, Any]:
+    """Return the content of `fleet.json`."""
+    nearest = {
+        (one.name, other.name): least_distance(one, other)
+        for one, other in itertools.combinations(riders, 2)
+    }
     pair = min(nearest, key=lambda key: nearest[key], default=None)
     every = [value for one in riders for value in one.lateness]
     answers = [value for one in riders for value in one.latency]

@@ -8,7 +8,6 @@ if __name__ == "__main__":
     run_module("bicycle_bringup.nodes.fleet")
 
 import argparse
-import itertools
 import json
 import math
 import sys
@@ -18,9 +17,11 @@ from pathlib import Path
 
 import rclpy
 from bicycle_msgs.msg import BicycleState, LoopTiming
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from std_srvs.srv import SetBool
 
 from bicycle_bringup import fleet_report
 from bicycle_bringup.fleet_report import Rider
@@ -36,6 +37,7 @@ from bicycle_common.nodes import topics
 from bicycle_common.nodes.topics import listen
 from bicycle_common.processes import ProcessGroup, registry_of
 from bicycle_common.signals import StopRequest
+from bicycle_controller.control.keep_clear import UNHEARD
 from bicycle_tools.nodes.commander import BicycleCommander, CommanderError
 
 MOST = 20
@@ -60,11 +62,15 @@ class Watch:
         self.state: BicycleState | None = None
         self.counts = False
         self.node = Node("bicycle_fleet", namespace=f"/{route.name}", context=context)
-        listen(self.node, topics.STATE, self._on_state, depth=1)
+        listen(self.node, topics.STATE, self._on_state)
         listen(self.node, topics.TIMING, self._on_timing)
 
-    def _on_state(self, message: BicycleState) -> None:
+    def _on_state(self, message: BicycleState, info: dict[str, int]) -> None:
         self.state = message
+        if self.counts:
+            place = message.rear_contact
+            sent = 1e-9 * info["source_timestamp"]
+            self.rider.track.append((sent, float(place.x), float(place.y)))
 
     def _on_timing(self, message: LoopTiming) -> None:
         rider = self.rider
@@ -72,13 +78,6 @@ class Watch:
             rider.lateness.append(float(message.lateness))
             rider.latency.append(float(message.latency))
             rider.late, rider.dropped = int(message.late_steps), int(message.dropped_steps)
-
-    @property
-    def place(self) -> tuple[float, float] | None:
-        """Return the rear contact, m."""
-        if self.state is None:
-            return None
-        return float(self.state.rear_contact.x), float(self.state.rear_contact.y)
 
 
 class Fleet:
@@ -96,8 +95,9 @@ class Fleet:
         self._watches = [Watch(route, self._context) for route in self._routes]
         for watch in self._watches:
             self._executor.add_node(watch.node)
+        self._unheard: dict[str, str] = {}
+        listen(self._watches[0].node, topics.DIAGNOSTICS, self._on_diagnostics)
         self._orders: dict[str, BicycleCommander] = {}
-        self.nearest: dict[tuple[str, str], float] = {}
         self._crew = ProcessGroup(self._commands(), self._folder, registry_of(workspace()))
 
     def _commands(self) -> dict[str, list[str]]:
@@ -134,6 +134,9 @@ class Fleet:
         files = [route.write(folder).resolve() for route in self._routes]
         self._crew.start()
         self._wait(lambda: all(watch.state is not None for watch in self._watches), "a state")
+        # On a busy machine the nodes of one bicycle are ready long before those of another.
+        self._pause(True)
+        self._wait(self._hear_each_other, "each controller's word that it hears the others")
         for watch, file in zip(self._watches, files, strict=True):
             name = watch.route.name
             try:
@@ -141,18 +144,37 @@ class Fleet:
                 self._orders[name].follow_course(str(file))
             except CommanderError as error:
                 raise FleetError(f"{name}: {error}") from None
+        self._pause(False)
         for watch in self._watches:
             watch.counts = True
         self._wait(self._over, "the end of all routes", math.inf)
 
+    def _pause(self, paused: bool) -> None:
+        """Pause all bicycles, or let them go on."""
+        clients = [
+            watch.node.create_client(topics.PAUSE.type, topics.PAUSE.name)
+            for watch in self._watches
+        ]
+        self._wait(lambda: all(one.service_is_ready() for one in clients), topics.PAUSE.name)
+        answers = [one.call_async(SetBool.Request(data=paused)) for one in clients]
+        self._wait(lambda: all(one.done() for one in answers), topics.PAUSE.name)
+        for watch, client in zip(self._watches, clients, strict=True):
+            watch.node.destroy_client(client)
+
+    def _on_diagnostics(self, array: DiagnosticArray) -> None:
+        for status in array.status:
+            namespace = status.name.partition("/")[0]
+            for item in status.values:
+                if item.key == UNHEARD:
+                    self._unheard[namespace] = item.value
+
+    def _hear_each_other(self) -> bool:
+        """Return True if every controller hears all bicycles that it shall keep clear of."""
+        words = [self._unheard.get(watch.route.name) for watch in self._watches]
+        return all(word == "none" for word in words)
+
     def _over(self) -> bool:
-        """Look at all; return True when every order has ended."""
-        both = itertools.combinations(self._watches, 2)
-        for one, other in both:
-            a, b = one.place, other.place
-            if a is not None and b is not None:
-                key = one.route.name, other.route.name
-                self.nearest[key] = min(self.nearest.get(key, math.inf), math.dist(a, b))
+        """Return True when every order has ended."""
         ended = [order.done for order in self._orders.values()]  # asks each
         return all(ended)
 
@@ -235,7 +257,7 @@ def main() -> int:
         failure = str(error)
     finally:
         riders = fleet.close()
-    found = fleet_report.facts(riders, fleet.nearest)
+    found = fleet_report.facts(riders)
     (given.output / "fleet.json").write_text(json.dumps(found, indent=2) + "\n")
     print(fleet_report.as_text(found))
     print(f"in {given.output}: fleet.json, routes, the nodes' logs")

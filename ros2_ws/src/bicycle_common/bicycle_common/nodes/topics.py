@@ -236,8 +236,10 @@ def advertise(node: Node, *topics: Topic) -> dict[str, Publisher]:
     return {t.name: node.create_publisher(t.type, t.name, t.publish) for t in topics}
 
 
-def listen(node: Node, topic: Topic, callback: Callable[[Any], None], depth: int = 0) -> Any:
+def listen(node: Node, topic: Topic, callback: Callable[..., None], depth: int = 0) -> Any:
     """Call `callback` with every message of `topic`; with a depth, with the newest only.
+
+    A callback that takes two arguments gets rclpy's facts about the message, too.
 
     Returns:
         The subscription, for a node that ends it before its own end.
