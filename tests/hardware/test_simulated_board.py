@@ -199,6 +199,29 @@ def test_command_is_valid_for_its_time_only(rig: Rig) -> None:
     assert modes[25] is Mode.FALLBACK  # the board's own longest time is 200 ms
 
 
+@pytest.mark.parametrize("late", [0.05, 0.08, 0.11, 0.2, 1.0])
+@pytest.mark.parametrize("speed", [2.0, 4.0])
+def test_a_pc_that_always_answers_late_is_no_worse_than_the_fallback(
+    rig: Rig, late: float, speed: float
+) -> None:
+    rig.arm()
+    rig.place(speed)
+    rig.state = rig.plant.pushed(rig.state, 0.1)
+    waiting: list[tuple[int, float]] = []
+    largest, obeyed = 0.0, 0
+    for tick in range(1000):
+        if tick % 2 == 0:
+            waiting.append((rig.now_us, rig.answer()))
+        while waiting and rig.now_us - waiting[0][0] >= 1e6 * late:
+            rig.command(waiting[0][1], stamp=waiting[0][0])
+            del waiting[0]
+        rig.tick()
+        obeyed += mode(rig) == Mode.RIDING
+        largest = max(largest, abs(float(rig.state.lean_angle[0])))
+    assert largest < math.radians(20.0)
+    assert (obeyed > 20) == (late < 0.1)
+
+
 def test_bytes_lost_flipped_and_delayed_are_no_worse_than_the_fallback(rig: Rig) -> None:
     rig.arm()
     rig.place(3.0)

@@ -91,12 +91,23 @@ class Rig:
             if isinstance(message, DriverState):
                 self.driver = message
 
-    def command(self, torque: float = 0.0, drive: float = 0.0, valid_ms: int = 100) -> None:
-        """Send a command, as the PC does."""
-        self.line.send(Actuators(self.now_us & 0xFFFFFFFF, torque, drive, valid_ms))
+    def command(
+        self,
+        torque: float = 0.0,
+        drive: float = 0.0,
+        valid_ms: int = 100,
+        stamp: int | None = None,
+    ) -> None:
+        """Send a command, as the PC does: an answer to the state of now, or of an earlier time."""
+        stamp = self.now_us if stamp is None else stamp
+        self.line.send(Actuators(stamp & 0xFFFFFFFF, torque, drive, valid_ms))
 
     def steer(self) -> None:
         """Send the LQR's command for the true state."""
+        self.command(self.answer())
+
+    def answer(self) -> float:
+        """Return the LQR's torque for the true state, N m."""
         s = self.state
         o = (
             s.steer_angle,
@@ -106,7 +117,7 @@ class Rig:
             s.lean_acceleration,
             s.heading,
         )
-        self.command(float(self.controller.act(np.array(o).T, s.speed)[0, 0]))
+        return float(self.controller.act(np.array(o).T, s.speed)[0, 0])
 
     def arm(self) -> None:
         """Calibrate, let commands come for more than a second, and arm."""

@@ -142,7 +142,6 @@ static void take_actuators(struct core *core, uint16_t sequence, const uint8_t *
     core->torque = limited(torque, core->settings.torque_limit);
     core->drive = limited(drive, core->settings.drive_limit);
     core->command_stamp_us = get_u32(b);
-    core->command_us = now;
     core->valid_us = (uint32_t)valid_ms * 1000u;
     core->has_command = true;
 }
@@ -287,7 +286,8 @@ static float fallback(const struct core *core, const struct core_inputs *in, uin
 }
 
 static void decide(struct core *core, const struct core_inputs *in, uint32_t now) {
-    bool valid = core->has_command && now - core->command_us <= core->valid_us;
+    /* From the state that it answers: a PC that answers late, but steadily, would fell the bicycle. */
+    bool valid = core->has_command && now - core->command_stamp_us <= core->valid_us;
     if (core->mode != CORE_DISARMED) {
         if (in->stopped)
             core->mode = CORE_ESTOP;

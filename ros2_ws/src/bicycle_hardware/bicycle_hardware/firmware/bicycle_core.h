@@ -82,8 +82,7 @@ struct core {
     uint32_t advancing_since_us;
     bool advancing;
     float torque, drive;    /* commanded */
-    uint32_t command_us;    /* when that came */
-    uint32_t command_stamp_us;
+    uint32_t command_stamp_us; /* of the state that it answers */
     uint32_t valid_us;
     bool has_command;
     uint32_t bad_frames;
