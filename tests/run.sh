@@ -38,11 +38,9 @@ unset PYTEST_ADDOPTS PYTEST_PLUGINS PYTEST_DISABLE_PLUGIN_AUTOLOAD MYPYPATH
 export no_proxy=${no_proxy:+$no_proxy,}127.0.0.1,localhost
 export NO_PROXY=$no_proxy
 echo "== pytest"
-# Whole files to one worker, so that a module's nodes and bags are made once. One worker more than there
-# are processors, for a test of nodes waits for a third of its time.
-workers=$(($(nproc) + 1))
+# Whole files to one worker, so that a module's nodes and bags are made once.
 status=0
 # A run under nohup ignores SIGHUP, and so would every program that a test starts.
-env --default-signal=HUP python -m pytest -n "$workers" --dist loadfile -q "$@" || status=$?
+env --default-signal=HUP python -m pytest -n 2 --dist loadfile -q "$@" || status=$?
 [[ -n $chromium ]] || echo "$without"
 exit "$status"
