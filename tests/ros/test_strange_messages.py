@@ -151,7 +151,7 @@ def heard_by(node: Node) -> list[Any]:
 def drives(node: ControllerNode, count: int) -> bool:
     """Return True if a sound goal and a sound state are answered by a sound command."""
     node._on_episode(episode())
-    node._on_goal_pose(goal())
+    node._goals._on_goal_pose(goal())
     node._on_state(state(step=count, episode=7))
     command = node._driver._command
     assert command is not None

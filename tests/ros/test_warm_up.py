@@ -56,7 +56,7 @@ def test_once_after_each_answer_in_real_time(
     info = EpisodeInfo(episode=1, pace=pace, scenario=SCENARIO.to_json(), version="test")
     info.physics = ChoiPlant().to_json()
     controller._on_episode(info)
-    controller._on_goal_pose(goal(20.0, 10.0))
+    controller._goals._on_goal_pose(goal(20.0, 10.0))
     simulator = Simulator(SCENARIO)
     simulator.reset(InitialPose(0.0, 0.0, 0.0, SCENARIO.start_speed))
     for step in range(3):
