@@ -197,7 +197,7 @@ def test_the_start_offset_counts_what_is_played(tmp_path: Path) -> None:
     due, messages, _ = played(bag, PlayOptions(start_offset=1.0))
     assert messages == recorded(100)[81:]
     assert due[0] == pytest.approx(0.0, abs=0.02)
-    with pytest.raises(BagError, match=r"lasts 1\.2 s: choose a smaller start offset"):
+    with pytest.raises(BagError, match=r"due after 1\.2 s: choose a smaller start offset"):
         played(bag, PlayOptions(start_offset=5.0))
 
 

@@ -112,6 +112,17 @@ def test_what_cannot_be_played_is_named(tmp_path: Path) -> None:
     ):
         with pytest.raises(BagError, match=said):
             Playback(reader, PlayOptions(**options))
+    for options, said in (
+        ({"start_offset": 0.01, "duration": 1e-9}, "within 1e-09 s after the start offset"),
+        (
+            {"topics": [EPISODE], "start_offset": 0.05},
+            r"is due after 0\.0 s: choose a smaller start",
+        ),
+    ):
+        with pytest.raises(BagError, match=said):
+            list(Playback(reader, PlayOptions(**options)).timeline())
+    with pytest.raises(BagError, match="no message to play"):  # as in ros2 bag play
+        Playback(reader, PlayOptions(topics=[STATE[1:]], exclude_topics=[STATE]))
     BagWriter(tmp_path / "empty").close()
     with pytest.raises(BagError, match="no message to play"):
         Playback(BagReader(tmp_path / "empty"), PlayOptions())

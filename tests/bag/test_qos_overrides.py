@@ -30,6 +30,13 @@ def test_the_example_of_rosbag2s_documentation(tmp_path: Path) -> None:
     assert read_overrides("") == {}
 
 
+def test_a_duration_beyond_the_longest_is_endless(tmp_path: Path) -> None:
+    """Other middlewares write their own numbers for it."""
+    path = tmp_path / "qos.yaml"
+    path.write_text("/a: {lifespan: {sec: 18446744073, nsec: 709551615}}\n")
+    assert read_overrides(str(path))["/a"].lifespan == INFINITE_NS
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -40,7 +47,14 @@ def test_the_example_of_rosbag2s_documentation(tmp_path: Path) -> None:
         ("/a: {reliability: perfect}", "reliability is 'perfect', not one of"),
         ("/a: {history: unknown}", "history is unknown"),
         ("/a: {depth: -1}", "depth is -1"),
-        ("/a: {deadline: 3}", "/a: "),
+        ("/a: {depth: true}", "depth is True"),
+        ("/a: {depth: 99999999999999999999}", "depth is 99999999999999999999: give a whole"),
+        ("/a: {deadline: 3}", "/a: deadline is '3': write {sec: 1, nsec: 0}"),
+        ("/a: {deadline: {sec: 1}}", "/a: deadline is "),
+        ("/a: {lifespan: {sec: .inf, nsec: 0}}", "lifespan is "),
+        ("/a: {lifespan: {sec: -1, nsec: 0}}", "lifespan is -1000000000 ns: give 0 to"),
+        ("/a: {liveliness: manual_by_node}", "no manual_by_node any more"),
+        ("/a: {avoid_ros_namespace_conventions: maybe}", "is 'maybe': give true or false"),
     ],
 )
 def test_mistakes(tmp_path: Path, text: str, said: str) -> None:

@@ -150,6 +150,37 @@ def test_a_replay_is_held_stepped_and_let_go_by_services(probe: Probe, replay: S
     assert steps == sorted(steps)
 
 
+def test_services_answer_before_the_first_message(probe: Probe, replay: Start) -> None:
+    running = replay("--delay", "80000", "--rate", "0.01")
+    running.wait_for_line("playing")
+
+    def call(name: str) -> tuple[bool, str]:
+        answer = probe.call(Service(f"/bicycle_player/{name}", Trigger), Trigger.Request())
+        return answer.success, answer.message
+
+    assert call("play_next") == (False, "plays: pause it first")
+    assert call("pause") == (True, "paused")
+    assert call("play_next") == (True, "the next message is played")
+    assert running.stop() == 0
+
+
+def test_states_without_their_echoes_are_no_controllers_bicycle(
+    start_node: Start, probe: Probe, replay: Start
+) -> None:
+    """Nothing tells the controller that another one drives them."""
+    alone = ("--loop", "--delay", "0", "--topics", "/bicycle/state", "/odom")
+    for words in (
+        (*alone, "--exclude-topics", "/bicycle/command_echo"),
+        (*alone, "--remap", "/bicycle/command_echo:=/ghost/echo"),
+    ):
+        running = replay(*words)
+        running.wait_for_line("playing")
+        controller = start_node(WORKSPACE / "controller.sh", ["policy:=lqr"])
+        refused(running, "/bicycle_controller (/bicycle/command)")
+        refused(replay(*words), "/bicycle_controller (/bicycle/command)")
+        assert controller.stop() == 0
+
+
 def test_keys_hold_a_replay_and_let_it_go(ros_domain: int, tmp_path: Path) -> None:
     """A terminal of its own, as a person has it."""
     child, terminal = pty.fork()
@@ -208,11 +239,15 @@ def test_a_file_of_qos_profiles_is_obeyed(probe: Probe, replay: Start, tmp_path:
         (("--exclude-topics", "/odim"), "has no topic /odim"),
         (("--playback-duration", "-1"), "playback duration is -1"),
         (("--qos-profile-overrides-path", "/none.yaml"), "cannot read /none.yaml"),
+        (("--remap", "/odom:=/bicycle/state"), "would both be /bicycle/state: give them"),
+        (("--topics", "/odom", "--remap", "/odom:=/clock", "--clock"), "would both be /clock"),
+        (("--topics", "/odom", "--exclude-topics", "odom"), "has no message to play"),
     ],
 )
 def test_a_mistake_is_one_line(words: tuple[str, ...], complaint: str, ros_domain: int) -> None:
     done = script("replay", BAG, *words)
     assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr.startswith("replay.sh: ")
     assert complaint in done.stderr
     assert done.stderr.count("\n") == 1
 

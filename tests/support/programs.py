@@ -172,10 +172,10 @@ PROGRAMS = (
         options=output("--to", "--format=safetensors"),
     ),
     Program(
-        "bicycle_record", recorder_node.main, options=output("--output", "--topics=/bicycle/state")
+        "record.sh", recorder_node.main, options=output("--output", "--topics=/bicycle/state")
     ),
-    Program("bicycle_play", player_node.main, positionals=bag),
-    Program("bicycle_repair", repair, positionals=lambda folder: [copied(folder)]),
+    Program("replay.sh", player_node.main, positionals=bag),
+    Program("record.sh --repair", repair, positionals=lambda folder: [copied(folder)]),
     Program(
         "replay.sh --verify",
         main_of(verify),

@@ -105,7 +105,8 @@ class Playback:
         left_out = {absolute(name) for name in options.exclude_topics}
         chosen = [absolute(name) for name in options.topics] or list(reader.topics)
         reader.require([*chosen, *left_out])
-        left_out = set(with_echoes(left_out, reader.topics)) - set(options.topics)
+        named = {absolute(name) for name in options.topics} - left_out
+        left_out = set(with_echoes(left_out, reader.topics)) - named
         chosen = [n for n in with_echoes(chosen, reader.topics) if n not in left_out]
         self.topics = [name for name in chosen if not (options.clock_hz and name == CLOCK)]
         if not any(reader.counts[name] for name in self.topics):
@@ -152,7 +153,8 @@ class Playback:
             tell: Called with one line for each jump of the recording's clock.
 
         Raises:
-            BagError: The bag is corrupt where it is being read, or ends before the start offset.
+            BagError: The bag is corrupt where it is being read, or nothing is due from the start
+                offset on or within the playback duration.
         """
         time = self._time(tell)
         period = int(1e9 * self.rate / self._options.clock_hz) if self._options.clock_hz else 0
@@ -164,6 +166,11 @@ class Playback:
             if due < self._skipped_ns:
                 continue
             if self._options.duration and due - self._skipped_ns > self._options.duration * 1e9:
+                if not played:
+                    raise BagError(
+                        f"nothing of it is due within {self._options.duration:g} s after the "
+                        "start offset: choose a longer playback duration"
+                    )
                 return
             offset = offset if played else time.offset_ns
             while period and next_tick <= due:
@@ -172,7 +179,10 @@ class Playback:
             played = True
             yield self._seconds(due), message
         if not played:
-            self._refuse_offset(time.now_ns / 1e9)
+            raise BagError(
+                f"the last of what is to be played is due after {time.now_ns / 1e9:.1f} s: "
+                f"choose a smaller start offset than {self._options.start_offset}"
+            )
 
     def _seconds(self, due: int) -> float:
         """Return the time after the start of the replay at which something is due, s."""

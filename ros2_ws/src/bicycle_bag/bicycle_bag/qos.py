@@ -10,6 +10,8 @@ from bicycle_common import yaml_text
 
 INFINITE_NS = 2**63 - 1
 """Infinite duration of rmw: the largest int64 count of nanoseconds."""
+MOST_DEPTH = 2**31 - 1
+"""Messages; DDS counts them in 32 bits."""
 _SECOND_NS = 1_000_000_000
 
 # Names in the order of rmw's enumerations, which metadata before version 9 stores as numbers.
@@ -38,7 +40,7 @@ class QosProfile:
     """One publisher's offer, with rosbag2's names; durations in nanoseconds.
 
     Raises:
-        ValueError: A policy has no such value.
+        ValueError: A policy has no such value, or a number is out of range.
     """
 
     history: str = "unknown"
@@ -56,6 +58,14 @@ class QosProfile:
             value = getattr(self, policy)
             if value not in names:
                 raise ValueError(f"{policy} is {value!r}, not one of {', '.join(names)}")
+        for name in _DURATIONS:
+            if not 0 <= getattr(self, name) <= INFINITE_NS:
+                raise ValueError(f"{name} is {getattr(self, name)} ns: give 0 to {INFINITE_NS}")
+        depth, plain = self.depth, self.avoid_ros_namespace_conventions
+        if type(depth) is not int or not 0 <= depth <= MOST_DEPTH:
+            raise ValueError(f"depth is {depth!r}: give a whole number, 0 to {MOST_DEPTH}")
+        if not isinstance(plain, bool):
+            raise ValueError(f"avoid_ros_namespace_conventions is {plain!r}: give true or false")
 
     def to_yaml_map(self) -> dict[str, Any]:
         """Return the profile as metadata version 9 nests it."""
@@ -78,12 +88,24 @@ def from_yaml_map(values: Mapping[str, Any]) -> QosProfile:
             continue
         value = values[field.name]
         if field.name in _DURATIONS:
-            value = int(value["sec"]) * _SECOND_NS + int(value["nsec"])
+            value = _nanoseconds(field.name, value)
         elif field.name in _NAMES and isinstance(value, int):
             names = _NAMES[field.name]
             value = names[value] if 0 <= value < len(names) else "unknown"
         known[field.name] = value
     return QosProfile(**known)
+
+
+def _nanoseconds(name: str, value: Any) -> int:
+    """Return a duration of rmw; one beyond the infinite one is that.
+
+    Raises:
+        ValueError: It is none.
+    """
+    parts = [value.get(part) for part in ("sec", "nsec")] if isinstance(value, Mapping) else []
+    if not (parts and all(type(part) is int for part in parts)):
+        raise ValueError(f"{name} is {str(value)[:40]!r}: write {{sec: 1, nsec: 0}}")
+    return min(parts[0] * _SECOND_NS + parts[1], INFINITE_NS)
 
 
 def dump_profiles(profiles: Sequence[QosProfile]) -> str:

@@ -49,13 +49,15 @@ def _profile(path: str, topic: object, entry: Any) -> QosProfile:
             raise BagError(f"{path}: {topic} has {name!r}; a profile has {', '.join(KNOWN)}")
     try:
         given = from_yaml_map(entry)
-    except (ValueError, TypeError, KeyError) as error:
+    except ValueError as error:
         raise BagError(f"{path}: {topic}: {error}") from None
     named = {name: getattr(given, name) for name in entry}
     profile = replace(DEFAULT, **named)
-    if isinstance(profile.depth, bool) or not isinstance(profile.depth, int) or profile.depth < 0:
-        raise BagError(f"{path}: {topic}: depth is {profile.depth!r}: give a whole number")
     for name in ("history", "reliability", "durability", "liveliness"):
         if getattr(profile, name) == "unknown":
             raise BagError(f"{path}: {topic}: {name} is unknown: nobody can subscribe with that")
+    if profile.liveliness == "manual_by_node":
+        raise BagError(
+            f"{path}: {topic}: ROS has no manual_by_node any more: automatic is nearest"
+        )
     return profile

@@ -257,7 +257,7 @@ def _disk_errors(path: Path) -> Iterator[None]:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command `bicycle_repair`; return its exit status."""
-    parser = OneLineParser(prog="bicycle_repair", description=__doc__)
+    parser = OneLineParser(prog="record.sh --repair", description=__doc__)
     parser.add_argument(
         "bag",
         type=Path,
@@ -270,10 +270,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with tqdm(total=total, unit="B", unit_scale=True, disable=None) as bar:
             report = repair(bag, bar.update)
     except BagError as error:
-        print(f"bicycle_repair: {error}", file=sys.stderr)
+        print(f"record.sh: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        print("bicycle_repair: interrupted; the bag is as it was, run it again", file=sys.stderr)
+        print("record.sh: interrupted; the bag is as it was, run it again", file=sys.stderr)
         return 130
     print(f"{bag}: {report}")
     return 0

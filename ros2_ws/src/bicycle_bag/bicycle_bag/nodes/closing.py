@@ -80,4 +80,4 @@ def close(writer: BagWriter, stop: StopRequest, name: str) -> BagMetadata:
 def say(text: str) -> None:
     """Print a line on standard error, which may be closed if the terminal is gone."""
     with contextlib.suppress(OSError):
-        print(f"bicycle_record: {text}", file=sys.stderr, flush=True)
+        print(f"record.sh: {text}", file=sys.stderr, flush=True)

@@ -17,6 +17,8 @@ from std_srvs.srv import Trigger
 from bicycle_bag.tempo import FASTER, Tempo
 
 KEYS = "Space pauses and goes on, → plays the next message, ↑ and ↓ change the speed"
+PAUSE_FIRST = "plays: pause it first"
+"""Answer of what needs a paused replay."""
 UP, DOWN, RIGHT = b"\x1b[A", b"\x1b[B", b"\x1b[C"
 
 
@@ -102,7 +104,7 @@ class Controls:
         return "paused" if self._tempo.paused else "goes on"
 
     def _next(self) -> str:
-        return "the next message is played" if self._tempo.step() else "plays: pause it first"
+        return "the next message is played" if self._tempo.step() else PAUSE_FIRST
 
     def _faster(self, factor: float) -> str:
         return f"{self._tempo.speed_up(factor):.2f} times the speed of the start"
@@ -112,7 +114,8 @@ def _answering(
     act: Callable[[], str],
 ) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
     def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = True, act()
+        response.message = act()
+        response.success = response.message != PAUSE_FIRST
         return response
 
     return answer

@@ -6,6 +6,9 @@ from collections.abc import Iterable
 
 from rclpy.node import Node
 
+from bicycle_bag.selection import echo_of
+from bicycle_common.topic_names import COMMAND, STATE
+
 SHARED = (
     "/rosout",
     "/parameter_events",
@@ -23,6 +26,20 @@ def guarded(topics: Iterable[str]) -> list[str]:
     """Return the topics that have one publisher by their nature."""
     return [
         name for name in topics if name not in SHARED and name.rpartition("/")[2] not in INPUTS
+    ]
+
+
+def drivers_of_states_alone(topics: Iterable[str]) -> list[str]:
+    """Return the topics of commands beside states that are played without their echoes.
+
+    The echoes tell a controller who drives. Without them it takes the bag's states for its own
+    bicycle's.
+    """
+    names = set(topics)
+    return [
+        name.removesuffix(STATE) + COMMAND
+        for name in sorted(names)
+        if echo_of(name) and echo_of(name) not in names
     ]
 
 

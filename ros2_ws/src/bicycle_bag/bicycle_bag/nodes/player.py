@@ -18,7 +18,12 @@ from tqdm import tqdm
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import Topic
 from bicycle_bag.nodes.controls import Controls
-from bicycle_bag.nodes.others import guarded, listed, other_publishers
+from bicycle_bag.nodes.others import (
+    drivers_of_states_alone,
+    guarded,
+    listed,
+    other_publishers,
+)
 from bicycle_bag.nodes.session import message_class, overridden_profile, publisher_profile
 from bicycle_bag.playback import CLOCK, ClockTick, Playback
 from bicycle_bag.qos import QosProfile
@@ -75,13 +80,15 @@ class Player:
         self._names = {name: names.get(name, name) for name in playback.topics}
         kinds = self._playable(reader)
         played = [*(self._names[name] for name in kinds), *([CLOCK] if clock else [])]
-        self._guarded = guarded(map(node.resolve_topic_name, played))
+        resolved = [node.resolve_topic_name(name) for name in played]
+        _refuse_twins([*kinds, CLOCK], resolved)
+        self._guarded = [*guarded(resolved), *drivers_of_states_alone(resolved)]
         self._looked = time.monotonic()
         self._look_around(own=0, patience=DISCOVERY_SECONDS)
         self._publishers: dict[str, Publisher] = {}
         for name, kind in kinds.items():
             profile = _profile(reader.topics[name].qos, overrides.get(name))
-            self._publishers[name] = node.create_publisher(kind, self._names[name], profile)
+            self._publishers[name] = _publisher(node, kind, self._names[name], profile)
         self._clock = node.create_publisher(Clock, CLOCK, LATCHED) if clock else None
 
     def _playable(self, reader: BagReader) -> dict[str, type[Any]]:
@@ -97,7 +104,7 @@ class Player:
             except BagError as error:
                 self._node.get_logger().warning(f"{name} is not played: {error}")
         if not kinds:
-            raise BagError("no topic can be played: source the workspace that has their types")
+            raise BagError("no topic can be played, for the reasons above")
         return kinds
 
     def _class_of(self, topic: Topic) -> type[Any]:
@@ -195,6 +202,20 @@ class Player:
             self._looked = now
             self._look_around(own=1)
 
+    def serve(self, seconds: float, stop: StopRequest, controls: Controls) -> bool:
+        """Wait while services, keys and others are attended to; whether to end.
+
+        Raises:
+            BagError: Another node publishes what is played.
+        """
+        deadline = time.monotonic() + seconds
+        while True:
+            controls.serve()
+            self.watch()
+            left = deadline - time.monotonic()
+            if stop.wait(max(0.0, min(SLICE, left))) or left <= 0.0:
+                return stop.requested
+
     def _look_around(self, own: int, patience: float = 0.0) -> None:
         """Look for others, so long as some may not have been seen yet.
 
@@ -230,6 +251,39 @@ class Player:
         message.clock.sec, message.clock.nanosec = seconds, rest
         assert self._clock is not None
         self._clock.publish(message)
+
+
+def _refuse_twins(topics: Sequence[str], names: Sequence[str]) -> None:
+    """Refuse two topics under one name, which nobody can tell apart.
+
+    Args:
+        topics: names in the bag, and perhaps one more.
+        names: under which they are published.
+
+    Raises:
+        BagError: There are two.
+    """
+    first: dict[str, str] = {}
+    for topic, name in zip(topics, names, strict=False):
+        if name in first:
+            raise BagError(
+                f"{first[name]} and {topic} would both be {name}: give them different names with "
+                "--remap, or leave one out with --exclude-topics"
+            )
+        first[name] = topic
+
+
+def _publisher(node: Node, kind: type[Any], name: str, profile: QoSProfile) -> Publisher:
+    """Return a publisher.
+
+    Raises:
+        BagError: The middleware refuses it.
+    """
+    try:
+        return node.create_publisher(kind, name, profile)
+    except Exception as error:  # rcl's, on what the middleware cannot do
+        reason = " ".join(str(error).split())[:200]
+        raise BagError(f"{name} cannot be published ({reason}): leave it out") from None
 
 
 def _profile(recorded: Sequence[QosProfile], override: QosProfile | None) -> QoSProfile:

@@ -36,7 +36,7 @@ NAME = re.compile(r"/?[A-Za-z_~][\w~]*(/[A-Za-z_][\w]*)*")
 def parse(arguments: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
     """Return the parsed command line and its ROS arguments."""
     parser = OneLineParser(
-        prog="bicycle_play", description="Publish the messages of a bag again, as recorded."
+        prog="replay.sh", description="Publish the messages of a bag again, as recorded."
     )
     add = parser.add_argument
     add("bag", type=Path, help="bag directory or .mcap file")
@@ -133,6 +133,8 @@ def play(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
     reader = TodaysReader(options.bag)
     playback = Playback(reader, chosen)
     names = renamed(options.remap, reader)
+    for name in sorted(overrides.keys() - reader.topics.keys()):
+        print(f"replay.sh: the bag has no {name}: its QoS profile is not used", file=sys.stderr)
     tempo = Tempo(options.start_paused)
     with ros_node("bicycle_player", ros_arguments) as node:
         player = Player(node, reader, playback, tempo, chosen.clock_hz > 0.0, overrides, names)
@@ -145,7 +147,7 @@ def play(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
             print("paused: the space bar or the service ~/resume goes on", flush=True)
         began = time.monotonic()
         with controls.reading():
-            ended = stop.wait(options.delay)
+            ended = player.serve(options.delay, stop, controls)
             while not ended:
                 try:
                     player.play(stop, controls)
@@ -163,12 +165,12 @@ def play(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command `bicycle_play`; return its exit status."""
+    """Run the command `bicycle_play`, which `replay.sh` starts; return its exit status."""
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         options, ros_arguments = parse(words)
         print(play(options, ros_arguments), flush=True)
     except (BagError, UserError) as error:
-        print(f"bicycle_play: {error}", file=sys.stderr)
+        print(f"replay.sh: {error}", file=sys.stderr)
         return 1
     return 0

@@ -39,7 +39,7 @@ INTERRUPTED = 130
 def parse(arguments: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
     """Return the parsed command line and its ROS arguments."""
     parser = OneLineParser(
-        prog="bicycle_record",
+        prog="record.sh",
         description="Record topics into an MCAP bag that ros2 bag reads, until Ctrl-C.",
     )
     add = parser.add_argument
