@@ -112,15 +112,13 @@ def test_what_cannot_be_played_is_named(tmp_path: Path) -> None:
     ):
         with pytest.raises(BagError, match=said):
             Playback(reader, PlayOptions(**options))
-    for options, said in (
-        ({"start_offset": 0.01, "duration": 1e-9}, "within 1e-09 s after the start offset"),
-        (
-            {"topics": [EPISODE], "start_offset": 0.05},
-            r"is due after 0\.0 s: choose a smaller start",
-        ),
-    ):
+    empty_parts: list[tuple[PlayOptions, str]] = [
+        (PlayOptions(start_offset=0.01, duration=1e-9), "within 1e-09 s after the start offset"),
+        (PlayOptions(start_offset=0.05, topics=[EPISODE]), r"due after 0\.0 s: choose a smaller"),
+    ]
+    for part, said in empty_parts:
         with pytest.raises(BagError, match=said):
-            list(Playback(reader, PlayOptions(**options)).timeline())
+            list(Playback(reader, part).timeline())
     with pytest.raises(BagError, match="no message to play"):  # as in ros2 bag play
         Playback(reader, PlayOptions(topics=[STATE[1:]], exclude_topics=[STATE]))
     BagWriter(tmp_path / "empty").close()

@@ -102,10 +102,13 @@ def _nanoseconds(name: str, value: Any) -> int:
     Raises:
         ValueError: It is none.
     """
-    parts = [value.get(part) for part in ("sec", "nsec")] if isinstance(value, Mapping) else []
-    if not (parts and all(type(part) is int for part in parts)):
+    parts: list[Any] = []
+    if isinstance(value, Mapping):
+        parts = [value.get(part) for part in ("sec", "nsec")]
+    if not parts or any(type(part) is not int for part in parts):
         raise ValueError(f"{name} is {str(value)[:40]!r}: write {{sec: 1, nsec: 0}}")
-    return min(parts[0] * _SECOND_NS + parts[1], INFINITE_NS)
+    whole: int = parts[0] * _SECOND_NS + parts[1]
+    return min(whole, INFINITE_NS)
 
 
 def dump_profiles(profiles: Sequence[QosProfile]) -> str:
