@@ -153,6 +153,50 @@ def test_a_lost_chunk_takes_nothing_else_with_it(tmp_path: Path) -> None:
     assert kept.read_bytes() == data
 
 
+@pytest.mark.parametrize("finished", [True, False])
+@pytest.mark.parametrize(
+    ("compression", "hit"),
+    [(CompressionType.NONE, -20), (CompressionType.NONE, 33), (CompressionType.ZSTD, 33)],
+    ids=["a message", "the checksum", "the checksum, packed"],
+)
+def test_what_other_chunks_hold_outlives_the_only_one_that_defines_the_topics(
+    tmp_path: Path, compression: CompressionType, hit: int, finished: bool
+) -> None:
+    """A chunk that is packed and damaged in its only block says nothing any more."""
+    file, messages = tmp_path / "x.mcap", ride(600)
+    bare: dict[str, Any] = {
+        "repeat_channels": False,
+        "repeat_schemas": False,
+        "chunk_size": 60_000,
+    }
+    with ForeignFile(file, compression=compression, **bare) as result:
+        result.ride_channels()
+        for topic, data, now in messages:
+            result.write(topic, data, now)
+    damaged = bytearray(file.read_bytes())
+    with file.open("rb") as stream:
+        stream.read(8)
+        ends = [
+            (at, at + container.HEAD.size + len(one.body))
+            for at, one in container.records(stream, len(damaged))
+            if one.opcode == 6
+        ]
+    assert len(ends) > 3
+    if not finished:
+        del damaged[ends[-1][1] :]
+    damaged[ends[0][hit < 0] + hit] ^= 4
+    file.write_bytes(damaged)
+    report = repair.repair(file)
+    found = [(one.topic, one.data, one.log_time_ns) for one in BagReader(file).messages()]
+    assert 0 < len(found) == report.adopted < len(messages)
+    assert found == messages[-len(found) :]
+    assert "only a damaged chunk says topics and types of" in str(report)
+    assert [kept.read_bytes() for kept in report.kept] == [bytes(damaged)]
+    assert report.lost_chunks == 1
+    if finished:
+        assert report.lost_messages == len(messages) - len(found)
+
+
 def test_a_damaged_attachment_is_told_and_the_original_kept(tmp_path: Path) -> None:
     file = write(tmp_path / "x.mcap", chunk_size=2000)
     data = bytearray(file.read_bytes())

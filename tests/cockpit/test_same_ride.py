@@ -52,8 +52,14 @@ def test_another_controller_rides_to_the_same_goals_in_its_own_time() -> None:
     assert len(times_of(again, "reached")) == len(goals)
     assert times_of(again, "reached") != times_of(recorded, "reached")
     assert [one["label"] for one in again["riders"]] == ["LQR"]
+    assert again["misfit"] == ""
     starts = [(one["x"][0], one["y"][0]) for one in map(table, (recorded, again))]
     assert starts[0] == pytest.approx(starts[1])
+
+
+def test_who_was_made_for_another_ride_is_told() -> None:
+    assert "plant choi, not whipple" in same_ride(RIDE, "any-bicycle")["misfit"]
+    assert same_ride(RIDE, "fixed-speed")["misfit"] == ""
 
 
 def test_what_cannot_be_ridden_again_is_told(tmp_path: Path) -> None:

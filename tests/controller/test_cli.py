@@ -92,6 +92,24 @@ def test_evaluate_uses_what_the_policy_was_trained_on(
     assert found["controller"] == load_policy(policy).policy_id
 
 
+def test_an_onnx_file_rides_what_it_was_trained_on_too(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    pytest.importorskip("onnxruntime")
+    output(capsys, "export", "any-bicycle", "--to", str(tmp_path), "--format", "onnx")
+    words = ("--episodes", "1", "--set", "max_steps=3", "--kicks", "none", "--json")
+    (file,) = tmp_path.glob("*.onnx")
+    worlds = [
+        {key: json.loads(output(capsys, "evaluate", name, *words))[key] for key in WORLD}
+        for name in (str(file), "any-bicycle")
+    ]
+    assert worlds[0] == worlds[1]
+    assert worlds[0]["unlike_training"] == []
+
+
+WORLD = ("scenario", "physics", "unlike_training")
+
+
 @pytest.mark.parametrize(
     ("words", "unlike"),
     [
@@ -106,6 +124,7 @@ def test_evaluate_uses_what_the_policy_was_trained_on(
             ],
         ),
         (["--speed", "1"], ["start speed 1 m/s, not 2.78"]),
+        (["--set", "torque_limit=0.5"], ["torque limited to 0.5 N m, not 2"]),
     ],
 )
 def test_a_policy_that_rides_another_bicycle_than_it_was_trained_on_is_warned_of(

@@ -22,6 +22,8 @@ from bicycle_controller.evaluation.evaluate import evaluate
 from bicycle_controller.nodes.policy_loader import load as load_by_service
 from bicycle_controller.policy.export import save_onnx
 from bicycle_controller.policy.policy import PolicyError, load_controller
+from bicycle_controller.policy.trained_for import unlike_training
+from bicycle_sim.plants import registry
 from bicycle_sim.task.scenario import named
 
 SCALE = np.array([0.8, 3.0, 0.3, 1.0, 5.0, 2.0])
@@ -60,6 +62,16 @@ def test_stable_baselines3_rides_as_it_predicts(
     predicted, _ = model.predict((seen / SCALE).astype(np.float32), deterministic=True)
     np.testing.assert_allclose(controller.act(seen, np.ones(50)) / limits, predicted, atol=2e-5)
     assert controller.policy_id.startswith("mine@")
+
+
+def test_an_import_says_which_bicycle_it_was_trained_on(tmp_path: Path) -> None:
+    """Else it would be warned of on its own bicycle, and not on others."""
+    net = torch.nn.Sequential(torch.nn.Linear(6, 4), torch.nn.ReLU(), torch.nn.Linear(4, 2))
+    torch.save(net.state_dict(), tmp_path / "mine.pt")
+    found = imported(tmp_path / "mine.pt", tmp_path / "out", "--bicycle", "browser-rider")
+    browser = registry.named("whipple", "browser-rider")
+    assert unlike_training(found, browser) == []
+    assert unlike_training(found, registry.default()) == ["plant choi, not whipple"]
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")

@@ -53,6 +53,16 @@ def test_command_tells_what_each_imperfection_costs(capsys: pytest.CaptureFixtur
     assert rows[0]["roll_error_rms_deg"] == 0.0 < rows[1]["roll_error_rms_deg"] < 1.0
 
 
+def test_a_policy_of_another_bicycle_is_warned_of(capsys: pytest.CaptureFixture[str]) -> None:
+    words = "--bicycles browser-rider --episodes 1 --duration 1 --sensors none --json"
+    for name, unlike in (("fixed-speed", ["plant whipple, not choi"]), ("any-bicycle", [])):
+        assert main(["sensing", name, *words.split()]) == 0
+        printed = capsys.readouterr()
+        assert json.loads(printed.out)["rows"][0]["unlike_training"] == unlike
+        assert printed.err.count("\n") == bool(unlike)
+        assert ("bicycle browser-rider; plant whipple, not choi" in printed.err) == bool(unlike)
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

@@ -11,7 +11,7 @@ from policies import make_policy
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.lqr import LqrController
 from bicycle_controller.policy.policy import Policy, load_policy
-from bicycle_controller.policy.trained_for import differences, unlike_training, warning
+from bicycle_controller.policy.trained_for import differences, held_back, unlike_training, warning
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.choi.parameters import Constants, Physics
 from bicycle_sim.plants.choi.plant import ChoiPlant
@@ -69,6 +69,16 @@ def test_the_speed_counts_as_far_as_the_policy_was_trained_for_it() -> None:
     assert unlike_training(learned, FAITHFUL, slow) == []
     fast = replace(scenario, start_speed=9.0)
     assert unlike_training(learned, FAITHFUL, fast) == ["start speed 9 m/s, not 1 to 5"]
+
+
+def test_less_torque_than_it_was_trained_with_is_named() -> None:
+    fixed, any_bicycle = load_policy("fixed-speed"), load_policy("any-bicycle")
+    scenario = fixed.info.scenario
+    weak = replace(scenario, torque_limit=0.5)
+    assert held_back(fixed, FAITHFUL, scenario) == []
+    assert held_back(fixed, FAITHFUL, weak) == ["torque limited to 0.5 N m, not 2"]
+    assert held_back(any_bicycle, registry.named("whipple", "browser"), weak) == []
+    assert held_back(LqrController(), FAITHFUL, weak) == []
 
 
 def test_what_says_nothing_of_itself_differs_in_nothing() -> None:

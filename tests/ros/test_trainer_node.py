@@ -14,7 +14,7 @@ from node_process import NodeProcess
 from probe import Probe, goal
 from waiting import PATIENCE
 
-from bicycle_common.nodes.topics import GOAL_POSE, TRAINER
+from bicycle_common.nodes.topics import GOAL_POSE, STATE, TRAINER
 from bicycle_controller.policy.policy import Policy, PolicyInfo, load_policy, save_policy
 from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import SCENARIOS
@@ -41,7 +41,7 @@ def parameters(**values: object) -> list[str]:
 
 @pytest.fixture
 def probe(ros_domain: int) -> Iterator[Probe]:
-    result = Probe(ros_domain, TRAINER)
+    result = Probe(ros_domain, TRAINER, STATE)
     yield result
     result.close()
 
@@ -131,6 +131,35 @@ def test_it_learns_live_saves_on_sigterm_and_goes_on(
     assert after.updates >= status.updates
     assert after.transitions >= status.transitions
     assert again.stop(signal.SIGINT) == 0
+
+
+def test_it_learns_nothing_of_another_bicycle(
+    start_node: StartNode, probe: Probe, tmp_path: Path
+) -> None:
+    """Its policy would be told to be of the first one."""
+    first = start_node(SIM_NODE)
+    first.wait_for_line("waits")
+    controller = parameters(policy="lqr", exploration="ou", exploration_sigma=0.05)
+    start_node(CONTROLLER_NODE, controller).wait_for_line("waits for a goal")
+    options = {"out": tmp_path / "run", "warm_up": 100_000, "overrides": SMALL}
+    trainer = start_node(TRAINER_NODE, parameters(**options))
+    trainer.wait_for_line("learns live in")
+    probe.say(GOAL_POSE, goal(5000.0, 0.0))
+    wait_for(probe, lambda message: message.transitions >= 40)
+    assert first.stop() == 0
+    other = start_node(SIM_NODE, parameters(physics="corrected"))
+    trainer.wait_for_line("has another ride now .*chord_follows_steering true, not false")
+    probe.say(GOAL_POSE, goal(5000.0, 0.0))
+    probe.spin_until(lambda: probe[STATE] and probe[STATE][-1].step > 80)
+    probe[TRAINER].clear()
+    probe.spin_until(lambda: len(probe[TRAINER]) >= 3)
+    assert probe[TRAINER][0].transitions == probe[TRAINER][-1].transitions
+    assert trainer.stop(signal.SIGTERM) == 0
+
+    again = start_node(TRAINER_NODE, parameters(**options, resume=True))
+    assert again.wait() == 2
+    assert "is of another bicycle than the simulator's (chord_follows" in again.lines[-1]
+    assert other.stop() == 0
 
 
 @pytest.mark.parametrize(

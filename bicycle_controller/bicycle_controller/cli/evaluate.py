@@ -20,8 +20,9 @@ from bicycle_controller.evaluation import evaluate as scoring
 from bicycle_controller.evaluation.rollouts import Disturbance
 from bicycle_controller.evaluation.table import as_text, comparison_as_text, kicks_as_text
 from bicycle_controller.policy.devices import actor_on
-from bicycle_controller.policy.policy import Policy, load_controller, write_atomically
-from bicycle_controller.policy.trained_for import unlike_training, warning
+from bicycle_controller.policy.policy import load_controller, write_atomically
+from bicycle_controller.policy.policy_file import PolicyInfo
+from bicycle_controller.policy.trained_for import held_back, unlike_training, warning
 from bicycle_controller.training.run_folder import origin
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
@@ -174,7 +175,7 @@ def run_command(args: argparse.Namespace) -> int:
     if args.arrivals is not None:
         return _score_arrivals(args)
     if args.crossings is not None:
-        plant = _plant(args) or registry.default()
+        plant = options.named_plant(args) or registry.default()
         return _told(args, plant, crossings.score(plant, args.crossings, args.seed), crossings)
     if args.start is not None or args.picture is not None or args.sensors is not None:
         raise ValueError("--from, --picture and --sensors belong to --course")
@@ -260,7 +261,7 @@ def _ride_courses(args: argparse.Namespace) -> int:
     wrong = [name for name, value in given.items() if value is not None]
     if wrong:
         raise ValueError(f"{wrong[0]} does not go with --course")
-    plant = _plant(args) or registry.default()
+    plant = options.named_plant(args) or registry.default()
     scenario = named("learned-speed").with_motor(plant.torque_limit)
     scenario = loading.changed(scenario, args.overrides)
     limits = scenario.torque_limit, scenario.pedal_limit
@@ -304,7 +305,7 @@ def _score_arrivals(args: argparse.Namespace) -> int:
     Raises:
         ValueError: on a user's mistake.
     """
-    plant = _plant(args) or registry.default()
+    plant = options.named_plant(args) or registry.default()
     scenario = named(args.scenario or "learned-speed").with_motor(plant.torque_limit)
     scenario = loading.changed(scenario, args.overrides)
     config = GuidanceConfig(follower=args.controller or "preview")
@@ -330,32 +331,25 @@ def _origin() -> dict[str, str]:
     return {name: str(found[name]) for name in ("command", "commit", "processor")}
 
 
-def _plant(args: argparse.Namespace) -> Plant[Any] | None:
-    """Return the plant that the arguments name; None if they name none."""
-    asked = {"plant": args.plant, "bicycle": args.bicycle, "physics": args.physics}
-    given = {name: value for name, value in asked.items() if value is not None}
-    if "bicycle" in given:
-        given.setdefault("plant", "whipple")
-    return registry.named(**given) if given else None
-
-
 def _unlike(
     name: str, scenario: Scenario, plant: Plant[Any], disturbance: Disturbance
 ) -> list[str]:
     """Return the differences between the rides and the controller's training."""
     if disturbance.speed is not None:
         scenario = replace(scenario, start_speed=disturbance.speed, speed_limits=None)
-    return unlike_training(load_controller(name, plant, scenario.torque_limit), plant, scenario)
+    controller = load_controller(name, plant, scenario.torque_limit)
+    unlike = unlike_training(controller, plant, scenario)
+    return [*unlike, *held_back(controller, plant, scenario)]
 
 
 def _world(args: argparse.Namespace, controller: Controller) -> tuple[Scenario, Plant[Any]]:
     """Return the requested scenario and plant, or those of the controller's training."""
-    trained = controller.info if isinstance(controller, Policy) else None
+    trained: PolicyInfo | None = getattr(controller, "info", None)
     if args.scenario is None and trained is not None:
         scenario = trained.scenario
     else:
         scenario = named(args.scenario or DEFAULT_SCENARIO)
-    plant = _plant(args) or (registry.default() if trained is None else trained.plant)
+    plant = options.named_plant(args) or (registry.default() if trained is None else trained.plant)
     scenario = scenario.with_motor(plant.torque_limit)
     return loading.changed(scenario, args.overrides).suited(plant.input_names), plant
 

@@ -51,7 +51,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--name", metavar="NAME", help="the policy's name (default: the file's)")
     add("--hidden", metavar="KIND", help="relu or tanh, where the file does not say (relu)")
     add("--output", metavar="KIND", help="tanh or clip, where the file does not say (tanh)")
-    add("--physics", default="faithful", metavar="NAME", help="faithful or corrected (faithful)")
+    text = "choi, whipple or mujoco, as the environment had it (choi, or whipple with --bicycle)"
+    add("--plant", metavar="NAME", help=text)
+    add("--bicycle", metavar="NAME|FILE", help="of whipple or mujoco, see bicycle info")
+    add("--physics", metavar="NAME", help="of the plant choi, faithful or corrected (faithful)")
     options.add_json(parser)
 
 
@@ -67,12 +70,13 @@ def run_command(args: argparse.Namespace) -> int:
     for name, known in (("hidden", foreign_network.HIDDEN), ("output", foreign_network.OUTPUT)):
         if getattr(args, name) is not None:
             require_choice(f"--{name}", getattr(args, name), known)
-    scenario = named(args.scenario)
+    plant = options.named_plant(args) or registry.default()
+    scenario = named(args.scenario).suited(plant.input_names)
     network = foreign_network.read(args.file, args.hidden, args.output)
     info = PolicyInfo(
         name=args.name or args.file.stem,
         scenario=scenario,
-        plant=registry.named(physics=args.physics),
+        plant=plant,
         observation_scale=foreign_network.scale_of(args.observation_scale, SCALES),
         action_limits=tuple(scenario.action_limits.tolist()),
         trained={"imported": args.file.name},

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 from bicycle_controller.config.loading import Override
+from bicycle_sim.plants import registry
+from bicycle_sim.plants.base import Plant
 
 
 def add_run_folder(parser: argparse.ArgumentParser, resumed_with: str, required: bool) -> None:
@@ -122,3 +124,16 @@ def whole_number(text: str) -> int:
     if not number.is_integer():
         raise argparse.ArgumentTypeError(f"must be a whole number, not {text!r}")
     return int(number)
+
+
+def named_plant(args: argparse.Namespace) -> Plant[Any] | None:
+    """Return the plant that `--plant`, `--bicycle` and `--physics` name; None without them.
+
+    Raises:
+        ValueError: on an unknown name.
+    """
+    asked = {"plant": args.plant, "bicycle": args.bicycle, "physics": args.physics}
+    given = {name: value for name, value in asked.items() if value is not None}
+    if "bicycle" in given:
+        given.setdefault("plant", "whipple")
+    return registry.named(**given) if given else None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from dataclasses import asdict, replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +16,7 @@ from bicycle_controller.evaluation import link_loss, sensing
 from bicycle_controller.evaluation.evaluate import wilson
 from bicycle_controller.evaluation.sensing import Conditions, Outcome
 from bicycle_controller.policy.policy import load_controller, write_atomically
+from bicycle_controller.policy.trained_for import unlike_training, warning
 from bicycle_sim.plants import registry
 from bicycle_sim.sensors import settings as sensors
 
@@ -107,8 +109,14 @@ def run_command(args: argparse.Namespace) -> int:
         registry.named("whipple", name)
     if args.link_loss:
         return _link_loss(args, names, conditions)
+    unlike = {name: _unlike(args.controller, name, conditions) for name in names}
     rows = [
-        {"bicycle": name, "with": label, **_ride(args, name, found).summary()}
+        {
+            "bicycle": name,
+            "with": label,
+            **_ride(args, name, found).summary(),
+            "unlike_training": unlike[name],
+        }
         for name in names
         for label, found in _cases(conditions, args.costs)
     ]
@@ -123,7 +131,19 @@ def run_command(args: argparse.Namespace) -> int:
         args.out.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(args.out, written.encode() + b"\n")
     print(written if args.json else _table(rows), flush=True)
+    for name, differences in unlike.items():
+        if differences:
+            told = warning(args.controller, [f"bicycle {name}", *differences])
+            print(f"bicycle: warning: {told}", file=sys.stderr)
     return 0
+
+
+def _unlike(controller: str, bicycle: str, conditions: Conditions) -> list[str]:
+    """Return the differences between the rides of a bicycle and a policy's training."""
+    plant = conditions.applied(registry.named("whipple", bicycle))
+    if controller in TUNED:  # designed for each
+        return []
+    return unlike_training(load_controller(controller, plant), plant)
 
 
 def _link_loss(args: argparse.Namespace, names: list[str], conditions: Conditions) -> int:

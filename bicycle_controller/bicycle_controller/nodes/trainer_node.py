@@ -29,8 +29,11 @@ from bicycle_controller.data.live_steps import LiveSteps
 from bicycle_controller.data.packing import packed
 from bicycle_controller.data.transition_builder import Reached, TransitionBuilder
 from bicycle_controller.nodes.trainer_settings import TrainerSettings
+from bicycle_controller.policy.trained_for import differences
 from bicycle_controller.trainer_service.client import TrainerClient
 from bicycle_sim.nodes.episode_setting import to_setting
+from bicycle_sim.plants.base import Plant
+from bicycle_sim.task.scenario import Scenario
 
 NAME = "bicycle_trainer"
 MOST_GOALS = 1000
@@ -61,6 +64,8 @@ class TrainerNode(Node):
         self._link: TrainerClient | None = None
         self._facts: dict[str, Any] = {"phase": "waiting"}
         self._message = ""
+        self._learned: tuple[Scenario, Plant[Any]] | None = None
+        self._elsewhere = False
         self._in_charge = self._settings.in_charge
         self._asked = bool(self._in_charge)
         self._offer: tuple[str, str] | None = None
@@ -105,16 +110,34 @@ class TrainerNode(Node):
 
     def _on_episode(self, info: EpisodeInfo) -> None:
         """Start learning with the first episode's scenario and physics."""
-        if self._link is not None:
-            return
         try:
-            order = self._settings.order(*to_setting(info))
+            scenario, plant = to_setting(info)
+            order = self._settings.order(scenario, plant)
         except (ValueError, TypeError) as error:
             self.get_logger().warning(f"episode info ignored: {error}; are both of one version?")
             return
-        assert order.scenario is not None
-        self._builder = TransitionBuilder(order.scenario)
+        if self._learned is not None:
+            self._compare(scenario, plant)
+            return
+        self._learned = scenario, plant
+        self._builder = TransitionBuilder(scenario)
         self._start(TrainerClient(order), f"learns live in {order.folder}")
+
+    def _compare(self, scenario: Scenario, plant: Plant[Any]) -> None:
+        """Learn nothing from another bicycle than the one of which learning began."""
+        assert self._learned is not None
+        limits, plant_of = self._learned[0].action_limits, self._learned[1]
+        found = differences(plant_of, plant)
+        if (scenario.action_limits != limits).any():
+            found.append("other limits of its actions")
+        if found and not self._elsewhere:
+            self._say(
+                f"the simulator has another ride now ({'; '.join(found)}): nothing is learned "
+                "of it and nothing handed over; for it start another trainer with its own folder"
+            )
+        elif self._elsewhere and not found:
+            self._say("the simulator is back at the bicycle of which learning began: goes on")
+        self._elsewhere = bool(found)
 
     def _on_goal_status(self, change: GoalStatus) -> None:
         """Keep which goals were reached, for the last steps towards them."""
@@ -147,7 +170,10 @@ class TrainerNode(Node):
         if link is None:
             return
         if self._builder is not None:
-            found = self._builder.add(self._steps.take(), self._reached)
+            steps = self._steps.take()
+            if self._elsewhere:
+                steps = {name: column[:0] for name, column in steps.items()}
+            found = self._builder.add(steps, self._reached)
             self._policy = self._builder.policy or self._policy
             if len(found):
                 link.feed(packed(found))
@@ -182,7 +208,8 @@ class TrainerNode(Node):
             self._asked = True
             request = GetParameters.Request(names=["policy"])
             self._asker.call_async(request).add_done_callback(self._on_asked)
-        if self._offer and self._settings.hand_over and not self._calling:
+        may = self._settings.hand_over and not (self._calling or self._elsewhere)
+        if self._offer and may:
             self._hand_over(*self._offer)
 
     def _on_asked(self, future: Any) -> None:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
+from bicycle_common.observation import ACTION_FIELDS
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Scenario
@@ -82,6 +83,30 @@ def unlike_training(
             range_ = f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}"
             found.append(f"start speed {scenario.start_speed:.3g} m/s, not {range_}")
     return found
+
+
+def held_back(controller: Controller, plant: Plant[Any], scenario: Scenario) -> list[str]:
+    """Return the actions of which a ride allows less than a policy was trained with.
+
+    Args:
+        controller: any; one that does not say what it was made for is not held back.
+        plant: the bicycle that is ridden; actions that it does not have are its own difference.
+        scenario: of the ride, whose limits are looked at.
+    """
+    info = getattr(controller, "info", None)
+    if info is None or rides_any(controller, plant):
+        return []
+    return [
+        f"{name} limited to {allowed:g} {unit}, not {used:g}"
+        for name, unit, allowed, used in zip(
+            ACTION_FIELDS,
+            ("N m", "m", "N"),
+            scenario.action_limits,
+            info.action_limits,
+            strict=True,
+        )
+        if name in plant.input_names and allowed < used * (1.0 - 1e-9)
+    ]
 
 
 def _trained_too(trained: dict[str, Any], plant: Plant[Any]) -> bool:

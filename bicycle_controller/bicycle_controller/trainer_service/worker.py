@@ -22,11 +22,13 @@ from bicycle_controller.data.replay_buffer import NStepAccumulator, ReplayBuffer
 from bicycle_controller.data.replay_log import ReplayLog
 from bicycle_controller.evaluation.score import Score, score
 from bicycle_controller.policy.policy import Policy, load_controller, load_policy, save_policy
+from bicycle_controller.policy.trained_for import differences
 from bicycle_controller.trainer_service.order import TrainingOrder
 from bicycle_controller.training import offline
 from bicycle_controller.training.learner import CHUNK, Learner, ddpg_of
 from bicycle_controller.training.logger import Logger
 from bicycle_controller.training.run_folder import RunFolder
+from bicycle_sim.plants.base import Plant
 
 TELL = 0.5
 """Period of reports (s)."""
@@ -114,9 +116,25 @@ class Worker:
     def _data(self) -> dataset.Dataset:
         """Read the bags and check them."""
         data = dataset.load(self._order.bags, self._order.scenario)
+        if self._order.plant is not None:
+            self._same(f"the ride in {self._order.bags[0]}", data.plant)
         for warning in dataset.check(data):
             self._say(note=warning)
         return data
+
+    def _same(self, what: str, plant: Plant[Any]) -> None:
+        """Refuse what belongs to another bicycle than the live one.
+
+        Raises:
+            ValueError: It does.
+        """
+        assert self._order.plant is not None
+        found = differences(plant, self._order.plant)
+        if found:
+            raise ValueError(
+                f"{what} is of another bicycle than the simulator's ({'; '.join(found)}): start "
+                "the simulator with that one, or learn anew in another folder"
+            )
 
     def _open_live(self) -> None:
         order, files = self._order, RunFolder(self._order.folder)
@@ -126,6 +144,8 @@ class Worker:
             raise ValueError("no steps come of a fallen bicycle: set ddpg.fall=absorbing")
         if not order.resume:
             files.create(config)
+        elif order.plant is not None:
+            self._same(f"the run in {order.folder}", config.physics)
         actions = int((config.scenario.action_limits > 0).sum())
         memory = ReplayBuffer(ddpg.capacity, actions)
         path = files.checkpoint.parent / MEMORY

@@ -6,6 +6,7 @@ stream reader accepts short reads, trusts announced sizes and needs about ten ti
 
 from __future__ import annotations
 
+import contextlib
 import struct
 import zlib
 from collections.abc import Callable, Iterable, Iterator
@@ -33,6 +34,13 @@ CONVERT = (
 """Advice to the user of such a bag."""
 MAX_RECORD_BYTES = 256 * 2**20
 """Limit of a record: larger than any that a recorder writes, small enough for any machine."""
+
+MOST_DEFINING = 16 * 2**20
+"""Bytes of a damaged chunk in which definitions are looked for."""
+LIBRARY = "bicycle_bag"
+"""Name of this package in the files that it writes."""
+_PIECE = 4096
+"""Bytes; what a damaged packing gives is lost from the piece with the damage on."""
 
 _T = TypeVar("_T")
 HEAD = struct.Struct("<BQ")
@@ -211,6 +219,33 @@ def _unpack_zstd(data: bytes, size: int) -> bytes:
     if announced > size:
         raise DamageError(f"a chunk holds {announced} bytes instead of {size}")
     return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+
+
+def definitions_of_a_damaged_chunk(body: bytes) -> Registry:
+    """Return the channels and schemas that can be read in a chunk before its damage.
+
+    Nothing proves them: a flipped bit may lie in a name.
+    """
+    found = Registry()
+    with contextlib.suppress(DamageError):
+        chunk = parse_chunk(body)
+        for _, record in Content("", b"", _beginning(chunk), False).records():
+            found.take(record)
+    return found
+
+
+def _beginning(chunk: Chunk) -> bytes:
+    """Return the contents of a chunk, as far as they can be unpacked."""
+    if chunk.compression != "zstd":
+        return chunk.data[:MOST_DEFINING] if chunk.compression == "" else b""
+    plain = b""
+    with (
+        contextlib.suppress(zstandard.ZstdError),
+        zstandard.ZstdDecompressor().stream_reader(chunk.data) as stream,
+    ):
+        while len(plain) < MOST_DEFINING and (more := stream.read(_PIECE)):
+            plain += more
+    return plain
 
 
 def message_index(items: Iterable[Record]) -> dict[int, bytearray]:

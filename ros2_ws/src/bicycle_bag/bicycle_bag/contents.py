@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from mcap.opcode import Opcode
+from mcap.records import Header
 
 from bicycle_bag import container
-from bicycle_bag.container import DamageError, RawMessage, Record, Registry
+from bicycle_bag.container import HEAD, DamageError, RawMessage, Record, Registry
 from bicycle_bag.errors import BagError
 from bicycle_bag.summary import Summary, read_summary
 from bicycle_bag.walk import Damage, Piece, UnreadableError, Walk
@@ -24,6 +26,9 @@ class Contents:
         registry: Channels and schemas that are known so far.
         counts: Messages found so far, by channel.
         has_checksum: True if a checksum of all data could be compared; known at the end.
+        library: What wrote it; empty if it does not say.
+        orphans: Messages found so far whose channel is unknown, by channel.
+        unproved: Channels and schemas as damaged chunks have them.
 
     Raises:
         BagError: The file cannot be read, or is of another kind.
@@ -37,6 +42,9 @@ class Contents:
         self.registry = Registry()
         self.counts: dict[int, int] = {}
         self.has_checksum = False
+        self.library = ""
+        self.orphans: dict[int, int] = {}
+        self.unproved = Registry()
         self._start = ""
         with container.open_binary(path) as stream:
             try:
@@ -88,6 +96,8 @@ class Contents:
             walk = Walk(stream, self.size, self.summary, self.registry)
             try:
                 for piece in walk:
+                    if isinstance(piece, Damage) and piece.is_chunk:
+                        self._keep_definitions(stream, piece)
                     yield from self._take(piece) if isinstance(piece, Piece) else (piece,)
             except UnreadableError as error:
                 raise BagError(f"{self.path} cannot be read: {error}") from None
@@ -99,6 +109,7 @@ class Contents:
             if item.opcode == Opcode.MESSAGE:
                 channel = container.channel_of(item.body)
                 if channel not in channels:
+                    self.orphans[channel] = self.orphans.get(channel, 0) + 1
                     continue
                 counts[channel] = counts.get(channel, 0) + 1
             elif piece.content is None and self._contradicts(item):
@@ -106,6 +117,8 @@ class Contents:
                 yield Damage(piece.offset, piece.end, what)
                 return
             else:
+                if item.opcode == Opcode.HEADER:
+                    self.library = container.parse(Header.read, item.body).library
                 self.registry.take(item)
             known.append(item)
         orphans = len(piece.items) - len(known)
@@ -113,6 +126,15 @@ class Contents:
             what = f"{orphans} messages belong to no channel"
             yield Damage(piece.offset, piece.offset, what, orphans=orphans)
         yield piece._replace(items=known)
+
+    def _keep_definitions(self, stream: BinaryIO, lost: Damage) -> None:
+        """Remember what a lost chunk seems to define."""
+        stream.seek(lost.offset + HEAD.size)
+        length = lost.end - lost.offset - HEAD.size
+        body = stream.read(max(0, min(length, container.MAX_RECORD_BYTES)))
+        found = container.definitions_of_a_damaged_chunk(body)
+        self.unproved.schemas.update(found.schemas)
+        self.unproved.channels.update(found.channels)
 
     def _contradicts(self, item: Record) -> bool:
         """Return True if the summary has another channel or schema than this one."""

@@ -10,6 +10,7 @@ from typing import Any
 from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
+from bicycle_bag.container import LIBRARY
 from bicycle_bag.metadata import NO_START, BagMetadata, FileInformation, Topic
 from bicycle_bag.qos import dump_profiles
 from bicycle_bag.syncing import Syncer
@@ -55,7 +56,7 @@ class McapFile:
             index_types=IndexType.ALL,
             enable_data_crcs=True,
         )
-        self._writer.start(profile="ros2", library="bicycle_bag")
+        self._writer.start(profile="ros2", library=LIBRARY)
         self._syncer = Syncer(self._stream.fileno())
 
     @property

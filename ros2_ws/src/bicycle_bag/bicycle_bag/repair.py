@@ -19,6 +19,8 @@ from pathlib import Path
 from tqdm import tqdm
 
 from bicycle_bag import container, metadata
+from bicycle_bag.container import LIBRARY, Registry
+from bicycle_bag.contents import Contents
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import BagMetadata, FileInformation, Topic
 from bicycle_bag.reader import BagReader, bag_in, find_files
@@ -40,7 +42,7 @@ class RepairReport:
     `lost_messages` is known of files that were finished once; `lost_spans` are the first and
     last times of lost chunks in ns, `lost_bytes` were of no record that could be told, and of
     `unproved` messages, which have no checksum, some may be damaged. No checksum at all covers
-    `unchecked` messages.
+    `unchecked` messages. Topic and type of `adopted` messages are those that a damaged chunk has.
     """
 
     messages: int = 0
@@ -51,6 +53,7 @@ class RepairReport:
     lost_spans: list[tuple[int, int]] = field(default_factory=list)
     unproved: int = 0
     unchecked: int = 0
+    adopted: int = 0
     starting_time_ns: int = metadata.NO_START
     kept: list[Path] = field(default_factory=list)
     converted: list[Path] = field(default_factory=list)
@@ -78,6 +81,11 @@ class RepairReport:
             )
         elif self.unchecked:
             line += f"; {self.unchecked} have no checksum, so that damage in them cannot be seen"
+        if self.adopted:
+            line += (
+                f"; only a damaged chunk says topics and types of {self.adopted} messages: look "
+                "whether they are right"
+            )
         if self.kept:
             line += f"; damaged originals kept as {', '.join(str(path) for path in self.kept)}"
         return line
@@ -175,7 +183,10 @@ def _repair_file(source: Path, report: RepairReport, progress: Progress) -> Salv
     try:
         with _disk_errors(source):
             scratch.unlink(missing_ok=True)
-            salvage = _copy(source, scratch)
+            adopted = _adopted(check.contents)
+            salvage = _copy(source, scratch, adopted)
+            counts = salvage.contents.counts
+            report.adopted += sum(counts.get(channel, 0) for channel in adopted.channels)
             _read_again(scratch, salvage)
             _swap(source, scratch, salvage, report)
     finally:
@@ -183,9 +194,32 @@ def _repair_file(source: Path, report: RepairReport, progress: Progress) -> Salv
     return salvage
 
 
-def _copy(source: Path, scratch: Path) -> Salvage:
+def _adopted(contents: Contents) -> Registry:
+    """Return the channels of messages that only damaged chunks define, with their schemas.
+
+    In our own files two chunks define each, and nothing is taken that is not proved.
+    """
+    found = Registry()
+    if contents.library in ("", LIBRARY):
+        return found
+    for number in contents.orphans:
+        channel = contents.unproved.channels.get(number)
+        if channel is None or not channel.topic.isprintable():
+            continue
+        schema = contents.unproved.schemas.get(channel.schema_id)
+        schema = schema or contents.registry.schemas.get(channel.schema_id)
+        if schema is not None:
+            found.schemas[schema.id] = schema
+        if schema is not None or channel.schema_id == 0:
+            found.channels[number] = channel
+    return found
+
+
+def _copy(source: Path, scratch: Path, adopted: Registry) -> Salvage:
     salvage = Salvage(source)
     registry = salvage.contents.registry
+    registry.channels.update(adopted.channels)
+    registry.schemas.update(adopted.schemas)
     with contextlib.closing(Rewrite(source, scratch, registry)) as written:
         for piece in salvage.pieces(lambda _: None):
             written.add(piece)

@@ -30,7 +30,7 @@ from mcap.records import (
 )
 
 from bicycle_bag import container
-from bicycle_bag.container import ENTRY, HEAD, MAGIC, Registry, message_index
+from bicycle_bag.container import ENTRY, HEAD, LIBRARY, MAGIC, Registry, message_index
 from bicycle_bag.walk import Piece
 
 _BLOCK = 2**20
@@ -69,7 +69,7 @@ class Rewrite:
     def add(self, piece: Piece) -> None:
         """Append a piece; what is made anew at the end is left out."""
         if self._out.tell() == len(MAGIC) and piece.opcode != Opcode.HEADER:
-            self._write(_bytes([Header("ros2", "bicycle_bag")]))
+            self._write(_bytes([Header("ros2", LIBRARY)]))
         if piece.content is not None:
             self._add_chunk(piece)
         elif piece.opcode == Opcode.MESSAGE:
@@ -98,7 +98,7 @@ class Rewrite:
     def finish(self) -> None:
         """Write index and footer, and wait until the disk has all."""
         if self._out.tell() == len(MAGIC):
-            self._write(_bytes([Header("ros2", "bicycle_bag")]))
+            self._write(_bytes([Header("ros2", LIBRARY)]))
         self._write(_bytes([DataEnd(self._checksum)]))
         start = self._out.tell()
         statistics = Statistics(

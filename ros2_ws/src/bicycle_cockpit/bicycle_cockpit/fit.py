@@ -8,7 +8,7 @@ from typing import Any
 from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_cockpit.ride_state import RideState
 from bicycle_controller.control.lqr import TUNED, tuned
-from bicycle_controller.policy.policy import PolicyError, load_policy
+from bicycle_controller.policy.policy import PolicyError, load_controller
 from bicycle_controller.policy.trained_for import rides_any, unlike_training
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.scenario import Scenario
@@ -33,10 +33,11 @@ def misfit(path: str, plant: Plant[Any], scenario: Scenario) -> str:
         wanted: Sequence[float] = (tuning.torque_limit, displacement, pedal)
     else:
         try:
-            policy = load_policy(path)
+            policy = load_controller(path, plant, may_import=False)
         except PolicyError:
             return ""  # the controller reports the error
-        wanted = () if rides_any(policy, plant) else policy.info.action_limits
+        info = getattr(policy, "info", None)
+        wanted = () if info is None or rides_any(policy, plant) else info.action_limits
         unlike = unlike_training(policy, plant, scenario)
     reasons = [
         f"it uses {factor * most:g} {unit} of {name} and {factor * limit:g} {unit} are allowed"

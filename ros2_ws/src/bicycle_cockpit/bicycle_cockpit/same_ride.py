@@ -15,6 +15,7 @@ import numpy as np
 from bicycle_bag.errors import BagError
 from bicycle_cockpit import goal_words
 from bicycle_cockpit.bags import session, setting_of
+from bicycle_cockpit.fit import misfit
 from bicycle_cockpit.marks import push_text
 from bicycle_cockpit.riders import lqr_names, rider, shipped_names
 from bicycle_cockpit.samples import COLUMNS, REWARDED, Sample, plain, plain_column, reward_columns
@@ -50,6 +51,8 @@ class Plan(NamedTuple):
 
 def same_ride(bag: Path, controller: str) -> dict[str, Any]:
     """Return the ride of another controller in the form of `bags.session`.
+
+    `misfit` says besides why the controller does not suit the ride; it is empty if it does.
 
     Args:
         bag: folder or file.
@@ -92,6 +95,7 @@ def same_ride(bag: Path, controller: str) -> dict[str, Any]:
         "marks": marks,
         "riders": [asdict(rider(policy.policy_id, names))],
         "loop": {},
+        "misfit": misfit(controller, plant, scenario),
         "duration": float(rows[-1].t),
     }
 

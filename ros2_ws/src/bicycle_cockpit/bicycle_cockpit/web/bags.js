@@ -24,6 +24,8 @@ export class Bag {
     this.series = new Series(data.columns);
     this.series.fill(data.data);
     this.riders = data.riders;
+    /** Why the controller does not suit this ride; empty if it does, or if it is a recording. */
+    this.misfit = data.misfit ?? "";
     this.events = data.marks;
     this.pedals = this.series.pedal_force.some((force) => Number.isFinite(force) && force !== 0);
     this.time = 0;

@@ -132,6 +132,7 @@ async function compare() {
     const bag = await player.read(name, rider);
     if (!bag) return;
     beside(bag);
+    if (bag.misfit) answer({ ok: false, message: `${labelOf(bag.riders[0])} does not suit this ride: ${bag.misfit}` });
     if (!player.bag) race(bag);
   }, player.bag ? "A ride to compare with" : "A ride to race against", again);
 }
@@ -403,11 +404,17 @@ function showAlarm({ level, text }) {
   if (box.textContent !== text) box.textContent = text;
 }
 
+/** Who the ghost is, and whether it was made for such a ride. */
+function ghostName(bag) {
+  const name = labelOf(bag.riders[0]) || bag.name;
+  return bag.misfit ? `${name}, which was made for another ride` : name;
+}
+
 /** How far the ride is from its ghost. */
 function showGap(other) {
   byId("gap").hidden = !other;
   if (!other) return;
-  const text = gapWords(ghostGap, labelOf(other.bag.riders[0]) || other.bag.name);
+  const text = gapWords(ghostGap, ghostName(other.bag));
   if (byId("gap").textContent !== text) byId("gap").textContent = text;
 }
 
@@ -437,7 +444,7 @@ function caption() {
     who: labelOf(riders[number]), colour: paint(number), level,
     facts: row ? `${shown(row.t, 1)} s   ${shown(row.speed, 1)} m/s   lean ${shown((row.lean * 180) / Math.PI, 0)}°` : "",
     alarm: ["warn", "bad"].includes(level) ? text.replace(/ \(.*\)/, "") : "",
-    gap: ghost ? gapWords(ghostGap, labelOf(ghost.bag.riders[0]) || ghost.bag.name) : "",
+    gap: ghost ? gapWords(ghostGap, ghostName(ghost.bag)) : "",
   };
 }
 
