@@ -8,6 +8,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 from domains import claimed_domain, shared_memory
@@ -38,6 +39,15 @@ def interruptible() -> None:
     """Let programs hear Ctrl-C where whoever started the tests ignores it, as `&` in a script."""
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.fixture(scope="session")
+def ride() -> list[Any]:
+    """Return the messages of a sound ride in one episode; a test changes copies of them."""
+    from changed_ride import STEPS
+    from ride_bag_maker import Rider
+
+    return list(Rider(seed=3).ride(STEPS))
 
 
 @pytest.fixture

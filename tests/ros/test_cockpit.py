@@ -18,7 +18,7 @@ from probe import Probe
 
 from bicycle_common.nodes import topics
 from bicycle_common.processes import MOST_DEATHS
-from bicycle_tools.nodes import verify
+from bicycle_tools.nodes import ride_recording, verify_states
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -80,12 +80,12 @@ def test_a_ride_is_recorded_pushed_and_proved(cockpit: Made) -> None:
     assert {"active", "reached", "push"} <= kinds
     x = shown["data"][shown["columns"].index("x")]
     assert max(x) > 12.0
-    recording = verify.read(folder / bag["name"])
+    recording = ride_recording.read(folder / bag["name"])
     assert sum(map(len, recording.pushes.values())) == 1
-    (*_, verdict) = verify.verify(recording)
+    (*_, verdict) = verify_states.verify(recording)
     assert verdict.proved, verdict
     recording.pushes.clear()
-    (*_, verdict) = verify.verify(recording)
+    (*_, verdict) = verify_states.verify(recording)
     assert "lean_angle was" in verdict.difference
 
 

@@ -16,7 +16,7 @@ from ride_bag import COMMAND, EPISODE, STATE
 
 from bicycle_bag.errors import BagError
 from bicycle_bag.reader import BagReader
-from bicycle_tools.nodes import verify
+from bicycle_tools.nodes import ride_recording, verify_states
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 
@@ -63,7 +63,7 @@ def foreign_channels(file: ForeignFile) -> None:
 def line_of(bag: Path) -> str:
     """Return the end of a bag's verification: the verdict or one line."""
     try:
-        (*_, verdict) = verify.verify(verify.read(bag))
+        (*_, verdict) = verify_states.verify(ride_recording.read(bag))
     except BagError as error:
         line = str(error)
     else:

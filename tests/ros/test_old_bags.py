@@ -28,7 +28,7 @@ from bicycle_controller.data.bag_transitions import (
     extract,
 )
 from bicycle_controller.data.dataset import load as load_dataset
-from bicycle_tools.nodes import verify
+from bicycle_tools.nodes import ride_recording, verify_states
 from bicycle_tools.report_page.loading import load
 from bicycle_tools.ride_log import read_ride
 
@@ -107,7 +107,7 @@ def _echoes(path: Path) -> list[list[tuple[CommandEcho, BicycleState]]]:
 
 def test_its_states_come_out_again(old: Path) -> None:
     """States are equal to the bit on the recording processor's kind, else but for rounding."""
-    (*_, verdict) = verify.verify(verify.read(old))
+    (*_, verdict) = verify_states.verify(ride_recording.read(old))
     assert verdict.same, verdict
     assert verdict.largest < 1e-12
     assert verdict.checked + verdict.begun == len(read_ride(old).states["step"])
@@ -119,12 +119,12 @@ def test_its_states_come_out_again(old: Path) -> None:
 )
 def test_rounding_is_told_from_a_difference(old: Path, apart: float, rounding: bool) -> None:
     """Rounding differs by 1e-12 at most; a tolerance that is widened lets differences in."""
-    recording = verify.read(old)
+    recording = ride_recording.read(old)
     time_ns, data = recording.states[40]
     state = deserialize_message(data, BicycleState)
     state.lean_rate += apart
     recording.states[40] = time_ns, serialize_message(state)
-    (*_, verdict) = verify.verify(recording)
+    (*_, verdict) = verify_states.verify(recording)
     assert not verdict.proved
     assert verdict.same == rounding
     if rounding:

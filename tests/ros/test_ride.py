@@ -28,7 +28,7 @@ from bicycle_common.nodes import topics
 from bicycle_common.nodes.topics import Service
 from bicycle_controller.policy.policy import load_controller
 from bicycle_sim.plants import registry
-from bicycle_tools.nodes import verify
+from bicycle_tools.nodes import ride_recording, verify_states
 from bicycle_tools.ride_log import COMMAND, STATE, read_ride
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
@@ -98,8 +98,8 @@ def test_others_read_the_bag_and_count_the_same(ridden: tuple[NodeProcess, Path]
 
 
 def test_every_state_comes_out_again(ridden: tuple[NodeProcess, Path]) -> None:
-    recording = verify.read(ridden[1] / "bag")
-    (*_, verdict) = verify.verify(recording)
+    recording = ride_recording.read(ridden[1] / "bag")
+    (*_, verdict) = verify_states.verify(recording)
     assert verdict.proved, verdict
     assert verdict.begun == 1
     assert verdict.checked + verdict.begun == len(read_ride(ridden[1] / "bag").states["step"])
@@ -164,10 +164,10 @@ def test_a_missing_command_is_not_hidden(
 
 def test_a_forged_echo_is_found(ridden: tuple[NodeProcess, Path]) -> None:
     """The echo must say what was sent."""
-    recording = verify.read(ridden[1] / "bag")
+    recording = ride_recording.read(ridden[1] / "bag")
     ((_, echo),) = recording.echoes[1, 41]
     echo.command.goal.x += 1.0
-    (*_, verdict) = verify.verify(recording)
+    (*_, verdict) = verify_states.verify(recording)
     assert "step 41 of episode 1: echo.command.goal.x was" in verdict.difference
 
 
@@ -275,7 +275,7 @@ def test_a_real_bicycle_is_ridden_and_proved(start_node: Start, tmp_path: Path) 
     plant = registry.named("whipple", "browser-rider")
     assert load_controller("lqr", plant).policy_id in json.dumps(found)
     assert not any("another ride" in event for event in found["events"])
-    (*_, verdict) = verify.verify(verify.read(tmp_path / "run" / "bag"))
+    (*_, verdict) = verify_states.verify(ride_recording.read(tmp_path / "run" / "bag"))
     assert verdict.proved, verdict
 
 
@@ -290,7 +290,7 @@ def test_the_actor_for_any_bicycle_rides_a_real_one(start_node: Start, tmp_path:
     assert "any-bicycle@" in json.dumps(found)
     assert not any("another ride" in event for event in found["events"])
     assert not any("takes over" in event for event in found["events"])
-    (*_, verdict) = verify.verify(verify.read(tmp_path / "run" / "bag"))
+    (*_, verdict) = verify_states.verify(ride_recording.read(tmp_path / "run" / "bag"))
     assert verdict.proved, verdict
 
 

@@ -13,8 +13,9 @@ from node_process import NodeProcess
 
 from bicycle_bag.errors import BagError
 from bicycle_bag.versions import TodaysReader
-from bicycle_tools.nodes import verify as verify_states
-from bicycle_tools.nodes.verify_estimates import EstimateVerdict, Sensed, read, verify
+from bicycle_tools.nodes.sensed_recording import Sensed, read
+from bicycle_tools.nodes.verify import verdicts_of
+from bicycle_tools.nodes.verify_estimates import EstimateVerdict, verify
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -47,7 +48,7 @@ def last(sensed: Sensed) -> EstimateVerdict:
 
 
 def test_estimates_commands_and_states_come_out_again(bag: Path) -> None:
-    states, estimates = verify_states.verdicts_of(bag)
+    states, estimates = verdicts_of(bag)
     assert states.same, str(states)
     assert isinstance(estimates, EstimateVerdict)
     assert estimates.same, str(estimates)

@@ -180,7 +180,7 @@ PROGRAMS = (
         "replay.sh --verify",
         main_of(verify),
         positionals=bag,
-        work=("bicycle_tools.nodes.verify:verify",),
+        work=("bicycle_tools.nodes.verify_states:verify",),
     ),
     Program(
         "report.sh",

@@ -21,6 +21,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 BAG = "ros2_ws/src/bicycle_bag/bicycle_bag"
+TOOLS = "ros2_ws/src/bicycle_tools/bicycle_tools/nodes"
 BAG_TESTS = (
     "tests/bag/test_writer.py tests/bag/test_reader.py tests/bag/test_container.py"
     " tests/bag/test_bag_round_trip.py tests/bag/test_bag_metadata.py"
@@ -58,8 +59,9 @@ ROOMS: dict[str, tuple[tuple[str, ...], str]] = {
         BAG_TESTS,
     ),
     "verify": (
-        ("ros2_ws/src/bicycle_tools/bicycle_tools/nodes/verify.py",),
-        "tests/ros/test_verify.py",
+        (f"{TOOLS}/ride_recording.py", f"{TOOLS}/verify_states.py", f"{TOOLS}/verify.py"),
+        "tests/ros/test_ride_recording.py tests/ros/test_verify_states.py"
+        " tests/ros/test_verify.py",
     ),
     "safety": (
         ("bicycle_controller/bicycle_controller/control/safety.py",),

@@ -17,7 +17,7 @@ from bicycle_bag.metadata import read
 from bicycle_bag.reader import BagReader
 from bicycle_common.nodes.topics import GOAL_STATUS, STATE, TIMING
 from bicycle_sim.plants.choi.parameters import Constants
-from bicycle_tools.nodes import verify
+from bicycle_tools.nodes import ride_recording, verify_states
 
 DT = Constants().time_step
 SETTLED = 0.1
@@ -103,8 +103,8 @@ def loop_figures(timing: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
 
 def verified(bag: Path, steps: int) -> str:
     """Return the verdict of `replay.sh --verify` on its last steps."""
-    recording = verify.read(bag)
+    recording = ride_recording.read(bag)
     recording.states = recording.states[-steps - 1 :]
     gc.collect()
     gc.freeze()  # else the millions of commands are searched again and again
-    return str(deque(verify.verify(recording), maxlen=1).pop())
+    return str(deque(verify_states.verify(recording), maxlen=1).pop())

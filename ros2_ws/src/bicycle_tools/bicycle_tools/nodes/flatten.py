@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterator
 from typing import Any
 
@@ -39,3 +40,10 @@ def flatten(message: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
 def shown(value: Any) -> str:
     """Return a value as text; floats with all their digits."""
     return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def exact(value: Any) -> Any:
+    """Return a value with each float in it as its eight bytes, to compare NaN and signed zeros."""
+    if isinstance(value, float):
+        return struct.pack("<d", value)
+    return [exact(one) for one in value] if isinstance(value, list) else value

@@ -8,25 +8,19 @@ and safety layer. Goals are taken as recorded: the heading error of a command is
 
 from __future__ import annotations
 
-import bisect
 import math
-import struct
-from collections import defaultdict, deque
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections import deque
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from bicycle_msgs.msg import BicycleCommand, BicycleState, CommandEcho, EpisodeInfo
-from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import Imu, JointState, NavSatFix
-from std_msgs.msg import String
 
 from bicycle_bag.errors import BagError
 from bicycle_bag.versions import TodaysReader
-from bicycle_common import topic_names
-from bicycle_common.nodes import convert, topics
+from bicycle_common.nodes import convert
 from bicycle_common.types import BicycleState as Snapshot
 from bicycle_common.types import Command
 from bicycle_controller.control.control_loop import ControlLoop
@@ -35,74 +29,11 @@ from bicycle_controller.control.guide import PathEnd
 from bicycle_controller.estimation.steps import StepEstimator
 from bicycle_controller.nodes.estimator import as_state
 from bicycle_controller.nodes.setup import Setup, rebuilt
-from bicycle_sim.nodes import sensor_messages
 from bicycle_sim.nodes.episode_setting import to_setting
-from bicycle_sim.sensors.reading import ORDER, Reading
-from bicycle_sim.sensors.settings import SensorSettings
-from bicycle_tools.nodes.flatten import flatten
-from bicycle_tools.ride_log import COMMAND, ECHO, EPISODE, STATE, prefix_of
-
-ESTIMATE = topic_names.in_bag(topic_names.ESTIMATE)
-SETUP = topic_names.in_bag(topic_names.CONTROLLER_SETUP)
-DRIVER = topic_names.in_bag(topic_names.DRIVER_STATE)
-IMU = topic_names.in_bag(topic_names.IMU)
-ENCODERS = topic_names.in_bag(topic_names.ENCODERS)
-FIX = topic_names.in_bag(topic_names.GNSS_FIX)
-VELOCITY = topic_names.in_bag(topic_names.GNSS_VELOCITY)
-KINDS: dict[str, Any] = {
-    SETUP: String,
-    EPISODE: EpisodeInfo,
-    COMMAND: BicycleCommand,
-    ECHO: CommandEcho,
-    IMU: Imu,
-    ENCODERS: JointState,
-    FIX: NavSatFix,
-    VELOCITY: topics.GNSS_VELOCITY.type,
-    ESTIMATE: BicycleState,
-    STATE: BicycleState,
-}
-
-
-class Readings:
-    """The readings of a bag, by sensor in the order of their stamps."""
-
-    def __init__(self) -> None:
-        self._all: dict[str, list[Reading]] = defaultdict(list)
-        self._stamps: dict[str, list[float]] = {}
-
-    def add(self, reading: Reading) -> None:
-        """Add a reading."""
-        self._all[reading.sensor].append(reading)
-
-    def sort(self) -> None:
-        """Put them in order; `between` needs it."""
-        for name, found in self._all.items():
-            found.sort(key=lambda one: one.stamp)
-            self._stamps[name] = [one.stamp for one in found]
-
-    def between(self, sensor: str, after: float, until: float) -> Sequence[Reading]:
-        """Return the readings with a stamp above `after` and up to `until`, s."""
-        stamps = self._stamps.get(sensor, [])
-        low, high = bisect.bisect_right(stamps, after), bisect.bisect_right(stamps, until)
-        return self._all[sensor][low:high] if high > low else ()
-
-
-@dataclass
-class Sensed:
-    """The messages that this verification needs."""
-
-    estimates: list[tuple[int, BicycleState]] = field(default_factory=list)
-    """Place in the recorded order, and message; so below."""
-    setups: list[tuple[int, Setup]] = field(default_factory=list)
-    episodes: list[tuple[int, EpisodeInfo]] = field(default_factory=list)
-    commands: dict[tuple[int, int], list[BicycleCommand]] = field(
-        default_factory=lambda: defaultdict(list)
-    )
-    echoes: dict[tuple[int, int], CommandEcho] = field(default_factory=dict)
-    imu: list[Imu] = field(default_factory=list)
-    encoders: list[JointState] = field(default_factory=list)
-    fixes: list[NavSatFix] = field(default_factory=list)
-    velocities: dict[tuple[int, int], Any] = field(default_factory=dict)
+from bicycle_sim.sensors.reading import ORDER
+from bicycle_tools.nodes.flatten import exact, flatten
+from bicycle_tools.nodes.sensed_recording import SETUP, Sensed, read, readings_of
+from bicycle_tools.ride_log import EPISODE
 
 
 @dataclass
@@ -198,79 +129,6 @@ class _Path:
         """Do nothing: the bag tells when it ends."""
 
 
-def has_estimates(reader: TodaysReader) -> bool:
-    """Return True if a bag tells all that makes estimates."""
-    prefix = prefix_of(reader)
-    needed = (SETUP, IMU, ENCODERS, EPISODE)
-    return all(prefix + name in reader.topics for name in needed)
-
-
-def is_hardware(reader: TodaysReader) -> bool:
-    """Return True if a microcontroller moved the bicycle: no simulator makes its states again."""
-    return prefix_of(reader) + DRIVER in reader.topics
-
-
-def read(reader: TodaysReader) -> Sensed:
-    """Read the messages that are needed.
-
-    Raises:
-        BagError: if the bag cannot be read or holds something else under these names.
-    """
-    prefix = prefix_of(reader)
-    kinds = {prefix + name: kind for name, kind in KINDS.items() if prefix + name in reader.topics}
-    found = Sensed()
-    for place, item in enumerate(reader.messages(list(kinds))):
-        try:
-            message = deserialize_message(item.data, kinds[item.topic])
-            _keep(found, item.topic.removeprefix(prefix), place, message)
-        except Exception as error:  # the middleware's errors have no common base class
-            raise BagError(
-                f"{reader.path} holds a message of {item.topic} that cannot be read "
-                f"({' '.join(str(error).split())[:100]}): was it recorded by another release?"
-            ) from None
-    return found
-
-
-def _keep(found: Sensed, topic: str, place: int, message: Any) -> None:
-    if topic == SETUP:
-        found.setups.append((place, Setup.from_json(message.data)))
-    elif topic == EPISODE:
-        found.episodes.append((place, message))
-    elif topic == COMMAND:
-        found.commands[message.episode, message.step].append(message)
-    elif topic == ECHO:
-        found.echoes.setdefault((message.episode, message.step), message)
-    elif topic == IMU:
-        found.imu.append(message)
-    elif topic == ENCODERS:
-        found.encoders.append(message)
-    elif topic == FIX:
-        found.fixes.append(message)
-    elif topic == VELOCITY:
-        found.velocities[_stamp(message)] = message
-    elif message.estimated:
-        found.estimates.append((place, message))
-
-
-def _stamp(message: Any) -> tuple[int, int]:
-    return message.header.stamp.sec, message.header.stamp.nanosec
-
-
-def _readings(sensed: Sensed, sensors: SensorSettings) -> Readings:
-    found = Readings()
-    for imu in sensed.imu:
-        found.add(sensor_messages.from_imu(imu))
-    for encoders in sensed.encoders:
-        for reading in sensor_messages.from_encoders(encoders):
-            found.add(reading)
-    for fix in sensed.fixes:
-        velocity = sensed.velocities.get(_stamp(fix))
-        if velocity is not None:
-            found.add(sensor_messages.from_gnss(fix, velocity, sensors))
-    found.sort()
-    return found
-
-
 class _Controller:
     """A controller's estimator and control loop, as recorded."""
 
@@ -283,7 +141,7 @@ class _Controller:
             raise BagError(f"episode {info.episode} is of another release: {error}") from None
         self.setup = setup
         self.steps = StepEstimator(self.plant, setup.sensors)
-        self.readings = _readings(sensed, setup.sensors)
+        self.readings = readings_of(sensed, setup.sensors)
         self.tracker = _Recorded()
         self.why_not = ""
         self.loop: ControlLoop | None = None
@@ -421,17 +279,9 @@ def _place(state: BicycleState) -> str:
 def _difference(recorded: Any, computed: Any) -> str:
     """Return the first field that differs, by its bits; empty if none does."""
     for (name, old), (_, new) in zip(flatten(recorded), flatten(computed), strict=False):
-        if _bits(old) != _bits(new):
+        if exact(old) != exact(new):
             return f"{name} was {old!r} and comes out as {new!r}"
     return ""
-
-
-def _bits(value: Any) -> Any:
-    if isinstance(value, float):
-        return struct.pack("<d", value)
-    if isinstance(value, list):
-        return [_bits(one) for one in value]
-    return value
 
 
 def verify_bag(path: Path) -> EstimateVerdict:
