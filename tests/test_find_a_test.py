@@ -31,3 +31,25 @@ def test_every_test_can_be_found() -> None:
 def test_the_table_names_rooms_of_the_architecture() -> None:
     rooms = {room.name for room in test_boundaries.ROOMS} | {ELSEWHERE}
     assert table().keys() - rooms == set()
+
+
+PAGES = sorted((TESTS.parent / "docs").rglob("*.md"))
+
+
+def test_tests_that_a_page_names_exist() -> None:
+    files = {Path(name).name for name in FILES}
+    functions = {
+        name
+        for path in TESTS.rglob("test_*.py")
+        for name in re.findall(r"^ *(?:async )?def (test_\w+)", path.read_text(), re.MULTILINE)
+    }
+    lost = []
+    for page in PAGES:
+        text = page.read_text()
+        named = re.findall(r"`(?:[\w/]+/)?(test_\w+\.py)`", text)
+        lost += [f"{page.name}: {name}" for name in named if name not in files]
+        for name, cut in re.findall(r"`(test_\w+)(…?)`", text):
+            if not any(one == name or (cut and one.startswith(name)) for one in functions):
+                lost.append(f"{page.name}: {name}")
+    assert len(PAGES) > 20
+    assert lost == []
