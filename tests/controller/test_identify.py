@@ -17,7 +17,8 @@ from bicycle_controller.cli.main import main
 from bicycle_controller.identification import read_bag, read_csv, ride_model, windows
 from bicycle_controller.identification.logs import resampled
 from bicycle_sim.plants.whipple import catalogue
-from bicycle_sim.plants.whipple.parameters import Parameters, from_dict
+from bicycle_sim.plants.whipple.parameters import Parameters
+from bicycle_sim.plants.whipple.plain_parameters import from_dict
 from bicycle_sim.plants.whipple.plant import WhipplePlant
 
 DATA = Path(__file__).parents[1] / "data" / "real_bicycles"

@@ -21,7 +21,7 @@ from bicycle_sim.plants.base import (
     SteadyTorque,
 )
 from bicycle_sim.plants.mujoco import model, poses
-from bicycle_sim.plants.whipple import parameters
+from bicycle_sim.plants.whipple import plain_parameters
 from bicycle_sim.plants.whipple.constants import delay_steps
 from bicycle_sim.plants.whipple.integrate import LIES
 from bicycle_sim.plants.whipple.parameters import Parameters
@@ -199,7 +199,7 @@ class MujocoPlant(Plant[MujocoState]):
 
     def to_json(self) -> str:
         """Return all parameters to the last bit, with the key `plant`."""
-        return json.dumps({"plant": self.name, **parameters.to_dict(self.parameters)})
+        return json.dumps({"plant": self.name, **plain_parameters.to_dict(self.parameters)})
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> MujocoPlant:
@@ -208,7 +208,7 @@ class MujocoPlant(Plant[MujocoState]):
         Raises:
             ValueError: on an unknown or missing key, or on a value that makes no sense.
         """
-        return cls(parameters.from_dict({k: v for k, v in data.items() if k != "plant"}))
+        return cls(plain_parameters.from_dict({k: v for k, v in data.items() if k != "plant"}))
 
     def _state(
         self,

@@ -15,7 +15,8 @@ from bicycle_common.named_files import NamedFiles, parsed
 from bicycle_common.validation import nearest, require
 from bicycle_sim.plants.whipple import measure
 from bicycle_sim.plants.whipple.measure import Measured, RigidRider
-from bicycle_sim.plants.whipple.parameters import PARTS, Bicycle, Parameters, make
+from bicycle_sim.plants.whipple.parameters import Bicycle, Parameters
+from bicycle_sim.plants.whipple.plain_parameters import PARTS, make
 
 TEXTS = ("name", "about", "source", "licence")
 SETTINGS = ("delay", "time_step", "substeps")

@@ -10,58 +10,24 @@ Meijaard, Papadopoulos, Ruina and Schwab 2007, Table 1.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
 
-from bicycle_common.validation import reject_unknown, require
+from bicycle_common.validation import require
 from bicycle_sim.plants.base import Array
+from bicycle_sim.plants.whipple.parameter_checks import (
+    require_above,
+    require_finite,
+    require_good,
+    require_inertia,
+)
 
 Part = TypeVar("Part")
 
 STOP = math.radians(80.0)
 """rad, as far as the paper's handlebar turns (errata row 22)."""
-
-
-def _require(value: Array, good: Array, message: str) -> None:
-    """Raise ValueError with `message` and the first value that is not good, if there is one."""
-    if not np.all(good):
-        wrong = np.broadcast_to(value, np.shape(good))[~np.asarray(good)]
-        raise ValueError(f"{message}, not {wrong.flat[0]:g}")
-
-
-def _check(part: object, names: str, low: float, allowed: bool, why: str) -> None:
-    """Require that each of `names` lies above `low`, or is equal to it where `allowed`."""
-    for name in names.split():
-        value = getattr(part, name)
-        good = np.greater_equal(value, low) if allowed else np.greater(value, low)
-        _require(value, good, f"{name} must be {why}")
-
-
-def _finite(part: object) -> None:
-    """Require numbers that are finite in every field that is no part of its own."""
-    for item in fields(part):  # type: ignore[arg-type]
-        value = getattr(part, item.name)
-        if is_dataclass(value) or value is None or item.name == "name":
-            continue
-        if isinstance(value, (bool, str, list, dict)) or np.asarray(value).dtype.kind not in "fiu":
-            raise ValueError(f"{item.name} must be a number, not {value!r}")
-        _require(value, np.isfinite(value), f"{item.name} must be finite")
-        if not isinstance(value, np.ndarray):
-            object.__setattr__(part, item.name, float(value))
-
-
-def _check_inertia(part: object, body: str) -> None:
-    """Require that no axis of a body symmetric about y = 0 has a negative inertia."""
-    xx, zz, xz = (getattr(part, f"I{body}{axis}") for axis in ("xx", "zz", "xz"))
-    _check(part, f"I{body}xx I{body}yy I{body}zz", 0.0, True, "zero or more kg m^2")
-    _require(
-        xz,
-        np.less_equal(xz * xz, xx * zz * (1.0 + 1e-9)),
-        f"the square of I{body}xz must be at most I{body}xx times I{body}zz",
-    )
 
 
 @dataclass(frozen=True)
@@ -130,20 +96,22 @@ class Bicycle:
     """m/s^2."""
 
     def __post_init__(self) -> None:
-        _finite(self)
-        _check(self, "w", 0.0, False, "above zero m")
-        _check(self, "mB mH", 0.0, False, "above zero kg")
-        _check(self, "rR rF", 0.0, True, "zero or more m")
-        _check(self, "mR mF", 0.0, True, "zero or more kg")
-        _check(self, "IRxx IRyy IFxx IFyy", 0.0, True, "zero or more kg m^2")
-        _check(self, "g", 0.0, False, "above zero m/s^2")
-        _check_inertia(self, "B")
-        _check_inertia(self, "H")
+        require_finite(self)
+        require_above(self, "w", 0.0, False, "above zero m")
+        require_above(self, "mB mH", 0.0, False, "above zero kg")
+        require_above(self, "rR rF", 0.0, True, "zero or more m")
+        require_above(self, "mR mF", 0.0, True, "zero or more kg")
+        require_above(self, "IRxx IRyy IFxx IFyy", 0.0, True, "zero or more kg m^2")
+        require_above(self, "g", 0.0, False, "above zero m/s^2")
+        require_inertia(self, "B")
+        require_inertia(self, "H")
         for name in ("zB", "zH"):
             value = getattr(self, name)
             below = np.less(value, 0.0)
-            _require(value, below, f"{name} must be below zero m (z points down from the ground)")
-        _require(
+            require_good(
+                value, below, f"{name} must be below zero m (z points down from the ground)"
+            )
+        require_good(
             self.lam,
             np.less(np.abs(self.lam), 1.2),
             "lam must lie between -1.2 and 1.2 rad (90 degrees less the head angle)",
@@ -208,11 +176,11 @@ class Rider:
     """N m, the muscle's most."""
 
     def __post_init__(self) -> None:
-        _finite(self)
-        _check(self, "mG", 0.0, False, "above zero kg")
-        _check_inertia(self, "G")
+        require_finite(self)
+        require_above(self, "mG", 0.0, False, "above zero kg")
+        require_inertia(self, "G")
         names = "stiffness damping frequency damping_ratio torque_limit"
-        _check(self, names, 0.0, True, "zero or more")
+        require_above(self, names, 0.0, True, "zero or more")
         above = np.less(self.zG, self.zP) & np.less(self.zP, 0.0)
         require(
             bool(np.all(above)),
@@ -238,9 +206,9 @@ class Steering:
     """rad to either side, where the front frame meets the rear one without a rebound."""
 
     def __post_init__(self) -> None:
-        _finite(self)
-        _check(self, "friction stiction damping", 0.0, True, "zero or more")
-        _check(self, "stop", 0.0, False, "above zero rad")
+        require_finite(self)
+        require_above(self, "friction stiction damping", 0.0, True, "zero or more")
+        require_above(self, "stop", 0.0, False, "above zero rad")
         inside = np.less_equal(self.stop, math.radians(85.0))
         require(bool(np.all(inside)), "stop must be at most 85 degrees (1.483 rad)")
 
@@ -265,8 +233,8 @@ class Motor:
     """N m of one digit of the wanted torque, which is rounded to whole ones; zero is none."""
 
     def __post_init__(self) -> None:
-        _finite(self)
-        _check(self, "limit lag rate dead_band step", 0.0, True, "zero or more")
+        require_finite(self)
+        require_above(self, "limit lag rate dead_band step", 0.0, True, "zero or more")
 
     def rounded(self, torque: np.ndarray) -> np.ndarray:
         """Return wanted torques (N,) in whole digits, N m."""
@@ -297,8 +265,8 @@ class Drive:
     """N per m/s that the speed is beyond its limits, where a step names limits."""
 
     def __post_init__(self) -> None:
-        _finite(self)
-        _check(self, "gear power brake governor", 0.0, True, "zero or more")
+        require_finite(self)
+        require_above(self, "gear power brake governor", 0.0, True, "zero or more")
 
 
 @dataclass(frozen=True)
@@ -323,9 +291,9 @@ class Resistance:
     """N of rolling resistance per N of wheel load; 0.005 for good tyres on asphalt."""
 
     def __post_init__(self) -> None:
-        _finite(self)
+        require_finite(self)
         names = "drag_area side_area pressure_height air_density rolling"
-        _check(self, names, 0.0, True, "zero or more")
+        require_above(self, names, 0.0, True, "zero or more")
 
 
 @dataclass(frozen=True)
@@ -346,7 +314,7 @@ class Road:
     """m/s towards +y."""
 
     def __post_init__(self) -> None:
-        _finite(self)
+        require_finite(self)
         flat = np.less(np.hypot(self.grade_x, self.grade_y), 1.0)
         require(bool(np.all(flat)), "the road must rise by less than 1 m per m")
 
@@ -377,8 +345,8 @@ class Parameters:
 
     def __post_init__(self) -> None:
         require(isinstance(self.name, str), f"name must be a text, not {self.name!r}")
-        _finite(self)
-        _check(self, "delay", 0.0, True, "zero or more s")
+        require_finite(self)
+        require_above(self, "delay", 0.0, True, "zero or more s")
         require(bool(np.all(np.less_equal(self.delay, 0.5))), "delay must be at most 0.5 s")
         require(
             np.ndim(self.time_step) == 0 and 0.0 < self.time_step <= 0.1,
@@ -403,18 +371,6 @@ class Parameters:
         return sizes.pop() if sizes else None
 
 
-PARTS: dict[str, type] = {
-    "bicycle": Bicycle,
-    "rider": Rider,
-    "steering": Steering,
-    "motor": Motor,
-    "drive": Drive,
-    "resistance": Resistance,
-    "road": Road,
-}
-"""The parts of `Parameters` that are dataclasses of their own."""
-
-
 def _arrays(part: object) -> list[np.ndarray]:
     """Yield every array in a part and its parts."""
     found = []
@@ -437,65 +393,3 @@ def take(part: Part, index: Any) -> Part:
         elif isinstance(value, np.ndarray) and value.ndim:
             values[item.name] = value[index]
     return replace(part, **values)  # type: ignore[type-var]
-
-
-def to_dict(part: object) -> dict[str, Any]:
-    """Plain data, arrays as lists."""
-    plain: dict[str, Any] = {}
-    for item in fields(part):  # type: ignore[arg-type]
-        value = getattr(part, item.name)
-        if is_dataclass(value):
-            plain[item.name] = to_dict(value)
-        else:
-            plain[item.name] = value.tolist() if isinstance(value, np.ndarray) else value
-    return plain
-
-
-def _number(value: Any) -> Any:
-    """Convert lists to arrays, and numbers such as 1e-3, which YAML takes for text, to numbers."""
-    if isinstance(value, list):
-        try:
-            return np.array(value, dtype=float)
-        except (TypeError, ValueError):
-            return value
-    if isinstance(value, str):
-        try:
-            return float(value)
-        except ValueError:
-            return value
-    return value
-
-
-def make(kind: type[Part], data: object) -> Part:
-    """Return a part from plain data.
-
-    Raises:
-        ValueError: on an unknown or missing key, naming it, or on a value that makes no sense.
-    """
-    name = kind.__name__.lower()
-    if not isinstance(data, Mapping):
-        raise ValueError(f"{name} must be a mapping, not {type(data).__name__}")
-    reject_unknown(kind, dict(data))
-    values = {key: _number(value) for key, value in data.items()}
-    needed = [
-        item.name
-        for item in fields(kind)  # type: ignore[arg-type]
-        if item.default is item.default_factory and item.name not in values
-    ]
-    require(not needed, f"{name} lacks {', '.join(needed)}")
-    return kind(**values)
-
-
-def from_dict(data: object) -> Parameters:
-    """Return parameters from plain data, as `to_dict` gives them.
-
-    Raises:
-        ValueError: on an unknown or missing key, naming it, or on a value that makes no sense.
-    """
-    if not isinstance(data, Mapping):
-        raise ValueError(f"the parameters must be a mapping, not {type(data).__name__}")
-    values = {
-        key: make(PARTS[key], value) if key in PARTS and value is not None else value
-        for key, value in data.items()
-    }
-    return make(Parameters, values)

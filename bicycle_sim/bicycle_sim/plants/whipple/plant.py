@@ -19,7 +19,14 @@ from bicycle_sim.plants.base import (
     SteadyLean,
     SteadyTorque,
 )
-from bicycle_sim.plants.whipple import integrate, native, parameters, state_space, steady
+from bicycle_sim.plants.whipple import (
+    integrate,
+    native,
+    parameters,
+    plain_parameters,
+    state_space,
+    steady,
+)
 from bicycle_sim.plants.whipple.constants import (
     UNLIMITED,
     Constants,
@@ -281,7 +288,7 @@ class WhipplePlant(Plant[WhippleState]):
 
     def to_json(self) -> str:
         """Return all parameters to the last bit, with the key `plant`."""
-        return json.dumps({"plant": self.name, **parameters.to_dict(self.parameters)})
+        return json.dumps({"plant": self.name, **plain_parameters.to_dict(self.parameters)})
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> WhipplePlant:
@@ -290,7 +297,7 @@ class WhipplePlant(Plant[WhippleState]):
         Raises:
             ValueError: on an unknown or missing key, or on a value that makes no sense.
         """
-        return cls(parameters.from_dict({k: v for k, v in data.items() if k != "plant"}))
+        return cls(plain_parameters.from_dict({k: v for k, v in data.items() if k != "plant"}))
 
     def _rows(self, state: WhippleState) -> np.ndarray:
         """Return a copy of the integrated rows, (rows, N)."""
