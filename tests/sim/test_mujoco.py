@@ -51,6 +51,14 @@ def fitted(speed: float) -> np.ndarray:
     return np.log(np.linalg.eigvals(step).astype(complex)) / SAMPLE
 
 
+def test_pedal_and_steering_are_the_whipple_bicycle_s() -> None:
+    known = catalogue.load("browser-rider").parameters
+    known = replace(known, steering=replace(known.steering, friction=0.1))
+    exact, plant = WhipplePlant(known), MujocoPlant(known)
+    assert plant.pedal_gear == exact.pedal_gear == known.drive.gear
+    assert plant.steer_friction == exact.steer_friction == 0.1
+
+
 @pytest.mark.parametrize("speed", [4.0, 5.0, 6.0])
 def test_the_weave_is_the_whipple_bicycle_s(speed: float) -> None:
     """Modes agree within 0.03 1/s and 1 % of the frequency."""

@@ -192,6 +192,41 @@ def test_wrong_names_give_the_nearest(arguments: tuple[Any, ...], words: str) ->
         registry.named(*arguments)
 
 
+@pytest.mark.parametrize("name", registry.PLANTS)
+def test_a_kind_says_what_can_be_chosen_of_it(name: str) -> None:
+    kind = registry.PLANTS[name]
+    assert kind.about
+    if name == "mujoco":
+        pytest.importorskip("mujoco")
+    if kind.takes_bicycle:
+        assert registry.named(name, "browser-rider").label == f"{name} browser-rider"
+    else:
+        with pytest.raises(ValueError, match="has no bicycles to choose from"):
+            registry.named(name, "browser-rider")
+    plant = registry.named(name)
+    if kind.takes_displacement_noise:
+        assert plant.with_displacement_noise(0.01).displacement_noise == 0.01
+    else:
+        with pytest.raises(ValueError, match="takes no displacement noise"):
+            plant.with_displacement_noise(0.01)
+
+
+def test_the_plant_of_a_bicycle_needs_no_name() -> None:
+    assert registry.named(bicycle="browser-rider") == registry.named("whipple", "browser-rider")
+    assert registry.named() == registry.default()
+    assert not registry.takes_bicycle(registry.default().name)
+    with pytest.raises(ValueError, match="has no physics"):
+        registry.named(bicycle="browser-rider", physics="corrected")
+
+
+def test_the_gear_is_the_force_at_the_rim_per_pedal_force() -> None:
+    plant = ChoiPlant()
+    state, zero = start(plant), np.zeros(8)
+    moved = plant.step(state, zero, zero, np.full(8, 50.0))
+    force = plant.physics.constants.driven_mass * (moved.speed - state.speed) / plant.time_step
+    np.testing.assert_allclose(force, 50.0 * plant.pedal_gear, rtol=1e-9)
+
+
 def test_the_paper_s_bicycle_takes_no_loads() -> None:
     plant, zero = ChoiPlant(), np.zeros(8)
     state = start(plant)
@@ -220,6 +255,8 @@ def test_a_whipple_bicycle_takes_delay_motor_and_friction() -> None:
     motor, steering = plant.parameters.motor, plant.parameters.steering
     assert (plant.parameters.delay, motor.limit, motor.lag, motor.step) == (0.05, 7.0, 0.03, 0.1)
     assert (steering.friction, steering.stiction) == (0.2, 0.2)
+    assert plant.steer_friction == 0.2
+    assert ChoiPlant().steer_friction == 0.0
 
 
 def test_a_plant_refuses_what_it_cannot_be() -> None:

@@ -134,6 +134,4 @@ def named_plant(args: argparse.Namespace) -> Plant[Any] | None:
     """
     asked = {"plant": args.plant, "bicycle": args.bicycle, "physics": args.physics}
     given = {name: value for name, value in asked.items() if value is not None}
-    if "bicycle" in given:
-        given.setdefault("plant", "whipple")
     return registry.named(**given) if given else None

@@ -106,7 +106,7 @@ def run_command(args: argparse.Namespace) -> int:
     )
     names = args.bicycles.split(",")
     for name in names:
-        registry.named("whipple", name)
+        registry.named(bicycle=name)
     if args.link_loss:
         return _link_loss(args, names, conditions)
     unlike = {name: _unlike(args.controller, name, conditions) for name in names}
@@ -140,7 +140,7 @@ def run_command(args: argparse.Namespace) -> int:
 
 def _unlike(controller: str, bicycle: str, conditions: Conditions) -> list[str]:
     """Return the differences between the rides of a bicycle and a policy's training."""
-    plant = conditions.applied(registry.named("whipple", bicycle))
+    plant = conditions.applied(registry.named(bicycle=bicycle))
     if controller in TUNED:  # designed for each
         return []
     return unlike_training(load_controller(controller, plant), plant)
@@ -150,7 +150,7 @@ def _link_loss(args: argparse.Namespace, names: list[str], conditions: Condition
     """Stop the commands and print the rides' outcome."""
     rows: list[dict[str, Any]] = []
     for name in names:
-        plant = replace(conditions, delay=0.0).applied(registry.named("whipple", name))
+        plant = replace(conditions, delay=0.0).applied(registry.named(bicycle=name))
         # Designed without the motor, so that it needs no memory.
         plain = replace(conditions, delay=0.0, motor_lag=0.0).applied(plant)
         who = LqrController.named(args.controller, plain, conditions.torque_limit)
@@ -202,7 +202,7 @@ def _cases(all_of_it: Conditions, costs: bool) -> list[tuple[str, Conditions]]:
 
 
 def _ride(args: argparse.Namespace, bicycle: str, conditions: Conditions) -> Outcome:
-    plant = conditions.applied(registry.named("whipple", bicycle))
+    plant = conditions.applied(registry.named(bicycle=bicycle))
     controller: Controller
     if args.controller in TUNED:
         controller = LqrController.named(args.controller, plant, conditions.torque_limit)

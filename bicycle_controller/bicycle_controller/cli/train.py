@@ -140,7 +140,7 @@ def _follow(args: argparse.Namespace) -> int:
     wrong = [name for name, value in given.items() if value]
     if wrong:
         raise ValueError(f"{wrong[0]} does not go with {PATHS}")
-    plant = registry.named(plant="whipple", bicycle=args.bicycle or "browser-rider")
+    plant = registry.named(bicycle=args.bicycle or "browser-rider")
     steps = 200_000 if args.steps is None else args.steps
     seed = 1 if args.seed is None else args.seed
 

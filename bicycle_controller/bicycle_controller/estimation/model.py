@@ -47,8 +47,7 @@ class Model:
             self._powers = self._powers[:, None]
         self.torque = np.atleast_2d(parts[1][1])
 
-        steering = getattr(getattr(plant, "parameters", None), "steering", None)
-        self.friction = np.asarray(0.0 if steering is None else steering.friction, dtype=float)
+        self.friction = np.asarray(plant.steer_friction, dtype=float)
         """N m, () or (N,), of the steering; a higher stiction is not followed."""
         self._pitch = _pitch(plant)
 

@@ -73,7 +73,7 @@ class FollowPathEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Draw the roads.
 
         Args:
-            bicycle: of the plant whipple, a name or a YAML file; empty for the plant choi.
+            bicycle: a name or a YAML file; of no account for the plant choi, which has its own.
             plant: `whipple`, `mujoco` or `choi`.
             roads: number of roads.
             roads_seed: of the roads, which no seed of `reset` changes.
@@ -85,8 +85,7 @@ class FollowPathEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """
         require(1 <= roads <= 10_000, f"{roads} roads: choose 1 to 10,000")
         self.render_mode = render_mode
-        words = {"plant": plant, **({"bicycle": bicycle} if plant != "choi" else {})}
-        made = registry.named(**words)
+        made = registry.named(plant, bicycle if registry.takes_bicycle(plant) else None)
         self._task = PathTask(made, 1, roads_seed, roads, torque_limit=torque_limit)
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float32)
         self.observation_space = gymnasium.spaces.Box(-MOST, MOST, SCALE.shape, np.float32)

@@ -121,6 +121,12 @@ class Plant(ABC, Generic[State]):
 
     name: ClassVar[str]
     """Kind of plant, `plant` in its JSON."""
+    about: ClassVar[str] = ""
+    """Kind of plant in words for people."""
+    takes_bicycle: ClassVar[bool] = False
+    """True if its bicycle is one of those of `catalogue.names` or of a YAML file."""
+    takes_displacement_noise: ClassVar[bool] = False
+    """True if `with_displacement_noise` takes any spread."""
     state_type: ClassVar[type[BodyState]]
     """Type of the states that `initial` and `step` return."""
     body_is_all: ClassVar[bool] = False
@@ -171,6 +177,11 @@ class Plant(ABC, Generic[State]):
     def pedal_gear(self) -> float:
         """Force at the rear wheel's rim per pedal force, of the first of many bicycles."""
         return 1.0
+
+    @property
+    def steer_friction(self) -> Array:
+        """N m of Coulomb friction of the steering, a float or (N,)."""
+        return 0.0
 
     @property
     def substeps(self) -> int:

@@ -46,7 +46,7 @@ def from_dict(data: Any) -> Plant[Any]:
 
 
 def named(
-    plant: str = ChoiPlant.name,
+    plant: str | None = None,
     bicycle: str | Path | None = None,
     physics: str = "faithful",
     **options: Any,
@@ -54,7 +54,8 @@ def named(
     """Return the plant of a name, with the bicycle of a name or a YAML file.
 
     Args:
-        plant: choi, whipple, or mujoco, which needs the package of that name.
+        plant: choi, whipple, or mujoco, which needs the package of that name; by default whipple
+            if a bicycle is given, else choi.
         bicycle: see `catalogue.load`; the benchmark by default. The paper's plant has its own.
         physics: faithful or corrected, of the paper's plant.
         options: corrections of the paper's plant that are on besides, and its displacement noise.
@@ -62,8 +63,10 @@ def named(
     Raises:
         ValueError: on an unknown name, with the nearest one, or on what this plant has not.
     """
+    if plant is None:
+        plant = ChoiPlant.name if bicycle is None else WhipplePlant.name
     kind, on = _kind(plant), {n: v for n, v in options.items() if v}
-    if kind in (WhipplePlant, MujocoPlant):
+    if kind.takes_bicycle:
         other = [*on, *(["physics"] if physics != "faithful" else [])]
         require(not other, f"the plant {plant} has no {', '.join(other)}: leave it out")
         found = catalogue.load("benchmark" if bicycle is None else bicycle)
@@ -73,8 +76,22 @@ def named(
     return ChoiPlant(replace(Physics.named(physics), **on))
 
 
+def takes_bicycle(plant: str) -> bool:
+    """Return True if the plant of a name is one of measured bicycles.
+
+    Raises:
+        ValueError: on an unknown name, with the nearest one.
+    """
+    return bool(_kind(plant).takes_bicycle)
+
+
+def with_bicycles() -> tuple[str, ...]:
+    """Return the names of the plants of measured bicycles."""
+    return tuple(name for name in PLANTS if takes_bicycle(name))
+
+
 def bicycles() -> dict[str, str]:
-    """Return a description of each measured bicycle, by name; for plants whipple and mujoco."""
+    """Return a description of each measured bicycle, by name; for `with_bicycles`."""
     return {name: catalogue.load(name).about for name in catalogue.names()}
 
 

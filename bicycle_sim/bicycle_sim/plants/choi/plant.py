@@ -25,6 +25,8 @@ class ChoiPlant(Plant[BodyState]):
     """N bicycles of the paper, all alike."""
 
     name = "choi"
+    about = "the paper's bicycle"
+    takes_displacement_noise = True
     state_type = BodyState
     body_is_all = True
 
@@ -94,6 +96,11 @@ class ChoiPlant(Plant[BodyState]):
     def with_displacement_noise(self, spread: float) -> ChoiPlant:
         """Return the plant whose noise is `spread`, m."""
         return type(self)(replace(self.physics, displacement_noise=spread), self.device)
+
+    @property
+    def pedal_gear(self) -> float:
+        """Force at the rear wheel's rim per pedal force (eq. 11)."""
+        return self.physics.constants.pedal_gain
 
     def on_device(self, device: str) -> ChoiPlant:
         """Return the plant that torch steps on `device`."""

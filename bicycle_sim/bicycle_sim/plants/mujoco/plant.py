@@ -56,6 +56,8 @@ class MujocoPlant(Plant[MujocoState]):
     """
 
     name = "mujoco"
+    about = "a measured bicycle in MuJoCo"
+    takes_bicycle = True
     state_type = MujocoState
 
     def __init__(self, p: Parameters) -> None:
@@ -96,6 +98,16 @@ class MujocoPlant(Plant[MujocoState]):
     def geometry(self) -> Geometry:
         """Geometry of the bicycle."""
         return self._whipple.geometry
+
+    @property
+    def pedal_gear(self) -> float:
+        """Force at the rear wheel's rim per pedal force."""
+        return self._whipple.pedal_gear
+
+    @property
+    def steer_friction(self) -> Array:
+        """N m of Coulomb friction of the steering."""
+        return self._whipple.steer_friction
 
     @property
     def torque_limit(self) -> float | None:

@@ -68,6 +68,8 @@ class WhipplePlant(Plant[WhippleState]):
     """N Whipple bicycles, all alike or each with parameters of its own."""
 
     name = "whipple"
+    about = "Whipple-Carvallo model of a measured bicycle"
+    takes_bicycle = True
     state_type = WhippleState
 
     def __init__(self, p: Parameters, compiled: bool = True) -> None:
@@ -113,6 +115,11 @@ class WhipplePlant(Plant[WhippleState]):
     def pedal_gear(self) -> float:
         """Force at the rear wheel's rim per pedal force; the largest of many bicycles."""
         return float(np.max(self.parameters.drive.gear))
+
+    @property
+    def steer_friction(self) -> Array:
+        """N m of Coulomb friction of the steering; a higher stiction is not in it."""
+        return self.parameters.steering.friction
 
     @property
     def substeps(self) -> int:

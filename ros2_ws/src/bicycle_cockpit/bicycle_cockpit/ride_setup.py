@@ -16,12 +16,10 @@ from bicycle_sim.plants import registry
 from bicycle_sim.sensors import settings as sensors
 from bicycle_sim.task.scenario import SCENARIOS, Scenario
 
-PLANTS = {
-    "choi": "the paper's bicycle",
-    "whipple": "Whipple-Carvallo model of a measured bicycle",
-    "mujoco": "a measured bicycle in MuJoCo",
-}
+PLANTS = {name: kind.about for name, kind in registry.PLANTS.items()}
 """Labels for people."""
+WITH_NOISE = tuple(n for n, kind in registry.PLANTS.items() if kind.takes_displacement_noise)
+"""Plants that take noise on the displacement."""
 MOST_NOISE = 0.2
 """Largest half width of the noise on the displacement (m)."""
 RATES = (0.05, 10.0)
@@ -38,15 +36,15 @@ class RideSetup:
     """A ride's conditions."""
 
     scenario: str = "random-start-random-goal"
-    plant: str = "choi"
+    plant: str = registry.default().name
     bicycle: str = ""
-    """Bicycle's name, for whipple and mujoco; empty for their default."""
+    """Bicycle's name, of a plant of measured bicycles; empty for its default."""
     sensors: str = ""
     """Preset of the sensors whose estimate the controller sees; empty shows it the truth."""
     speed: float = -1.0
     """m/s at the start; negative is the scenario's."""
     noise: float = 0.0
-    """m, half width of uniform noise on the displacement; of choi alone."""
+    """m, half width of uniform noise on the displacement; of WITH_NOISE alone."""
     rate: float = 1.0
     """Simulated seconds in a second."""
 
@@ -63,10 +61,12 @@ class RideSetup:
         _within("speed", self.speed, -1.0, FASTEST_START, "m/s")
         _within("noise", self.noise, 0.0, MOST_NOISE, "m")
         _within("rate", self.rate, *RATES, "simulated seconds in a second")
-        if self.plant == "choi" and self.bicycle:
-            raise ValueError(f"the paper's bicycle is not {self.bicycle}: choose another model")
-        if self.plant != "choi" and self.noise:
-            raise ValueError("only the paper's bicycle has noise on the displacement")
+        label = PLANTS[self.plant]
+        if self.bicycle and not registry.takes_bicycle(self.plant):
+            raise ValueError(f"{label} is not {self.bicycle}: choose another model")
+        if self.noise and self.plant not in WITH_NOISE:
+            only = " and ".join(PLANTS[name] for name in WITH_NOISE)
+            raise ValueError(f"only {only} has noise on the displacement")
 
     def changed(self, values: Mapping[str, Any]) -> RideSetup:
         """Return the conditions with other values.
@@ -132,7 +132,7 @@ def own_bicycle(words: Iterable[str], told: Mapping[str, Any] | None = None) -> 
     """Return the bicycle's file of a ride, which pages do not offer; empty without one."""
     values = _values(words, told)
     name = values.get("simulator.bicycle", "")
-    rides = values.get("simulator.plant", RideSetup.plant) != "choi"
+    rides = values.get("simulator.plant", RideSetup.plant) in registry.with_bicycles()
     return name if rides and name not in ("", *_bicycles()) else ""
 
 
@@ -179,6 +179,8 @@ def choices() -> dict[str, Any]:
     return {
         "scenarios": [[name, _scenario(one)] for name, one in SCENARIOS.items()],
         "plants": [list(item) for item in PLANTS.items()],
+        "with_bicycles": registry.with_bicycles(),
+        "with_noise": WITH_NOISE,
         "bicycles": [list(item) for item in _bicycles().items()],
         "sensors": sensors.names(),
         "courses": courses.names(),

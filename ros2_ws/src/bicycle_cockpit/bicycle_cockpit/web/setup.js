@@ -2,7 +2,8 @@
 
 const byId = (id) => document.getElementById(id);
 const WORDS = ["scenario", "plant", "bicycle", "sensors"];
-/** Controllers that ride where those trained for the paper's bicycle do not, or need no truth. */
+/** Controllers that are proposed: for the paper's bicycle, for measured ones, and for estimates instead of the truth. */
+const PAPER = "fixed-speed";
 const ANY = "any-bicycle";
 const CLASSICAL = "lqr";
 
@@ -17,6 +18,8 @@ export class Setup {
     this.ask = ask;
     this.chosen = chosen;
     this.controllers = [];
+    this.withBicycles = [];
+    this.withNoise = [];
     this.values = null;
     byId("setup-form").addEventListener("submit", () => this.send());
     byId("setup-plant").addEventListener("change", () => this.suit());
@@ -26,7 +29,9 @@ export class Setup {
 
   /** What can be chosen, as the cockpit's greeting says. */
   offer({ setups, setup, controllers }) {
-    const { scenarios, plants, bicycles, sensors, courses, fastest } = setups;
+    const { scenarios, plants, bicycles, sensors, courses, fastest, with_bicycles, with_noise } = setups;
+    this.withBicycles = with_bicycles;
+    this.withNoise = with_noise;
     byId("setup-scenario").replaceChildren(...options(scenarios));
     byId("setup-plant").replaceChildren(...options(plants));
     this.bicycles = bicycles.map(([name, about]) => [name, `${name}: ${about}`]);
@@ -57,16 +62,17 @@ export class Setup {
 
   /** Only what the model has can be set. */
   allow() {
-    const paper = byId("setup-plant").value === "choi";
-    byId("setup-bicycle").disabled = paper;
-    byId("setup-noise").disabled = !paper;
-    if (!paper) byId("setup-noise").value = "0";
+    const plant = byId("setup-plant").value;
+    const noisy = this.withNoise.includes(plant);
+    byId("setup-bicycle").disabled = !this.withBicycles.includes(plant);
+    byId("setup-noise").disabled = !noisy;
+    if (!noisy) byId("setup-noise").value = "0";
   }
 
   /** Proposes a controller that rides it; whoever rides can be chosen after that. */
   suit() {
     this.allow();
-    const trained = byId("setup-plant").value === "choi" ? "fixed-speed" : ANY;
+    const trained = this.withBicycles.includes(byId("setup-plant").value) ? ANY : PAPER;
     byId("setup-controller").value = byId("setup-sensors").value ? CLASSICAL : trained;
   }
 
@@ -74,7 +80,7 @@ export class Setup {
     const number = (id, otherwise) => (byId(id).value === "" ? otherwise : Number(byId(id).value));
     const fields = Object.fromEntries(WORDS.map((name) => [name, byId(`setup-${name}`).value]));
     const { bicycle, own_bicycle: own } = this.values;
-    if (fields.plant === "choi" || (fields.bicycle === "benchmark" && !bicycle && !own)) fields.bicycle = "";
+    if (!this.withBicycles.includes(fields.plant) || (fields.bicycle === "benchmark" && !bicycle && !own)) fields.bicycle = "";
     this.ask("setup", { ...fields, speed: number("setup-speed", -1), noise: number("setup-noise", 0) / 100, rate: number("setup-rate", 1), controller: byId("setup-controller").value });
   }
 

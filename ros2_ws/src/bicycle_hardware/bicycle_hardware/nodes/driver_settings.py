@@ -26,7 +26,7 @@ class DriverSettings:
         921600, "bits per s; 115200, 230400, 460800 or 921600; USB ignores it", 115200, 921600
     )
     plant: str = parameter(
-        "whipple", "model of the bicycle, for the estimator", choices=("whipple", "mujoco")
+        "whipple", "model of the bicycle, for the estimator", choices=registry.with_bicycles()
     )
     bicycle: str = parameter(
         "", "its parameters: a name that bicycle info lists, or a YAML file; empty is benchmark"
@@ -87,13 +87,11 @@ class DriverSettings:
         Raises:
             ValueError: as `make_sensors`.
         """
-        parameters = getattr(plant, "parameters", None)
-        drive = getattr(parameters, "drive", None)
         return DriverConfig(
             rest=self.make_sensors().rest,
             period=plant.time_step,
             valid_ms=self.valid_ms,
-            gear=float(getattr(drive, "gear", 0.2)),
+            gear=plant.pedal_gear,
             pc_clock=self.clock == "pc",
             arms_itself=self.arm_when_ready,
         )
