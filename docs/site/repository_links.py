@@ -35,7 +35,7 @@ def on_page_markdown(markdown: str, *, page: Any, files: Any, **_: Any) -> str:
             LOG.warning("%s links to %s, which does not exist", page.file.src_uri, target)
         return f'<span class="file" title="{place}">{text}</span>'
 
-    for index in range(0, len(parts), 2):  # what is not a block of code
+    for index in range(0, len(parts), 2):  # text outside code blocks
         parts[index] = LINK.sub(replaced, parts[index])
     return "".join(parts)
 
@@ -47,6 +47,6 @@ def on_post_page(output: str, **_: Any) -> str:
 
 
 def on_page_content(html: str, **_: Any) -> str:
-    """Make plain cells of heads without words, and let the keyboard scroll what is wide."""
+    """Turn empty header cells into plain cells; let the keyboard scroll wide tables and code."""
     html = re.sub(r"<th([^>]*)></th>", r"<td\1></td>", html)
     return re.sub(r"<(table|pre)>", r'<\1 tabindex="0">', html)

@@ -34,7 +34,7 @@ class ControlLoop:
         policy: active policy; may be replaced between two answers.
         fallback: controls when the policy may not; may be replaced too.
         safety: judges every state; may be replaced too.
-        plant: the ridden bicycle, for a policy that is told about it; may be replaced too.
+        plant: the ridden bicycle, for a policy with its parameters as inputs; may be replaced too.
         limits: (3,) largest |T| (N m), |d| (m), |F| (N) to send; infinite if unknown.
         answered: number of answered states.
         missed: number of steps that were never seen.

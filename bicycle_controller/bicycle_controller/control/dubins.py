@@ -85,6 +85,6 @@ def _words(start: Pose2D, end: Pose2D, radius: float) -> list[tuple[str, tuple[f
 
 
 def _turn(angle: float) -> float:
-    """Return the same direction in [0, 2 pi), rad; what is a full turn up to rounding is none."""
+    """Return the same direction in [0, 2 pi), rad; a full turn, up to rounding, becomes 0."""
     inside = angle % (2.0 * math.pi)
     return 0.0 if inside > 2.0 * math.pi - 1e-9 else inside

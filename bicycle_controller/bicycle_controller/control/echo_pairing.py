@@ -1,9 +1,9 @@
 """Pairs each state with the echo of the command that led to it.
 
-Whoever applies commands publishes the echo just before the state, on another topic. A state that
-overtakes its echo waits for it, as long as somebody publishes echoes that keep up: else it would
-be answered without knowing whether another controller drives. Of both topics a reader may keep
-the newest message only, so a later echo also ends the wait: its state comes next.
+The simulator or driver publishes the echo just before the state, on another topic. A state that
+overtakes its echo waits for it as long as echoes keep arriving: without the echo, the controller
+would not know whether another one drives. A reader may keep only the newest message of each topic,
+so a later echo ends the wait as well: its state comes next.
 """
 
 from __future__ import annotations

@@ -14,19 +14,19 @@ from typing import NamedTuple
 import numpy as np
 
 UNHEARD = "bicycles not heard"
-"""Key of a controller's diagnostics that names those that it hears nothing of."""
+"""Key of a controller's diagnostics that names bicycles without a received state."""
 CLEAR = 3.0
 """Distance between two rear contacts that is kept, m."""
 HORIZON = 10.0
 """s of prediction."""
 URGENT = 2.5
-"""s before a touch within which who has priority moves aside, too."""
+"""s before contact within which the bicycle with priority moves aside, too."""
 HEAD_ON = np.radians(165.0)
 """Angle between two headings beyond which bicycles meet head on, rad."""
 ASIDE = 2.0
-"""m that each of two moves aside that meet head on."""
+"""m by which each of two bicycles moves aside that meet head on."""
 AGAINST = np.radians(120.0)
-"""Angle between two headings beyond which nobody swerves to the left, rad."""
+"""Angle between two headings beyond which no bicycle swerves to the left, rad."""
 KEEP = 0.5
 """m of clearance that another shift must gain to be taken instead of the last one."""
 PASSING = 4.5

@@ -191,7 +191,7 @@ class LqrController:
     """The classical controller, gain-scheduled on speed; it holds no state between calls.
 
     Attributes:
-        memory: control periods whose commands it wants to be told; 0 without delay or lag.
+        memory: number of past control periods whose commands `act` needs; 0 without delay or lag.
         tuning: name of its tuning in TUNED; empty if it has one of its own.
     """
 
@@ -245,7 +245,7 @@ class LqrController:
         """`lqr-` and a digest of tuning and plant."""
         return self._policy_id
 
-    @np.errstate(over="ignore", invalid="ignore")  # whoever drives looks at what comes out
+    @np.errstate(over="ignore", invalid="ignore")  # the caller checks the result
     def act(
         self, observation: np.ndarray, speed: np.ndarray, past: Past | None = None
     ) -> np.ndarray:
@@ -299,7 +299,7 @@ class LqrController:
         return action
 
     def _late(self, past: Past, steady: list[np.ndarray | float], gains: np.ndarray) -> np.ndarray:
-        """Answer to what is on its way beside the turn's `steady` inputs, (inputs, N)."""
+        """Return the correction for past commands that differ from `steady`, (inputs, N)."""
         inputs, count = len(steady), gains.shape[-1]
         sent = past.action[:, : self.memory, :inputs].transpose(1, 2, 0)
         beside = sent - np.array([np.broadcast_to(value, count) for value in steady])

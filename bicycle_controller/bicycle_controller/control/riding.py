@@ -27,7 +27,7 @@ class Riding:
         Args:
             controller: chooses the actions.
             count: N.
-            plant: the ridden bicycles, for a controller that is told their parameters.
+            plant: the ridden bicycles, for a controller with their parameters as inputs.
 
         Raises:
             ValueError: if it needs a parameter that the plant does not have.
@@ -61,7 +61,7 @@ class Riding:
         self._past.push(observation, speed, action)
 
     def missed(self, periods: int) -> None:
-        """Repeat the newest period for those that nobody saw."""
+        """Repeat the newest period for periods without a received state."""
         if self._past is None or self._begins.any() or not self._past.rows.shape[1]:
             return
         for _ in range(min(periods, self._past.rows.shape[1])):

@@ -1,14 +1,14 @@
-"""A layer between policy and bicycle: it hands over to the fallback while that can still save.
+"""A layer between policy and bicycle: it hands over to the fallback while that can still recover.
 
-What is watched is above all the extrapolated lean: the lean from which a bicycle at rest with a
-straight handlebar would fall alike. It is the state's share in the unstable mode of the
-linearised bicycle, as the extrapolated centre of mass (Hof et al. 2005) is a walker's, and it
-grows from steering too, so it warns before the lean itself does. How large it may be follows from
-the bicycle: from how far its torque limit and its handlebar can bring the unstable mode back
-(`recoverable`). On the paper's bicycle it was measured: `ENVELOPE` lies between what ordinary
-rides of the shipped actors come to and what the LQR recovers from, at every speed.
+The layer watches above all the extrapolated lean: the lean at which a bicycle with zero lean rate
+and a straight handlebar would fall in the same way. It is the state's share in the unstable mode
+of the linearised bicycle, like the extrapolated centre of mass (Hof et al. 2005) of a walker.
+Steering increases it too, so it warns before the lean itself does. The bicycle determines its
+limit: how far torque limit and handlebar can bring the unstable mode back (`recoverable`). For the
+paper's bicycle the limit was measured: at every speed `ENVELOPE` lies between the largest value in
+ordinary rides of the shipped actors and the largest from which the LQR recovers.
 
-Everything is for N bicycles at once, so that one code rides in the node and is measured over
+All functions take N bicycles at once: the same code runs in the node and is measured over
 thousands of rides (`tests/benchmarks/bench_safety.py`).
 """
 

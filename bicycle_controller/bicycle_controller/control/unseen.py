@@ -1,7 +1,7 @@
 """Hidden state of a bicycle that no observation shows: a motor's torque, commands under way.
 
-A linear gain on such states is a linear gain on the last commands: those under way are the
-commands themselves, and a motor's torque is what it has made of them.
+A linear gain on such states is a linear gain on the last commands: delayed commands are states
+themselves, and a motor's torque is a linear function of earlier commands.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The linear bicycle as a fit simulates it: windows of a ride from any initial state.
 
-A window's initial state, a constant torque and an offset of the steering are nobody's business:
-they are solved by linear least squares inside each window, so that only the bicycle is left
-(variable projection, Golub and Pereyra 1973).
+Each window's initial state, a constant torque and an offset of the steering are nuisance
+parameters: linear least squares inside each window solve for them, so that the fit has only the
+bicycle's parameters (variable projection, Golub and Pereyra 1973).
 """
 
 from __future__ import annotations

@@ -216,7 +216,7 @@ class ActionDesk:
             self._orders.cancel()
         if order.cancelled:
             order.patience -= 1
-            if order.patience == 0:  # no state comes, so nothing is told
+            if order.patience == 0:  # without states no goal status follows
                 order.done.set_result(None)
             return
         self._feed(order)

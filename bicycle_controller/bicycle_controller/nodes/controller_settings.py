@@ -226,7 +226,7 @@ class ControllerSettings:
         config = NoiseConfig(self.exploration, self.exploration_sigma, self.exploration_theta)
         return Noise(config, 1, 3, np.random.default_rng(self.seed))
 
-    @np.errstate(all="ignore")  # a bicycle that cannot be are told by what comes out
+    @np.errstate(all="ignore")  # an impossible bicycle gives NaN, which is checked later
     def make_fallback(self, limits: np.ndarray, plant: Plant[Any]) -> Controller | None:
         """Return the controller to use instead of the policy, limited to (3,) |T|, |d| and |F|."""
         if self.fallback == "steer_into_lean":

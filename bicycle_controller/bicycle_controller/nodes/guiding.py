@@ -67,7 +67,7 @@ class Guiding:
 
     @property
     def unheard(self) -> list[str]:
-        """Names of the bicycles to keep clear of that nothing is heard of."""
+        """Names of the bicycles to keep clear of without a received state."""
         return [name for name in self._others if name not in self._heard]
 
     def _watch(self, name: str) -> None:

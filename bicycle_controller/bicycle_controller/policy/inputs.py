@@ -72,7 +72,7 @@ class Inputs:
         """Check the names.
 
         Raises:
-            ValueError: on a name that is none, on the same name twice, or on too many.
+            ValueError: on an unknown name, on the same name twice, or on too many.
         """
         self.names = tuple(names)
         if not 1 <= len(self.names) <= MOST_INPUTS or len(set(self.names)) < len(self.names):

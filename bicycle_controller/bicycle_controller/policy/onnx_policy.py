@@ -113,7 +113,7 @@ class OnnxPolicy:
 
     @property
     def plant_parameters(self) -> tuple[str, ...]:
-        """Names of the bicycle's parameters that it is told, see `Controller`."""
+        """Names of the bicycle's parameters among its inputs, see `Controller`."""
         return self.inputs.plant_parameters
 
     def _run(self, inputs: np.ndarray) -> np.ndarray:

@@ -122,7 +122,7 @@ class Policy:
 
     @property
     def plant_parameters(self) -> tuple[str, ...]:
-        """Names of the bicycle's parameters that it is told, see `Controller`."""
+        """Names of the bicycle's parameters among its inputs, see `Controller`."""
         return self.inputs.plant_parameters
 
     def act(

@@ -1,7 +1,7 @@
 """Thousands of random bicycles on their training rides, each with its own teacher beside it.
 
-On every ride something goes on: kicks, gusts, turns, wanted headings that jump. What the actor
-sees is noisy and biased; the teachers see the truth.
+Every ride has disturbances: kicks, gusts, turns, jumps of the wanted heading. The actor's inputs
+are noisy and biased; the teachers see the truth.
 """
 
 from __future__ import annotations

@@ -17,7 +17,7 @@ from bicycle_sim.plants.base import Array, BodyState, Geometry, Linear, Loads, P
 class MixedPlant(Plant[BodyState]):
     """N bicycles, each of one of two plants.
 
-    What is asked of the bicycle in general (geometry, linear model, parameters) is the first's.
+    Geometry, linear model and parameters are those of the first plant.
     """
 
     name = "mixed"

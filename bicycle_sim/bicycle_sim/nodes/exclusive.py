@@ -27,10 +27,10 @@ def _publishers(node: Node) -> set[str]:
 
 
 def refuse_second_simulator(node: Node) -> None:
-    """Refuse to start if another simulator is heard on this domain and namespace.
+    """Refuse to start if another simulator publishes states on this domain and namespace.
 
     Raises:
-        UserError: if one is heard.
+        UserError: if one does.
     """
     heard: list[bytes] = []
     subscription = node.create_subscription(

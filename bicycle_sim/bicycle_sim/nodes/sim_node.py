@@ -70,7 +70,7 @@ OUTPUTS = (
 
 
 class SimNode(Node):
-    """One bicycle that obeys `bicycle/command` and publishes its state and events."""
+    """One bicycle that applies `bicycle/command` and publishes its state and events."""
 
     settings_type: ClassVar[type[SimSettings]] = SimSettings
     outputs: ClassVar[tuple[Topic, ...]] = OUTPUTS
@@ -371,7 +371,7 @@ class SimNode(Node):
 
     def _publish_state(self) -> None:
         snapshot, now, clock = self._loop.snapshot, self._now, time.monotonic()
-        if self._is_heard(topics.COMMAND_ECHO):  # first, so that whoever gets the state knows it
+        if self._is_heard(topics.COMMAND_ECHO):  # before its state
             applied = self._loop.simulator.applied
             echo = convert.from_applied(applied, snapshot.episode, snapshot.step, now)
             self._publish(topics.COMMAND_ECHO, echo)

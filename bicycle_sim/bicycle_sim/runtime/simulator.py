@@ -1,7 +1,7 @@
-"""One bicycle, step by step, that can be rebuilt to the bit from what a bag holds.
+"""One bicycle, step by step, that a bag's messages restore to the bit.
 
-The paper's signs and symbols throughout. A bicycle is a batch of one, stepped by the same plant
-as the thousands in training, so that what is learned there holds here.
+Signs and symbols are the paper's. A bicycle is a batch of one, stepped by the same plant as the
+thousands in training, so a policy meets the same bicycle in both.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ _BODY = tuple(item.name for item in fields(BodyState))
 class Simulator:
     """One bicycle on one scenario.
 
-    Episodes are counted from 1 and steps from 0. A fallen bicycle stays as it lies: its steps
-    count on, its state does not change (errata row 25).
+    Episodes are counted from 1 and steps from 0. The state of a fallen bicycle does not change,
+    but its steps are counted (errata row 25).
 
     Attributes:
         snapshot: present state.

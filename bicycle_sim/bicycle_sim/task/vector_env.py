@@ -138,7 +138,7 @@ class BicycleVectorEnv(EnvProperties, VectorEnv[np.ndarray, np.ndarray, np.ndarr
         """Step every bicycle, and restart those whose episode ended as the mode says.
 
         Raises:
-            ValueError: if an action is not finite, or an episode ended that nobody began again.
+            ValueError: if an action is not finite, or an ended episode was not reset.
         """
         mode, fresh = self.autoreset_mode, self._ended
         if mode is AutoresetMode.DISABLED and fresh.any():

@@ -1,1 +1,1 @@
-"""The same bicycles in MuJoCo, an engine that nobody here wrote: a second opinion."""
+"""The measured bicycles in MuJoCo, an independent engine, as a second opinion."""

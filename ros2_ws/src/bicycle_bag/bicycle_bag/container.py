@@ -49,7 +49,7 @@ _MESSAGE = struct.Struct("<HIQQ")
 
 
 class DamageError(Exception):
-    """Bytes that are not what the MCAP format says; `str()` says what is wrong."""
+    """Bytes that violate the MCAP format; `str()` says how."""
 
 
 class Record(NamedTuple):

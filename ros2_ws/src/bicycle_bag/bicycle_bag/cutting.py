@@ -8,9 +8,9 @@ from collections import deque
 from typing import NamedTuple
 
 LEAST_SKEW_NS = 50_000_000
-"""Less than this between sending and receiving is the way's, not another clock's."""
+"""Smaller differences between sending and receiving are transport, not another clock."""
 FEWEST, MOST = 5, 60
-"""Seconds with messages by which a clock is judged."""
+"""Seconds with messages from which a clock's offset is estimated."""
 SECOND_NS = 1_000_000_000
 LONGEST_END = 5.0
 """Longest wait for messages from before the end (s)."""
@@ -26,10 +26,10 @@ class Cut(NamedTuple):
     """Time by which that clock was set back while the recording ran; see `SetBack`."""
 
     def is_before(self, sent_ns: int) -> bool:
-        """Return True for the time of a message that was sent after the end.
+        """Return True if a message was sent after the end.
 
-        What waits to be heard when the clock is set back has a time far beyond the end, though it
-        was sent before: as far as the clock was set back, and further than the end can last.
+        A message that waits in a subscription when the clock is set back was sent before, though
+        its time lies beyond the end: by at most the set-back, and by more than the end can last.
         """
         late = sent_ns - self.time_ns
         return late > 0 and not LONGEST_END_NS < late <= self.set_back_ns
@@ -51,10 +51,10 @@ class SetBack:
 class SourceClock:
     """Offset of a publisher's clock from this host's.
 
-    Times of sending are read off the publisher's clock, which on another host may be ahead or
-    behind. Of the messages of a second, one has nearly no way to go, so the smallest difference
-    between receiving and sending tells how far the clocks are apart; the median of some seconds
-    does not mind one in which a clock was set, or in which all messages were late.
+    Times of sending are read from the publisher's clock, which on another host may be ahead or
+    behind. Among the messages of one second at least one has almost no transport time, so the
+    smallest difference between receiving and sending is the offset of the clocks. The median over
+    some seconds ignores a second in which a clock was set or all messages were late.
     """
 
     def __init__(self) -> None:
@@ -67,7 +67,7 @@ class SourceClock:
         Args:
             received_ns: On this host's clock.
             sent_ns: On the publisher's.
-            now_ns: On a clock that nobody sets.
+            now_ns: On a steady clock.
         """
         way = received_ns - sent_ns
         second = now_ns // SECOND_NS

@@ -32,11 +32,11 @@ class _Held(NamedTuple):
 
 
 class Reorder:
-    """Holds messages back for one tick, so that each topic's queue may be emptied at one go.
+    """Holds messages back for one tick, so that each topic's queue may be emptied in one turn.
 
-    What was received before the last tick has been pushed by the next, so all up to the newest
-    time known at the last tick can go on, sorted. No clock is asked; one that is set back is
-    noticed by a topic whose times go back, and the messages of each topic keep their order.
+    Every message received before a tick has been pushed by the next one, so all messages up to the
+    newest time known at the last tick can be released in order. No clock is read: a topic whose
+    times go back shows that a clock was set back, and each topic's messages keep their order.
     """
 
     def __init__(self) -> None:

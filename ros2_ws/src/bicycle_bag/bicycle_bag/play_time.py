@@ -1,9 +1,9 @@
 """Conversion of a recording's clock to seconds of playing, also where that clock is unreliable.
 
-Log times may go back by an hour, ahead by years, or stand still; one topic may be on a clock of
-its own. What holds is the order of the messages, and the differences of log times where they are
-plausible: each topic is paced by the offset between its clock and the time of playing. Where no
-known offset fits, the time between two publications is taken, or none, and the jump is told.
+Log times may go back by an hour, ahead by years, or stand still; one topic may have its own
+clock. Only the order of the messages is reliable, and differences of log times where they are
+plausible: the offset between a topic's clock and the time of playing paces that topic. If no
+known offset fits, playing uses the time between two publications, or none, and reports the jump.
 """
 
 from __future__ import annotations
@@ -17,12 +17,12 @@ from bicycle_bag.reader import BagMessage
 
 STILL_NS = 1_000_000_000
 STILL_MESSAGES = 10
-"""Messages of a topic with one log time, published over more than STILL_NS: its clock stands.
+"""Messages of a topic with one log time, published over more than STILL_NS, of a stopped clock.
 
-In simulated time all messages of a step have one log time: that clock goes on.
+In simulated time all messages of a step have one log time, although that clock runs.
 """
 MOST_IN_A_RUN = 10_000
-"""Messages of one log time that are looked at together."""
+"""Largest number of messages of one log time that are examined together."""
 MOST_OFFSETS = 8
 """Clocks that are remembered besides each topic's own."""
 SECOND = 1_000_000_000

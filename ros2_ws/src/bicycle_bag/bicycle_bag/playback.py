@@ -88,10 +88,10 @@ class Playback:
         options: What to play and how fast.
 
     Attributes:
-        topics: Names of what is played.
+        topics: Names of the topics that are played.
         rate: Bag seconds per second.
-        duration: Bag seconds to play, without the silences that are not waited for.
-        clock_jumps: True if the recording's clock was set or stood still: they are a guess then.
+        duration: Bag seconds to play, without silences that are skipped.
+        clock_jumps: True if the recording's clock was set or stopped; both are then estimates.
 
     Raises:
         BagError: The bag lacks a topic or has no message to play.

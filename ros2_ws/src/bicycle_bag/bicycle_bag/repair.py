@@ -39,10 +39,10 @@ MOST_SPANS = 5
 class RepairReport:
     """Result of a repair; `kept` are copies of the damaged files, `converted` were databases.
 
-    `lost_messages` is known of files that were finished once; `lost_spans` are the first and
-    last times of lost chunks in ns, `lost_bytes` were of no record that could be told, and of
-    `unproved` messages, which have no checksum, some may be damaged. No checksum at all covers
-    `unchecked` messages. Topic and type of `adopted` messages are those that a damaged chunk has.
+    `lost_messages` is known only of files that were finished; `lost_spans` are the first and last
+    times of lost chunks in ns; `lost_bytes` belong to no recognisable record. Of the `unproved`
+    messages, which have no checksum, some may be damaged; `unchecked` messages are in files
+    without any checksum. The topic and type of `adopted` messages come from a damaged chunk.
     """
 
     messages: int = 0
@@ -102,9 +102,9 @@ class RepairReport:
 def repair(path: Path | str, progress: Progress = lambda _: None) -> RepairReport:
     """Rewrite the unfinished or damaged files of a bag and its `metadata.yaml`, in place.
 
-    All that checks out is kept as it was, also what is not understood. A new file is read again in
-    full before it takes the old one's place, in one step, so an interrupted repair can be run
-    again. What was damaged stays beside it as `*.damaged`.
+    All intact records stay unchanged, also those of unknown kinds. The new file is read again in
+    full before it replaces the old one in one step, so an interrupted repair can be run again. The
+    damaged file stays beside it as `*.damaged`.
 
     Args:
         path: Bag directory or MCAP file.

@@ -1,4 +1,4 @@
-"""Hands written data to the disk in threads of their own, so that a slow disk holds nobody up."""
+"""Syncs written data in separate threads, so that a slow disk does not block the recorder."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Walks the records of an MCAP file and believes only what checks out.
+"""Walks the records of an MCAP file and accepts only consistent ones.
 
-A record is taken where its head and its body fit each other; the index of a finished file says
-where a record lies whose head is wrong. What makes no sense is stepped over, to the next place
-that does, and told.
+A record is accepted if its head and its body are consistent; the index of a finished file locates
+a record whose head is damaged. Inconsistent bytes are skipped up to the next consistent record,
+and reported.
 """
 
 from __future__ import annotations
@@ -185,7 +185,7 @@ class Walk:
         found = self._chunk(offset, length)
         if isinstance(found, Piece) and found.items:
             return found
-        self._patience -= 1  # whoever lays out thousands that are none is not followed
+        self._patience -= 1  # bounds the work on files with thousands of false heads
         return None
 
     def _record(self, opcode: int, offset: int, length: int) -> Piece | Damage | None:

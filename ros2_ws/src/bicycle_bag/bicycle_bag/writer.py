@@ -186,7 +186,7 @@ class BagWriter:
             self.close()
 
     def _check_place(self) -> None:
-        """See to it that what is written can be found.
+        """Check that the bag is still at its path.
 
         Raises:
             BagError: The bag was deleted or moved.

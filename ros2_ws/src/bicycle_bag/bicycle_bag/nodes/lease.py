@@ -13,17 +13,17 @@ PROFILES = "FASTRTPS_DEFAULT_PROFILES_FILE"
 """Names Fast DDS's settings; `env.sh` sets it."""
 SPACE = "http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"
 LEASE = 60
-"""s; publishers keep messages for as long, see `interfaces.RESEND`."""
+"""s; publishers keep messages for as long, see `topics.RESEND`."""
 
 
 @contextlib.contextmanager
 def long_lease() -> Iterator[None]:
     """Let other nodes wait a minute for nodes created in this context when they are silent.
 
-    A participant tells the others how long to wait for it. With the 3 s that make a dead node be
-    forgotten soon, publishers would forget a recorder that is stopped for longer, with a machine
-    that sleeps, say, and drop what it has not heard. Where Fast DDS has no settings file that says
-    a time, nothing is changed.
+    A participant announces how long others wait for it. The usual 3 s remove a dead node soon, but
+    publishers would also drop a recorder that is stopped for longer, for example on a machine that
+    sleeps, and the messages that it has not received. Without a settings file of Fast DDS that
+    has such a time, nothing changes.
     """
     given = os.environ.get(PROFILES, "")
     with contextlib.ExitStack() as stack:

@@ -80,11 +80,11 @@ class TopicSubscription:
 
 
 class RecordedTopic:
-    """The subscriptions to one topic, and what they have heard.
+    """The subscriptions to one topic, and the messages that they received.
 
-    There is one for each quality that a publisher offers, for a subscription hears only who offers
-    as much as it asks for, and one that asks for less may lose what it need not. What two of them
-    hear is taken once.
+    Each reliability and durability on offer has its own subscription: a subscription receives only
+    from publishers that offer at least what it requests, and one that requests less may lose
+    messages. A message that two subscriptions receive is taken once.
 
     Args:
         node: that subscribes.
@@ -94,10 +94,10 @@ class RecordedTopic:
 
     Attributes:
         lost: messages that a publisher sent and that never arrived.
-        missed: messages that the first publisher had sent before it was heard.
-        passed: True if a message has come that was sent after `cut`.
-        flowed: True if one was to be expected, when that was called.
-        heard: s on the steady clock, when a message was taken last.
+        missed: messages that the first publisher had sent before the first received one.
+        passed: True if a message sent after `cut` has arrived.
+        flowed: True if the topic was active when `cut` was called, so that one is expected.
+        heard: s on the steady clock, when the last message was taken.
 
     Raises:
         BagError: The type is not installed here.
@@ -126,7 +126,7 @@ class RecordedTopic:
             self.hear(topic.qos)
 
     def hear(self, offers: Sequence[QosProfile]) -> bool:
-        """Subscribe so that publishers with these offers are heard; whether that was news."""
+        """Subscribe to publishers with these offers; return True if that needed a subscription."""
         if self._overridden:
             return False
         wanted = {
@@ -139,7 +139,7 @@ class RecordedTopic:
         return bool(new)
 
     def cut(self, moment: Cut) -> None:
-        """End the recording: what was sent later than this is left out from now on."""
+        """End the recording: leave out messages sent after this moment."""
         self._cut = moment
         often = len(self._lately) == FLOW and time.monotonic() - self._lately[0] < FLOW_SECONDS
         self.flowed = often and any(

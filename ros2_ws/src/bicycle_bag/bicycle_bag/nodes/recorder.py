@@ -99,9 +99,9 @@ class Recorder:
             topic.drain()
 
     def notice_standstill(self) -> None:
-        """Warn where this process has not run for a while; to be called in each turn."""
+        """Warn if this process has not run for a while; call it in each turn."""
         self._set_back.look()
-        # Unlike other clocks this one goes on while the machine sleeps.
+        # Unlike the other clocks, this one runs while the machine sleeps.
         now = time.clock_gettime(time.CLOCK_BOOTTIME)
         still, self._turned = now - self._turned, now
         if still > STANDSTILL:
@@ -111,11 +111,10 @@ class Recorder:
             )
 
     def finish(self) -> None:
-        """Take what was sent until now, however late it comes, and nothing that was sent later.
+        """Take the messages sent until now, however late they arrive, and no later ones.
 
-        A topic that flows has been heard whole when something that was sent later comes.
-        Else a state could be in the bag without the command that led to it, which was sent before
-        and comes after.
+        An active topic is complete when a message sent later arrives. Otherwise the bag could hold
+        a state without the command that led to it, which was sent earlier and arrives later.
         """
         cut, began = Cut(time.time_ns(), self._set_back.look()), time.monotonic()
         for topic in self.topics.values():
@@ -124,7 +123,7 @@ class Recorder:
             self.drain()
             now = time.monotonic()
             last = max([began, *(topic.heard for topic in self.topics.values())])
-            # Silence proves nothing while this process or the network stood still.
+            # No message arrives either while this process or the network is stalled.
             waiting = any(topic.flowed and not topic.passed for topic in self.topics.values())
             complete = all(topic.passed for topic in self.topics.values())
             quiet = now - last > QUIET and not waiting

@@ -139,7 +139,7 @@ class Ride:
     def all_reached(self, summary: RideSummary) -> bool:
         """Return True if all requested goals were reached.
 
-        The ride's own ears count: the bag lacks an end that a controller told as it was killed.
+        The ride counts the statuses that it received: the bag may lack one of a killed controller.
         """
         if self._options.course:
             path = self._rider.path
@@ -351,7 +351,7 @@ def ride(options: RideOptions) -> int:
 
 
 def _verified(bag: Path) -> bool:
-    """Print whether the bag's estimates and commands come out again; return True if they do."""
+    """Print the verdict on the bag's estimates and commands; return True if all are the same."""
     try:
         verdict = verify_bag(bag)
     except BagError as error:

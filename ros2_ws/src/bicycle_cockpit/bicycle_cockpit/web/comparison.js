@@ -41,6 +41,7 @@ export class Comparison {
       const bag = await player.read(name, rider);
       if (!bag) return;
       this.beside(bag);
+      if (bag.misfit) answer({ ok: false, message: `${labelOf(bag.riders[0])} does not suit this ride: ${bag.misfit}` });
       if (!player.bag) this.race(bag);
     }, player.bag ? "A ride to compare with" : "A ride to race against", again);
   }

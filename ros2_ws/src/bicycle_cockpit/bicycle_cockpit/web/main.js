@@ -20,7 +20,6 @@ import { RIDES, listed } from "./source.js";
 import { watchTheme } from "./theme.js";
 import { View } from "./view.js";
 import { Views, asked } from "./views.js";
-import { labelOf } from "./who.js";
 
 const PICTURE = 1000 / 31;
 const byId = (id) => document.getElementById(id);
@@ -92,7 +91,6 @@ export const player = new BagPlayer({
     addToPalette(bag.slots);
     listEvents(bag.events, (time) => player.seek(time));
     showSource();
-    if (bag.misfit) answer({ ok: false, message: `${labelOf(bag.riders[0])} does not suit this ride: ${bag.misfit}` });
   },
   closed() {
     live.quiet = false;

@@ -31,7 +31,7 @@ from bicycle_tools.ride_log import EPISODE
 def verdicts_of(path: Path) -> list[Verdict | EstimateVerdict]:
     """Return the verdicts about a bag: of its states, and of its estimates where it has some.
 
-    States that a microcontroller led to are nobody's to compute again.
+    States of a microcontroller's ride are measured and cannot be computed again.
 
     Raises:
         BagError: if the bag cannot be read or verified.

@@ -1,10 +1,10 @@
 """States of a bag, computed again from its commands and compared bit for bit.
 
-Each state is computed from the one before and the command that the bag says was applied, made
-into a message, and compared with the recorded one field by field, floats by their bits: the raw
-messages themselves differ in the padding between fields, which nobody sets. On another kind of
-processor numpy's functions differ in their last bits; such states are told apart, and the next one
-is computed from the recorded one again.
+Each state is computed from the one before and the command that the bag says was applied, converted
+to a message, and compared with the recorded one field by field, floats by their bits; the raw
+messages differ in the undefined padding between fields. On another kind of processor numpy's
+functions differ in their last bits; such states are counted separately, and the next one is
+computed from the recorded state again.
 """
 
 from __future__ import annotations
