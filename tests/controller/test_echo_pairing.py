@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bicycle_controller.control.echo_pairing import MOST, EchoPairing
+from bicycle_controller.nodes.echo_pairing import MOST, EchoPairing
 
 
 def test_a_state_after_its_echo_waits_for_nothing() -> None:

@@ -32,13 +32,13 @@ from bicycle_common.types import AppliedCommand
 from bicycle_common.types import BicycleState as Snapshot
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.controller import Controller
-from bicycle_controller.control.echo_pairing import EchoPairing
 from bicycle_controller.control.goals import GoalTracker
 from bicycle_controller.control.guidance import Guidance
 from bicycle_controller.control.guide import PathEnd
 from bicycle_controller.control.keep_clear import UNHEARD
 from bicycle_controller.nodes.action_desk import ActionDesk, Orders
 from bicycle_controller.nodes.controller_settings import ControllerSettings
+from bicycle_controller.nodes.echo_pairing import EchoPairing
 from bicycle_controller.nodes.estimator import Estimator
 from bicycle_controller.nodes.goal_desk import GoalDesk
 from bicycle_controller.nodes.guiding import Guiding
