@@ -22,6 +22,16 @@ def test_a_state_that_overtakes_its_echo_waits_for_it() -> None:
     assert pairing.add((1, 5), "next") is None
 
 
+def test_a_state_does_not_wait_for_a_better_echo_than_an_unreadable_one() -> None:
+    pairing: EchoPairing[str, str | None] = EchoPairing()
+    assert pairing.holds((1, 4), "state", echoed=True)
+    assert pairing.add((1, 4), None) == "state"
+    assert pairing.of((1, 4)) is None
+    assert pairing.knows((1, 4))
+    assert not pairing.holds((1, 4), "again", echoed=True)
+    assert not pairing.knows((1, 5))
+
+
 def test_without_a_publisher_of_echoes_no_state_waits() -> None:
     pairing: EchoPairing[str, str] = EchoPairing()
     assert not pairing.holds((1, 4), "state", echoed=False)

@@ -85,7 +85,7 @@ class ControllerNode(LifecycleNode):
         self._active = False
         self._state_was_bad = False
         self._marks = HandOverMarks(frames_of(self.get_namespace()))
-        self._echoes: EchoPairing[BicycleState, CommandEcho] = EchoPairing()
+        self._echoes: EchoPairing[BicycleState, AppliedCommand | None] = EchoPairing()
         self._publishers_by_name = advertise(
             self,
             topics.COMMAND,
@@ -241,7 +241,11 @@ class ControllerNode(LifecycleNode):
 
     def _on_echo(self, message: CommandEcho) -> None:
         """Keep the command that led to the next state, and answer a state that waited for it."""
-        waiting = self._echoes.add((message.episode, message.step), message)
+        try:
+            applied = convert.to_applied(message)
+        except ValueError:  # such a state is answered as one without an echo
+            applied = None
+        waiting = self._echoes.add((message.episode, message.step), applied)
         if waiting is not None:
             self._answer(waiting)
 
@@ -249,18 +253,11 @@ class ControllerNode(LifecycleNode):
         """Answer the newest state, once the command that led to it is known."""
         self._heard = time.monotonic()
         key = message.episode, message.step
-        known = self._echoes.of(key) is not None
-        echoed = not known and self.count_publishers(topics.COMMAND_ECHO.name) > 0
+        echoed = (
+            not self._echoes.knows(key) and self.count_publishers(topics.COMMAND_ECHO.name) > 0
+        )
         if not self._echoes.holds(key, message, echoed):
             self._answer(message)
-
-    def _applied(self, message: BicycleState) -> AppliedCommand | None:
-        """Return the command that led to a state; None if it is not known."""
-        echo = self._echoes.of((message.episode, message.step))
-        try:
-            return None if echo is None else convert.to_applied(echo)
-        except ValueError:
-            return None
 
     def _answer(self, message: BicycleState) -> None:
         """Answer a state."""
@@ -276,7 +273,8 @@ class ControllerNode(LifecycleNode):
             if not self._active:
                 return
             self._guidance.poll(snapshot)
-            answer = self._driver.answer(*self._newest, self._applied(message))
+            applied = self._echoes.of((snapshot.episode, snapshot.step))
+            answer = self._driver.answer(*self._newest, applied)
         if answer.command is not None:
             now = self.get_clock().now().to_msg()
             self._publish(topics.COMMAND, convert.from_command(answer.command, now))

@@ -43,6 +43,10 @@ class EchoPairing(Generic[State, Echo]):
         self._waiting = None
         return waiting[1] if waiting[0] == key else None
 
+    def knows(self, key: Key) -> bool:
+        """Return True if the echo of a state has come, readable or not."""
+        return any(known == key for known, _ in self._echoes)
+
     def of(self, key: Key) -> Echo | None:
         """Return the echo of a state; None if it is not known."""
         return next((echo for known, echo in reversed(self._echoes) if known == key), None)
@@ -57,7 +61,7 @@ class EchoPairing(Generic[State, Echo]):
         """
         self._passed_over += self._waiting is not None
         self._waiting = None
-        if not echoed or self.of(key) is not None or self._passed_over >= MOST:
+        if not echoed or self.knows(key) or self._passed_over >= MOST:
             return False
         newest = self._echoes[-1][0] if self._echoes else None
         if newest is None or newest < key:
