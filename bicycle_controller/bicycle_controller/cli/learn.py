@@ -11,7 +11,7 @@ from typing import Any
 
 from bicycle_common.command_line import FAILED
 from bicycle_common.validation import require
-from bicycle_controller.cli import options
+from bicycle_controller.cli import options, run_result
 from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.data import dataset
@@ -128,14 +128,4 @@ def _told(result: offline.Learned, args: argparse.Namespace, about: dict[str, An
 def result_text(result: offline.Learned, out: Path) -> str:
     """Return the result as a few lines."""
     work = f"{result.updates:,} updates from {result.transitions:,} transitions"
-    lines = [f"{result.status} after {work} in {result.wall_s:.0f} s ({result.cpu_s:.0f} s CPU)"]
-    if result.best is not None:
-        best = result.best
-        time = "no goal" if best.median_time_s is None else f"median {best.median_time_s:.1f} s"
-        lines.append(
-            f"best policy: {out / 'best.safetensors'}: {best.reach_rate:.1%} reached,"
-            f" {best.fall_rate:.1%} fell, {time}"
-        )
-    if result.status == "interrupted":
-        lines.append(f"go on with: bicycle learn --resume --out {out}")
-    return "\n".join(lines)
+    return run_result.as_text(result, work, "bicycle learn", out)

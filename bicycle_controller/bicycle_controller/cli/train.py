@@ -7,7 +7,7 @@ import json
 import sys
 from dataclasses import asdict
 
-from bicycle_controller.cli import options
+from bicycle_controller.cli import options, run_result
 from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.evaluation import beside_lqr
@@ -164,15 +164,5 @@ def _follow(args: argparse.Namespace) -> int:
 
 def result_text(result: online.Result, args: argparse.Namespace) -> str:
     """Return the result as a few lines."""
-    work = f"{result.steps} steps and {result.updates} updates in {result.wall_s:.0f} s"
-    lines = [f"{result.status} after {work} ({result.cpu_s:.0f} s of processor time)"]
-    if result.best is not None:
-        best = result.best
-        time = "no goal" if best.median_time_s is None else f"median {best.median_time_s:.1f} s"
-        lines.append(
-            f"best policy: {args.out / 'best.safetensors'}: {best.reach_rate:.1%} reached,"
-            f" {best.fall_rate:.1%} fell, {time}"
-        )
-    if result.status == "interrupted":
-        lines.append(f"go on with: bicycle train --resume --out {args.out}")
-    return "\n".join(lines)
+    work = f"{result.steps} steps and {result.updates} updates"
+    return run_result.as_text(result, work, "bicycle train", args.out)

@@ -1,8 +1,10 @@
+"""Packaging of bicycle_bag, for colcon and for plain pip."""
+
 from pathlib import Path
 
 from setuptools import find_packages, setup
 
-package_name = "bicycle_bag"
+NAME = "bicycle_bag"
 
 
 def sibling(name: str) -> str:
@@ -15,13 +17,13 @@ def sibling(name: str) -> str:
 
 
 setup(
-    name=package_name,
+    name=NAME,
     version="0.1.0",
-    packages=find_packages(include=[package_name, f"{package_name}.*"]),
-    package_data={package_name: ["py.typed"]},
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
+    package_data={NAME: ["py.typed"]},
     data_files=[
-        ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
-        (f"share/{package_name}", ["package.xml"]),
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
     ],
     python_requires=">=3.10",
     install_requires=[

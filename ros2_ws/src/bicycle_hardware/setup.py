@@ -1,8 +1,10 @@
+"""Packaging of bicycle_hardware, for colcon and for plain pip."""
+
 from pathlib import Path
 
 from setuptools import find_packages, setup
 
-package_name = "bicycle_hardware"
+NAME = "bicycle_hardware"
 
 
 def sibling(name: str) -> str:
@@ -15,19 +17,19 @@ def sibling(name: str) -> str:
 
 
 setup(
-    name=package_name,
+    name=NAME,
     version="0.1.0",
-    packages=find_packages(include=[package_name, f"{package_name}.*"]),
+    packages=find_packages(include=[NAME, f"{NAME}.*"]),
     entry_points={
         "console_scripts": [
             "bicycle_driver = bicycle_hardware.programs:driver",
             "bicycle_bench = bicycle_hardware.programs:bench",
         ],
     },
-    package_data={package_name: ["py.typed", "firmware/*"]},
+    package_data={NAME: ["py.typed", "firmware/*"]},
     data_files=[
-        ("share/ament_index/resource_index/packages", [f"resource/{package_name}"]),
-        (f"share/{package_name}", ["package.xml"]),
+        ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
+        (f"share/{NAME}", ["package.xml"]),
     ],
     python_requires=">=3.10",
     install_requires=[sibling("bicycle_common"), sibling("bicycle_sim"), "numpy"],
