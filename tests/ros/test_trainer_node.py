@@ -136,7 +136,7 @@ def test_it_learns_live_saves_on_sigterm_and_goes_on(
 def test_it_learns_nothing_of_another_bicycle(
     start_node: StartNode, probe: Probe, tmp_path: Path
 ) -> None:
-    """Its policy would be told to be of the first one."""
+    """A policy learned on the second bicycle would claim the first one."""
     first = start_node(SIM_NODE)
     first.wait_for_line("waits")
     controller = parameters(policy="lqr", exploration="ou", exploration_sigma=0.05)

@@ -9,7 +9,7 @@ from bicycle_controller.evaluation.score import Score
 
 
 class RunResult(Protocol):
-    """What the results of online and offline runs have in common."""
+    """Common part of the results of online and offline runs."""
 
     @property
     def status(self) -> str:
