@@ -8,7 +8,6 @@ from pathlib import Path
 
 from bicycle_bag.errors import BagError
 from bicycle_bag.repair import repair
-from bicycle_tools.picture import draw_ride
 from bicycle_tools.ride_log import RideLog, read_ride
 from bicycle_tools.summary import RideSummary, summarise
 from bicycle_tools.text_summary import render
@@ -28,6 +27,9 @@ def report(bag: Path, folder: Path, events: Sequence[str] = ()) -> tuple[RideSum
     Raises:
         BagError: if the bag cannot be read or holds no state of a bicycle.
     """
+    # matplotlib takes longer to import than all else of a ride: a ride begins without it.
+    from bicycle_tools.picture import draw_ride
+
     log = _read(bag)
     if not len(log.states["step"]):
         raise BagError(f"{bag} holds no state of the bicycle: see the nodes' logs beside it")
