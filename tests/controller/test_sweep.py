@@ -167,7 +167,7 @@ def test_a_killed_sweep_keeps_what_is_done_and_goes_on(tmp_path: Path) -> None:
     out = tmp_path / "sweep"
     command = [sys.executable, "-m", "bicycle_controller.cli.main", "sweep", "--out", str(out)]
     command += ["--scenarios", SCENARIO, "--seeds", "2", "--episodes", "20", "--parallel", "1"]
-    for change in [*SHORT, "steps=15000"]:
+    for change in [*SHORT, "steps=6000"]:
         command += ["--set", change]
     results = [out / "fast" / SCENARIO / f"seed-{seed}" / "result.json" for seed in (1, 2)]
     killed = subprocess.Popen(command, start_new_session=True)

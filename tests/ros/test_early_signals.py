@@ -85,6 +85,8 @@ TRACED = {
 """Has bash tell each command and Python each import: moments by what happens, not by the clock."""
 FIRST_LINES = 20
 """Lines of a script before the one where it takes signals."""
+SEVERAL_PROGRAMS = 6000
+"""Steps of a script that runs several programs, within which it is asked to end."""
 QUIET = 5.0
 """s without a word: it is up, or waits for somebody."""
 
@@ -126,13 +128,14 @@ def test_one_that_is_asked_to_end_while_it_starts_does_so_without_a_word(
     ros_domain: int, tmp_path: Path, script: str
 ) -> None:
     whole = TracedProgram(script, tmp_path / "0")
+    # circle.sh runs programs that are here themselves, one after another for half a minute.
+    long = script == "circle.sh"
     with whole.process:
-        count = whole.follow(math.inf)
+        count = whole.follow(SEVERAL_PROGRAMS if long else math.inf)
         own = whole.process.stop() if whole.process.running else whole.process.wait()
     assert "Traceback" not in whole.words
     forgotten = 0
-    # circle.sh runs programs that are here themselves, one after another for half a minute.
-    moments = 1 if script == "circle.sh" else MOMENTS
+    moments = 1 if long else MOMENTS
     for number in range(moments):
         moment = FIRST_LINES + (count - FIRST_LINES) * (number + 0.5) / moments
         program = TracedProgram(script, tmp_path / str(number + 1))
@@ -151,7 +154,7 @@ def test_one_that_is_asked_to_end_while_it_starts_does_so_without_a_word(
         assert "Exception ignored" not in program.words, (moment, count)
         assert "rror" not in program.words, (moment, count, program.words)
     # A script of many commands forgets it more often where the machine has much else to do.
-    assert forgotten <= (1 if script != "circle.sh" else 2)
+    assert forgotten <= (2 if long else 1)
 
 
 @pytest.mark.usefixtures("ros_domain")
