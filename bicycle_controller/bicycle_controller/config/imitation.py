@@ -56,7 +56,7 @@ class TurnConfig:
     """The turns that teachers want for a heading error.
 
     Raises:
-        ValueError: on a value that is not above zero.
+        ValueError: on a value that is not above zero; the damping may be zero.
     """
 
     heading_time: float = 2.0
@@ -67,10 +67,15 @@ class TurnConfig:
     """rad, the largest wanted steering."""
     hold_share: float = 0.5
     """Share of the torque limit that may be needed to hold a turn."""
+    damping: float = 0.0
+    """Share of what the steering lacks of the wanted one that is wanted besides: a heading that
+    turns too fast, as after a kick, is held back before its error has grown."""
 
     def __post_init__(self) -> None:
         for item in fields(self):
-            require_positive(f"imitation.turns.{item.name}", getattr(self, item.name))
+            if item.name != "damping":
+                require_positive(f"imitation.turns.{item.name}", getattr(self, item.name))
+        require_between("imitation.turns.damping", self.damping, 0.0, math.inf)
 
 
 @dataclass(frozen=True)
@@ -135,6 +140,9 @@ class ImitationConfig:
     """N m, the actor's largest torque; the bicycle's own limit cuts it."""
     teachers: tuple[TeacherWeights, ...]
     """Weights of which each bicycle has the best at each speed."""
+    judged_in_turns: bool = False
+    """True to judge the weights by kicks into a turn, the hardest; False by kicks straight on. In
+    turns, others than the first set of weights have to be better by a twentieth."""
     turns: TurnConfig = field(default_factory=TurnConfig)
     riding: RidingConfig = field(default_factory=RidingConfig)
     ranges: Ranges = field(default_factory=Ranges)

@@ -26,8 +26,13 @@ JUDGED = (1, 3, 5, 8)
 LARGEST_KICK = 300.0
 """deg/s."""
 BISECTIONS = 6
-SETTLING, CATCHING = 10, 110
-"""Control periods before and after a kick that weights are judged by."""
+PREFERENCE = 1.05
+"""By how much another teacher than the first of the list has to be better in a turn: teachers that
+are alike are learned better than each bicycle's best."""
+SETTLING, TURNING, CATCHING = 10, 120, 110
+"""Control periods straight on or in a turn before a kick that weights are judged by, and after."""
+TURN_LEAN, TURN_RADIUS = 0.1, 5.0
+"""rad of lean and least radius in m of the turn in which weights are judged."""
 LEAN, STEER = np.pi / 6, np.pi / 3
 """rad, beyond which a ride has ended."""
 GUST_TIME = 0.5
@@ -94,39 +99,27 @@ class Park:
         )
         nearest = np.abs(np.arange(len(SPEEDS))[:, None] - np.array(JUDGED)).argmin(axis=1)
         # Equal ones: the first of the list.
-        which = (caught + 1e-6 * np.arange(len(candidates), 0, -1)[:, None, None]).argmax(axis=0)
+        first = PREFERENCE if self.config.judged_in_turns else 1.0
+        which = np.concatenate([first * caught[:1], caught[1:]]).argmax(axis=0)
         chosen = candidates[0]
         chosen.choose(candidates, which[nearest])
-        best = caught.max(axis=0)
+        best = np.take_along_axis(caught, which[None], axis=0)[0]
         levels = [np.interp(SPEEDS, SPEEDS[list(JUDGED)], row) for row in best.T]
         return chosen, np.array(levels).T
 
     def _largest(self, teachers: Teachers, speed: float) -> np.ndarray:
-        """Return the largest kicks caught, (N,) deg/s, by bisection."""
+        """Return the largest kicks that are caught, (N,) deg/s, by bisection."""
         count = len(self.limits)
+        yaw_rate = None
+        if self.config.judged_in_turns:
+            yaw_rate = speed / max(TURN_RADIUS, speed**2 / (9.81 * np.tan(TURN_LEAN)))
+        trial = _Trial(self.plant, teachers, np.full(count, speed), yaw_rate)
         low, high = np.zeros(count), np.full(count, LARGEST_KICK)
         for _ in range(BISECTIONS):
             middle = 0.5 * (low + high)
-            good = self._catches(teachers, np.full(count, speed), np.radians(middle))
+            good = trial.catches(np.radians(middle))
             low, high = np.where(good, middle, low), np.where(good, high, middle)
         return low
-
-    def _catches(self, teachers: Teachers, speed: np.ndarray, kick: np.ndarray) -> np.ndarray:
-        """Return whether the teachers catch kicks, bool (N,)."""
-        zero = np.zeros(len(kick))
-        state, commands = (
-            self.plant.initial(zero, zero, zero, speed),
-            np.zeros((len(kick), COMMANDS)),
-        )
-        good = np.ones(len(kick), dtype=bool)
-        for period in range(SETTLING + CATCHING):
-            if period == SETTLING:
-                state = self.plant.pushed(state, kick)
-            torque = _answers(teachers, state, zero, commands)
-            commands = np.column_stack([torque, commands[:, :-1]])
-            state = self.plant.step(state, torque, zero, zero)
-            good &= (np.abs(state.lean_angle) < LEAN) & (np.abs(state.steer_angle) < STEER)
-        return good
 
     def begin(self, mask: np.ndarray, teacher_share: float) -> None:
         """Begin the rides of `mask` (N,) anew; `teacher_share` of them are ridden by teachers."""
@@ -224,6 +217,52 @@ class Park:
         found = {"rides": float(self.rides), "fall_share": self.falls / max(1, self.rides)}
         self.falls = self.rides = 0
         return found
+
+
+class _Trial:
+    """N bicycles that teachers ride straight on or into a steady turn, ready to be kicked."""
+
+    def __init__(
+        self,
+        plant: WhipplePlant,
+        teachers: Teachers,
+        speed: np.ndarray,
+        yaw_rate: float | None,
+    ) -> None:
+        """Ride until the kick is due.
+
+        Args:
+            plant: the bicycles.
+            teachers: who rides them.
+            speed: (N,) m/s.
+            yaw_rate: rad/s of the wanted heading; None if the heading does not matter.
+        """
+        self._plant, self._teachers, self._yaw_rate = plant, teachers, yaw_rate
+        zero = np.zeros(len(speed))
+        self._begin = plant.initial(zero, zero, zero, speed), zero, np.zeros((len(zero), COMMANDS))
+        self._upright = np.ones(len(zero), dtype=bool)
+        periods = SETTLING if yaw_rate is None else TURNING
+        self._begin, self._upright = self._ride(*self._begin, periods)
+
+    def catches(self, kick: np.ndarray) -> np.ndarray:
+        """Return whether each kick, (N,) rad/s, is caught, bool (N,)."""
+        state, wanted, commands = self._begin
+        pushed = self._plant.pushed(state, kick)
+        return self._ride(pushed, wanted, commands, CATCHING)[1]
+
+    def _ride(
+        self, state: Any, wanted: np.ndarray, commands: np.ndarray, periods: int
+    ) -> tuple[tuple[Any, np.ndarray, np.ndarray], np.ndarray]:
+        """Ride on; return where that leads, and who was upright all the time, bool (N,)."""
+        good, zero = self._upright.copy(), np.zeros(len(wanted))
+        for _ in range(periods):
+            error = zero if self._yaw_rate is None else wrap_angle(state.heading - wanted)
+            torque = _answers(self._teachers, state, error, commands)
+            commands = np.column_stack([torque, commands[:, :-1]])
+            state = self._plant.step(state, torque, zero, zero)
+            wanted = wanted + (self._yaw_rate or 0.0) * self._plant.time_step
+            good &= (np.abs(state.lean_angle) < LEAN) & (np.abs(state.steer_angle) < STEER)
+        return (state, wanted, commands), good
 
 
 def _answers(

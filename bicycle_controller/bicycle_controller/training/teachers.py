@@ -139,6 +139,7 @@ class Teachers:
         wanted = -error / (self.turns.heading_time * np.maximum(np.abs(turn), 0.05))
         wanted *= np.sign(turn)
         wanted = np.clip(wanted, -widest * share, widest * share)
+        wanted += self.turns.damping * (wanted - steer)
         beside = np.column_stack(
             [
                 lean - tilt * wanted,
