@@ -82,3 +82,33 @@ def test_each_bicycle_may_have_other_weights() -> None:
     both[0].choose(both, which)
     np.testing.assert_array_equal(both[0]._table[2, 1], tables[1][2, 1])
     np.testing.assert_array_equal(both[0]._table[2, 0], tables[0][2, 0])
+
+
+def test_damping_swings_less_beyond_a_wanted_heading() -> None:
+    """The wanted heading jumps by 1 rad; a damped heading loop goes less far beyond it."""
+    plant = WhipplePlant(random_bicycles.draw(32, np.random.default_rng(7)))
+    plain = replace(plant.parameters, road=replace(plant.parameters.road, grade_y=0.0, wind_y=0.0))
+    plant, zero = WhipplePlant(plain), np.zeros(32)
+    limits, beyond = np.asarray(plain.motor.limit), []
+    for damping in (0.0, 0.2):
+        turns = TurnConfig(damping=damping)
+        teachers = Teachers(plant, WEIGHTS, turns, SPEEDS, limits)
+        state, commands = plant.initial(zero, zero, zero, zero + 2.0), np.zeros((32, COMMANDS))
+        furthest = zero
+        for _ in range(320):
+            error = state.heading - 1.0
+            torque = teachers.act(
+                state.lean_angle, state.lean_rate, state.steer_angle, state.steer_rate, error,
+                state.speed, state.motor_torque, commands,
+            )  # fmt: skip
+            commands = np.column_stack([torque, commands[:, :-1]])
+            state = plant.step(state, torque, zero, zero)
+            furthest = np.maximum(furthest, error)
+        assert np.median(np.abs(error)) < 0.3
+        beyond.append(np.median(furthest))
+    assert beyond[1] < beyond[0], beyond
+
+
+def test_a_negative_damping_is_refused() -> None:
+    with pytest.raises(ValueError, match="damping"):
+        TurnConfig(damping=-0.1)
