@@ -110,28 +110,33 @@ def weights() -> list[TeacherWeights]:
     return [TeacherWeights(*numbers) for numbers in sorted(kinds)]
 
 
+def measured(rows: list[tuple[str, float]]) -> WhipplePlant:
+    """Return measured bicycles, one for each name and delay in s, with the motor of all cells."""
+    plants = [registry.named("whipple", name) for name, _ in rows]
+    bicycles = [p.parameters.bicycle for p in plants if isinstance(p, WhipplePlant)]
+    numbers = {
+        item.name: np.array([float(getattr(b, item.name)) for b in bicycles])
+        for item in fields(Bicycle)
+    }
+    count = len(rows)
+    return WhipplePlant(
+        Parameters(
+            Bicycle(**numbers),
+            name="measured",
+            motor=Motor(limit=np.full(count, LIMIT), lag=np.full(count, LAG)),
+            delay=np.array([delay for _, delay in rows]),
+            substeps=5,
+        )
+    )
+
+
 class Many:
     """All cells at once, four rides of each."""
 
     def __init__(self, cells: list[tuple[str, float, float]]) -> None:
         """Build the plant."""
         rows = [cell for cell in cells for _ in range(4)]
-        plants = [registry.named("whipple", name) for name, _, _ in rows]
-        bicycles = [p.parameters.bicycle for p in plants if isinstance(p, WhipplePlant)]
-        numbers = {
-            item.name: np.array([float(getattr(b, item.name)) for b in bicycles])
-            for item in fields(Bicycle)
-        }
-        count = len(rows)
-        self.plant = WhipplePlant(
-            Parameters(
-                Bicycle(**numbers),
-                name="measured",
-                motor=Motor(limit=np.full(count, LIMIT), lag=np.full(count, LAG)),
-                delay=np.array([delay for _, delay, _ in rows]),
-                substeps=5,
-            )
-        )
+        self.plant = measured([(name, delay) for name, delay, _ in rows])
         self.speed = np.array([speed for *_, speed in rows])
         self.sign = np.tile([1.0, -1.0, 1.0, -1.0], len(cells))
         radius = np.maximum(5.0, self.speed**2 / (9.81 * np.tan(0.1)))

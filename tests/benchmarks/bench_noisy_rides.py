@@ -1,0 +1,112 @@
+"""Falls in rides with sensor noise and turns, of the actor for any bicycle and of each one's LQR.
+
+    python tests/benchmarks/bench_noisy_rides.py any-bicycle --rides 120 --out noisy_rides.json
+
+Twelve measured bicycles with a motor of 7 N m that lags by 30 ms, at seven speeds and three
+delays. A ride takes 24 s. Its wanted heading jumps to another one every 4 s, by up to 90 degrees
+to either side. What the controller sees of lean, lean rate and steering has white noise and a
+bias, and the steering rate has white noise, as the training rides have at most. A bicycle that
+leans 30 degrees or steers 60 has fallen.
+
+The regulators beside it are each bicycle's own, with one set of weights for all; they know the
+bicycle, its delay and its lag, and see the same noisy state. Each cell is written as it comes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from itertools import product
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from bench_any_bicycle import BICYCLES, DELAYS, DESIGNS, LEAN, LIMIT, STEER, measured
+
+from bicycle_common.geometry import wrap_angle
+from bicycle_controller.config.imitation import RidingConfig, TeacherWeights, TurnConfig
+from bicycle_controller.control.riding import Riding
+from bicycle_controller.policy.policy import load_policy, write_atomically
+from bicycle_controller.training.run_folder import origin
+from bicycle_controller.training.teachers import COMMANDS, Teachers
+
+SPEEDS = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0)
+"""m/s at which the rides begin; nothing holds them."""
+SECONDS, TURN_EVERY = 24.0, 4.0
+"""s."""
+NOISE = RidingConfig()
+LQR = TeacherWeights(lean=10.0, lean_rate=1.0, steer=1.0, steer_rate=0.1, torque=0.1)
+"""Weights of the regulators, those that real bicycles have in `control.lqr`."""
+
+
+def main() -> int:
+    """Ride, print a row for each cell, and write the numbers."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
+    parser.add_argument("policies", nargs="+", help="names or files; lqr for the regulators")
+    parser.add_argument("--rides", type=int, default=120, help="of each bicycle in each cell")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--out", type=Path)
+    args = parser.parse_args()
+    result: dict[str, Any] = {
+        "origin": origin(), "limit_nm": LIMIT, "rides": args.rides * len(BICYCLES),
+        "bicycles": BICYCLES, "seed": args.seed, "cells": [],
+    }  # fmt: skip
+    for name, delay, speed in product(args.policies, DELAYS, SPEEDS):
+        rng = np.random.default_rng((args.seed, round(1000 * delay), round(100 * speed)))
+        fell = falls(name, delay, speed, args.rides, rng)
+        by_name = {b: int(n) for b, n in zip(BICYCLES, fell, strict=True) if n}
+        cell = {"controller": name, "delay_s": delay, "speed": speed, "falls": int(fell.sum())}
+        result["cells"].append(cell | {"by_bicycle": by_name})
+        print(*cell.values(), f"of {result['rides']}", by_name or "", flush=True)
+        if args.out is not None:
+            write_atomically(args.out, json.dumps(result, indent=1).encode() + b"\n")
+    return 0
+
+
+def falls(
+    name: str, delay: float, speed: float, rides: int, rng: np.random.Generator
+) -> np.ndarray:
+    """Return how many rides of each bicycle end in a fall, (12,)."""
+    plant = measured([(bicycle, delay) for bicycle in BICYCLES for _ in range(rides)])
+    count = rides * len(BICYCLES)
+    zero, limits = np.zeros(count), np.full(count, LIMIT)
+    state, wanted = plant.initial(zero, zero, zero, np.full(count, speed)), zero
+    pairs = NOISE.lean_noise, NOISE.rate_noise, NOISE.steer_noise
+    white = np.array([pair[0] for pair in pairs])
+    most = np.array([pair[1] for pair in pairs])
+    bias = rng.uniform(-most, most, (count, 3))
+    if name == "lqr":
+        teachers = Teachers(plant, LQR, TurnConfig(), DESIGNS, limits)
+    else:
+        riding = Riding(load_policy(name), count, plant)
+    commands = np.zeros((count, COMMANDS))
+    upright = np.ones(count, dtype=bool)
+    for period in range(round(SECONDS / plant.time_step)):
+        if period and period % round(TURN_EVERY / plant.time_step) == 0:
+            wanted = wanted + rng.uniform(-np.pi / 2, np.pi / 2, count)
+        error = wrap_angle(state.heading - wanted)
+        noise = bias + white * rng.standard_normal((count, 3))
+        lean, lean_rate = state.lean_angle + noise[:, 0], state.lean_rate + noise[:, 1]
+        steer = state.steer_angle + noise[:, 2]
+        steer_rate = state.steer_rate + NOISE.steer_rate_noise * rng.standard_normal(count)
+        if name == "lqr":
+            torque = teachers.act(
+                lean, lean_rate, steer, steer_rate, error, state.speed, state.motor_torque,
+                commands,
+            )  # fmt: skip
+            commands = np.column_stack([torque, commands[:, :-1]])
+        else:
+            seen = np.column_stack(
+                [steer, steer_rate, lean, lean_rate, state.lean_acceleration, error]
+            )
+            action = np.clip(riding.act(seen, state.speed), -LIMIT, LIMIT) * (1.0, 0.0, 0.0)
+            riding.acted(seen, state.speed, action)
+            torque = action[:, 0]
+        state = plant.step(state, torque, zero, zero)
+        upright &= (np.abs(state.lean_angle) < LEAN) & (np.abs(state.steer_angle) < STEER)
+    return np.asarray((~upright).reshape(len(BICYCLES), rides).sum(axis=1))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
