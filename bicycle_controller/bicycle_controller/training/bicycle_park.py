@@ -27,8 +27,8 @@ LARGEST_KICK = 300.0
 """deg/s."""
 BISECTIONS = 6
 PREFERENCE = 1.05
-"""By how much another teacher than the first of the list has to be better in a turn: teachers that
-are alike are learned better than each bicycle's best."""
+"""Factor by which another teacher than the first of the list has to be better in a turn: teachers
+that are alike are learned better than each bicycle's best."""
 SETTLING, TURNING, CATCHING = 10, 120, 110
 """Control periods straight on or in a turn before a kick that weights are judged by, and after."""
 TURN_LEAN, TURN_RADIUS = 0.1, 5.0
