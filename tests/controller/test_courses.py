@@ -59,6 +59,10 @@ def test_a_file_of_waypoints_is_a_course_too(tmp_path: Path) -> None:
         ("closed: true\nsegments: [{straight: 20}]", "ends 20.00 m from its start"),
         ("points: [[0, 0], [9, 0]]\nlap: 2", "did you mean 'laps'"),
         ("{", "not YAML"),
+        ("segments: [{arc: {radius: 100000, turn: 36000}}]", "longer than 200000 m together"),
+        ("segments: [{slalom: {amplitude: 1, period: 10000, periods: 10000}}]", "longer than"),
+        (f"segments: [{', '.join(3 * ['{straight: 100000}'])}]", "longer than 200000 m together"),
+        ("points: [[0, 0], [1e300, 0]]", "m is longer than 200000 m"),
         ("3", "points or segments"),
     ],
 )

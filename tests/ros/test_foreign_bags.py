@@ -55,6 +55,9 @@ def foreign_channels(file: ForeignFile) -> None:
     file.channel("no name: 7", "std_msgs/msg/String", b"string data\n")
     file.channel("/odd", "bicycle_msgs/msg/Nothing", b"float64 x\n")
     file.channel("/strange", "../msg/String", b"string data\n")
+    file.channel(
+        "/z\x1b[31m\n[FATAL] [1.0] [sim]: forged", "std_msgs/msg/String", b"string data\n"
+    )
     start = sound()[0][2]
     for topic in ("/plot", "/scene", "/bare", "no name: 7", "/odd", "/strange"):
         file.write(topic, b'{"a": 1}', start)
@@ -92,6 +95,9 @@ def test_foreign_channels_beside_a_ride_do_not_matter(start_node: Start, tmp_pat
     player = start_node(PLAYER, [bag, "--rate", "20"])
     assert player.wait() == 0, player.output
     assert "Traceback" not in player.output
+    assert "\x1b" not in player.output
+    assert not any(line.startswith("[FATAL]") for line in player.lines)
+    assert any(r"/z\x1b[31m\n[FATAL]" in line for line in player.lines), "spelt out"
     count = len(sound()) + len(numbers_of(STATE))  # an echo comes before each state
     assert f"played {count} messages" in player.lines[-1]
     said = "6 messages were not played, of /bare, /odd, /plot, /scene, /strange, no name: 7"

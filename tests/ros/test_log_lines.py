@@ -1,4 +1,4 @@
-"""Texts without end in messages: a node tells of them in lines that end, and goes on."""
+"""Texts without end, or with line feeds, in messages: a node tells of them in lines that end."""
 
 from __future__ import annotations
 
@@ -51,6 +51,31 @@ def test_messages_of_10_mb_make_lines_that_end(
     lines = [*sim.lines, *controller.lines, *(line for log in logs for line in written(log))]
     assert max(map(len, lines)) <= MOST
     assert sum("characters) ..." in line for line in lines) >= 3
+
+
+def test_a_name_in_a_message_forges_no_line(
+    ros_domain: int, start_node: Callable[..., NodeProcess]
+) -> None:
+    controller = start_node("bicycle_controller.nodes.controller_node")
+    controller.wait_for_line("waits for a goal")
+    probe = Probe(ros_domain)
+    wrong = PoseStamped()
+    wrong.header.frame_id = FORGED
+    probe.say(GOAL_POSE, wrong)
+    controller.wait_for_line("goal rejected")
+    probe.close()
+    assert controller.stop() == 0
+    assert "\x1b" not in controller.output
+    assert not any(line.startswith("[FATAL]") for line in controller.lines)
+
+
+FORGED = "\x1b[31mred\n[FATAL] [1.0] [bicycle_sim]: the brakes failed"
+
+
+def test_a_line_has_no_second_one_in_it() -> None:
+    said = shortened(f"frame {FORGED}")
+    assert said == "frame \\x1b[31mred\\n[FATAL] [1.0] [bicycle_sim]: the brakes failed"
+    assert shortened("Åse rides at 2 m/s²") == "Åse rides at 2 m/s²"
 
 
 def written(log: Path) -> list[str]:

@@ -27,8 +27,8 @@ import numpy as np
 
 from bicycle_common import yaml_text
 from bicycle_common.types import Point2D
-from bicycle_common.validation import nearest
-from bicycle_controller.control.path import Path, sampled
+from bicycle_common.validation import nearest, one_line
+from bicycle_controller.control.path import LONGEST, Path, sampled
 from bicycle_controller.control.path_making import Rounding, check, path_through
 
 FOLDER = FilePath(__file__).parent.parent / "courses"
@@ -45,6 +45,9 @@ KEYS = ("about", "source", "start", "segments", "points", "closed", "laps", "spe
 
 class CourseError(ValueError):
     """Reason why a course cannot be read or ridden; one line with the remedy."""
+
+    def __init__(self, text: str = "") -> None:
+        super().__init__(one_line(text))
 
 
 @dataclass(frozen=True)
@@ -219,6 +222,18 @@ class _Pen:
 
     def __init__(self, x: float, y: float, yaw: float) -> None:
         self.x, self.y, self.yaw = [np.array([x])], [np.array([y])], yaw
+        self._length = 0.0
+
+    def count(self, length: float, least: int) -> int:
+        """Return the number of points of a piece of m, before they need memory.
+
+        Raises:
+            CourseError: all pieces together are longer than a path may be.
+        """
+        self._length += length
+        if self._length > LONGEST:
+            raise CourseError(f"its segments are longer than {LONGEST:g} m together")
+        return max(least, round(length / STEP))
 
     def go(self, forward: np.ndarray, left: np.ndarray, turn: float = 0.0) -> None:
         """Add points, m from here and in the direction of here, and turn by rad."""
@@ -231,7 +246,7 @@ class _Pen:
 
 def _straight(pen: _Pen, value: Any) -> None:
     length = _number(value, "straight", 0.1, 1e5)
-    forward = np.linspace(0.0, length, max(2, round(length / STEP)))[1:]
+    forward = np.linspace(0.0, length, pen.count(length, 2))[1:]
     pen.go(forward, 0.0 * forward)
 
 
@@ -239,13 +254,13 @@ def _arc(pen: _Pen, value: Any) -> None:
     radius, degrees = _fields(value, "arc", radius=(0.1, 1e5), turn=(-36000.0, 36000.0))
     turn = math.radians(degrees)
     side = math.copysign(1.0, turn)
-    angle = np.linspace(0.0, abs(turn), max(3, round(abs(turn) * radius / STEP)))[1:]
+    angle = np.linspace(0.0, abs(turn), pen.count(abs(turn) * radius, 3))[1:]
     pen.go(radius * np.sin(angle), side * radius * (1.0 - np.cos(angle)), turn)
 
 
 def _shift(pen: _Pen, value: Any) -> None:
     across, along = _fields(value, "shift", across=(-1e4, 1e4), along=(0.5, 1e5))
-    share = np.linspace(0.0, 1.0, max(20, round(along / STEP)))[1:]
+    share = np.linspace(0.0, 1.0, pen.count(along, 20))[1:]
     # The quintic with neither slope nor curvature at its ends.
     pen.go(along * share, across * share**3 * (10.0 - 15.0 * share + 6.0 * share**2))
 
@@ -254,7 +269,7 @@ def _slalom(pen: _Pen, value: Any) -> None:
     amplitude, period, periods = _fields(
         value, "slalom", amplitude=(-1e3, 1e3), period=(1.0, 1e4), periods=(0.5, 1e4)
     )
-    forward = np.linspace(0.0, period * periods, max(20, round(period * periods / STEP)))[1:]
+    forward = np.linspace(0.0, period * periods, pen.count(period * periods, 20))[1:]
     # It grows and dies within half a period, so that it begins and ends straight.
     near = np.minimum(forward, period * periods - forward) / (0.5 * period)
     rise = np.clip(near, 0.0, 1.0)

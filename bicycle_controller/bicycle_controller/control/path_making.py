@@ -10,7 +10,7 @@ import numpy as np
 
 from bicycle_common.types import Point2D
 from bicycle_common.validation import require
-from bicycle_controller.control.path import Path, sampled
+from bicycle_controller.control.path import LONGEST, Path, sampled
 
 TIGHTEST = 2.5
 """Radius of the sharpest turn that a path may contain if the bicycle is unknown, m."""
@@ -79,6 +79,9 @@ def path_through(
     corners = _distinct(points)
     if len(corners) < 2:
         raise PathRefusedError("a path needs two different points or more")
+    chords = np.hypot(*np.diff(np.array(corners), axis=0).T).sum()
+    if chords > 1.1 * LONGEST:  # told before corners are rounded; that shortens it a little
+        raise PathRefusedError(f"a path of {chords:.7g} m is longer than {LONGEST:g} m")
     if closed is None:
         closed = _comes_round(corners)
     if closed and math.dist(corners[0], corners[-1]) < 0.5 and len(corners) > 3:

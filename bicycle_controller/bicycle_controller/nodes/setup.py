@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from bicycle_common import json_input
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.goals import GoalTracker
@@ -52,7 +53,7 @@ class Setup:
             ValueError: on other text.
         """
         try:
-            data = json.loads(text)
+            data = json_input.parse(text)
             sensors = data["sensors"]
             return cls(
                 str(data["name"]),

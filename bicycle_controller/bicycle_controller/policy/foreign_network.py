@@ -7,7 +7,6 @@ torch's restricted loader, all else as text.
 from __future__ import annotations
 
 import io
-import json
 import re
 import zipfile
 from collections.abc import Sequence
@@ -17,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from bicycle_common import json_input
 from bicycle_controller.policy.policy import Policy
 from bicycle_controller.policy.policy_file import PolicyError, PolicyInfo, metadata
 
@@ -112,7 +112,7 @@ def _script_weights(data: bytes) -> dict[str, np.ndarray]:
 
 
 def _of_sb3(archive: zipfile.ZipFile, hidden: str | None, output: str | None) -> ForeignNetwork:
-    said = json.loads(archive.read("data"))
+    said = json_input.parse(archive.read("data"))
     kind = str(said.get("policy_class", {}).get("__module__", ""))
     weights = _weights(archive.read("policy.pth"))
     found = next((name for name in ("td3", "sac", "tqc") if f".{name}." in f".{kind}."), "ppo")

@@ -12,13 +12,13 @@ metadata, as JSON:
 from __future__ import annotations
 
 import hashlib
-import json
 import re
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bicycle_common import json_input
 from bicycle_common.observation import OBSERVATION_FIELDS
 from bicycle_controller.control.past import Past
 from bicycle_controller.policy.inputs import Inputs
@@ -148,7 +148,7 @@ def _numbers(said: dict[str, str], name: str, count: int) -> np.ndarray | None:
     if name not in said:
         return None
     try:
-        values = np.asarray(json.loads(said[name]), dtype=float)
+        values = np.asarray(json_input.parse(said[name]), dtype=float)
     except (ValueError, TypeError):
         values = np.empty(0)
     good = values.shape == (count,) and np.isfinite(values).all() and (values >= 0).all()

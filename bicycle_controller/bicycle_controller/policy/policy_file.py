@@ -33,6 +33,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from bicycle_common.observation import ACTION_FIELDS, OBSERVATION_FIELDS
+from bicycle_common.validation import one_line
 from bicycle_controller.policy.inputs import Inputs
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
@@ -51,6 +52,9 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 class PolicyError(ValueError):
     """A policy that cannot be used; the message is one line with the remedy."""
+
+    def __init__(self, text: str = "") -> None:
+        super().__init__(one_line(text))
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from bicycle_common import json_input
 from bicycle_common.validation import nearest, require
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.plants.choi.parameters import Physics
@@ -30,7 +30,7 @@ def from_json(text: str) -> Plant[Any]:
     Raises:
         ValueError: on other text, or on an unknown plant, key or value.
     """
-    return from_dict(json.loads(text))
+    return from_dict(json_input.parse(text))
 
 
 def from_dict(data: Any) -> Plant[Any]:

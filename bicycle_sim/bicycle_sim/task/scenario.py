@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from bicycle_common import json_input
 from bicycle_common.observation import ACTION_FIELDS
 from bicycle_common.validation import as_pair, nearest, reject_unknown, require
 from bicycle_sim.task.reward import RewardWeights
@@ -152,7 +153,7 @@ class Scenario:
         Raises:
             ValueError: on other text, or on an unknown field.
         """
-        return cls.from_dict(json.loads(text))
+        return cls.from_dict(json_input.parse(text))
 
     @classmethod
     def from_dict(cls, data: dict[str, object]) -> Scenario:

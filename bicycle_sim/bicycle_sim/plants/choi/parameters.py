@@ -9,6 +9,7 @@ import json
 import math
 from dataclasses import asdict, dataclass, field, fields
 
+from bicycle_common import json_input
 from bicycle_common.validation import nearest, reject_unknown
 
 MODES = ("faithful", "corrected")
@@ -161,7 +162,7 @@ class Physics:
         Raises:
             ValueError: on other text, or on an unknown field.
         """
-        data = json.loads(text)
+        data = json_input.parse(text)
         reject_unknown(cls, data)
         constants = data.pop("constants", {})
         reject_unknown(Constants, constants)

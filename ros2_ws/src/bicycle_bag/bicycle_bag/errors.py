@@ -1,5 +1,10 @@
 """The one error of this package."""
 
+from bicycle_common.validation import one_line
+
 
 class BagError(Exception):
     """A bag that cannot be read or written; its text is one line and names the remedy."""
+
+    def __init__(self, text: str = "") -> None:
+        super().__init__(one_line(text))

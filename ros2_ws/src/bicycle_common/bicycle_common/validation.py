@@ -16,6 +16,19 @@ def nearest(name: str, known: Iterable[str]) -> str:
     return f" (did you mean {found[0]!r}?)" if found else ""
 
 
+def one_line(text: str) -> str:
+    """Return a text in one line: whatever would move or colour a terminal's text is spelt out.
+
+    Names come from bags, files and messages of others, who could forge lines of a log with them.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode()
+        for letter in text
+    )
+
+
 def empty_word(words: Sequence[str]) -> str:
     """Return the complaint about an empty word or `--option=` in a command line; empty if none.
 

@@ -30,6 +30,7 @@ from bicycle_bag.qos import QosProfile
 from bicycle_bag.reader import BagMessage, BagReader
 from bicycle_bag.tempo import SLICE, Tempo
 from bicycle_common.signals import StopRequest
+from bicycle_common.validation import one_line
 
 QUEUE = 1000
 LATCHED = 10
@@ -161,7 +162,7 @@ class Player:
         """Print each jump of the recording's clock; after a few, only count them."""
         self._told += 1
         if self._told <= MOST_TOLD:
-            tqdm.write(line, file=sys.stdout)
+            tqdm.write(one_line(line), file=sys.stdout)
             sys.stdout.flush()
 
     @property

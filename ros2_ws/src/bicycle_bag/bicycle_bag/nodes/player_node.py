@@ -29,6 +29,7 @@ from bicycle_bag.versions import TodaysReader
 from bicycle_common.command_line import RULES, OneLineParser
 from bicycle_common.nodes.runner import UserError
 from bicycle_common.signals import StopRequest
+from bicycle_common.validation import one_line
 
 NAME = re.compile(r"/?[A-Za-z_~][\w~]*(/[A-Za-z_][\w]*)*")
 
@@ -169,7 +170,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         options, ros_arguments = parse(words)
-        print(play(options, ros_arguments), flush=True)
+        print(one_line(play(options, ros_arguments)), flush=True)
     except (BagError, UserError) as error:
         print(f"replay.sh: {error}", file=sys.stderr)
         return 1

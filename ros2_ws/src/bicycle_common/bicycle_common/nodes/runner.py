@@ -25,6 +25,7 @@ from bicycle_common.nodes import dds_security
 from bicycle_common.nodes.heartbeat import VARIABLE, Heartbeat
 from bicycle_common.nodes.log_lines import bound_log_lines
 from bicycle_common.signals import StopRequest
+from bicycle_common.validation import one_line
 
 WAKE_PERIOD = 0.1
 """Longest delay until a signal is noticed (s): the executor sleeps in C code."""
@@ -39,6 +40,9 @@ speed when told to wait without a limit. Jazzy before rclpy 7.1.4 does not have 
 
 class UserError(Exception):
     """A user's mistake; its text is one line with the remedy."""
+
+    def __init__(self, text: str = "") -> None:
+        super().__init__(one_line(text))
 
 
 class Closing(Protocol):

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bicycle_common import json_input
 from bicycle_controller.control.goals import Status
 from bicycle_tools.report_page.events import ride_events
 from bicycle_tools.report_page.loading import RidePage
@@ -145,7 +146,7 @@ def _radius(episodes: Columns) -> float:
     """Return the goals' radius, m; 1 where the bag does not say."""
     for text in episodes.get("scenario", ()):
         try:
-            value = float(json.loads(str(text)).get("goal_radius", 1.0))
+            value = float(json_input.parse(str(text)).get("goal_radius", 1.0))
         except (ValueError, TypeError, AttributeError):
             continue
         return value if math.isfinite(value) else 1.0

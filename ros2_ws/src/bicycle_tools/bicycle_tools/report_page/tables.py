@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from html import escape
 
+from bicycle_common import json_input
 from bicycle_controller.control.goals import Status
 from bicycle_tools.outcomes import Outcome
 from bicycle_tools.report_page.events import RideEvent, ride_events
@@ -161,7 +161,7 @@ def _episodes(page: RidePage) -> list[tuple[str, str]]:
 def _plain(text: str) -> str:
     """Return the name in a JSON object; other texts unchanged."""
     try:
-        value = json.loads(text)
+        value = json_input.parse(text)
     except ValueError:
         return text
     return str(value.get("name", text)) if isinstance(value, dict) else text
@@ -170,7 +170,7 @@ def _plain(text: str) -> str:
 def _switches(text: str) -> str:
     """Return the physics without its constants, which are those of Table 1."""
     try:
-        value = json.loads(text)
+        value = json_input.parse(text)
     except ValueError:
         return text
     if not isinstance(value, dict):
