@@ -55,6 +55,19 @@ def test_a_restart_adds_to_the_log(tmp_path: Path) -> None:
     assert result.last_lines() == ["here", "here"]
 
 
+def test_the_last_line_ends_however_long_a_dying_child_made_it(tmp_path: Path) -> None:
+    """The log has all of it; a message shows one line, which forges no other and colours none."""
+    words = "print('x' * 10_000_000 + chr(27) + '[31mred'); print('yyyyy'); print('z' * 3000)"
+    result = child(tmp_path, words)
+    result.start()
+    until(lambda: result.ended() is not None)
+    red, short, long = result.last_lines(3)
+    assert red == "..." + "x" * (processes.LONGEST - 11) + r"\x1b[31mred"
+    assert short == "yyyyy"
+    assert long == "..." + "z" * processes.LONGEST
+    assert (tmp_path / "node.log").stat().st_size > 10_000_000
+
+
 def test_it_is_noted_for_stop_while_it_runs(tmp_path: Path) -> None:
     result = child(tmp_path, "import time; time.sleep(3600)", tmp_path / "pids")
     result.start()

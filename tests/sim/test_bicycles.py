@@ -234,6 +234,13 @@ BAD: dict[str, tuple[str, str]] = {
         " trail: 0.05}",
         "head_angle must lie between 25 and 155 degrees, not 1.2",
     ),
+    "too large": (
+        "measured: {wheelbase: 1, head_angle: 70, rear_radius: 1.0e+308, front_radius: 0.3,"
+        " mass: 15, trail: 0.05}",
+        "mine.yaml: ",
+    ),
+    "a deviation of words": (text_of(standard_deviation={"w": [1]}), "w is '.1.', not a number"),
+    "a name that forges": (text_of(name="a" + chr(27) + "[31m"), "must be one line of plain text"),
     "too heavy wheels": (
         "measured: {wheelbase: 1, head_angle: 70, rear_radius: 0.3, front_radius: 0.3, mass: 15,"
         " trail: 0.05, rear_wheel_mass: 9, front_wheel_mass: 9}",

@@ -73,6 +73,8 @@ def read(text: str, name: str, place: str) -> Described:
         return _described(data, name)
     except ValueError as error:
         raise ValueError(f"{place}: {error}") from error
+    except ArithmeticError:
+        raise ValueError(f"{place}: its numbers are too large or too small") from None
 
 
 def _described(data: Any, name: str) -> Described:
@@ -101,7 +103,11 @@ def _described(data: Any, name: str) -> Described:
     settings = {key: data[key] for key in SETTINGS if key in data}
     deviation = data.get("standard_deviation", {})
     require(isinstance(deviation, dict), "standard_deviation must be a mapping")
+    for key, value in deviation.items():
+        number = isinstance(value, (int, float)) and not isinstance(value, bool)
+        require(number, f"standard_deviation: {key} is {str(value)[:40]!r}, not a number")
     shown = data.get("name", name)
+    require(shown.isprintable(), f"name {shown[:40]!r} must be one line of plain text")
     return Described(
         parameters=Parameters(bicycle=bicycle, name=shown, **parts, **settings),
         name=shown,

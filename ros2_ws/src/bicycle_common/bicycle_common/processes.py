@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bicycle_common import signals
+from bicycle_common.validation import one_line
 
 PATIENCE = 10.0
 """Time for a process to react to a signal (s): on a busy machine it is slow, not stuck."""
@@ -21,6 +22,10 @@ FIRST_WORD, NEXT_WORD = 2.0, 10.0
 """Wait before the first message about a process that is still saving, and between messages (s)."""
 ASKED = (-signal.SIGINT, -signal.SIGTERM, 128 + signal.SIGINT, 128 + signal.SIGTERM)
 """Exit statuses of a clean end of a process with nothing to save, such as one starting up."""
+TAIL = 64 * 1024
+"""End of a log in which its last lines are looked for (bytes)."""
+LONGEST = 1000
+"""End of a long line that is shown (characters)."""
 LOOK = 0.05
 """Polling period while waiting for a process (s)."""
 BACK_OFF = 1.0
@@ -140,12 +145,15 @@ class ManagedProcess:
         return Exit(self.name, self._process.returncode)
 
     def last_lines(self, count: int = 3) -> list[str]:
-        """Return the last lines of its log."""
+        """Return the last lines of its log, each as one line that ends, however it was written."""
         try:
-            lines = self.log.read_text(errors="replace").splitlines()
+            with self.log.open("rb") as log:
+                log.seek(max(0, log.seek(0, os.SEEK_END) - TAIL))
+                text = log.read(TAIL).decode(errors="replace")
         except OSError:
             return []
-        return [line for line in lines if line.strip()][-count:]
+        lines = [one_line(line.strip()) for line in text.split("\n") if line.strip()]
+        return [one if len(one) <= LONGEST else f"...{one[-LONGEST:]}" for one in lines[-count:]]
 
     def stop(self, save_wait: SaveWait | None = None, patience: float = PATIENCE) -> int | None:
         """Stop it: SIGINT, then SIGTERM, then SIGKILL, each after `patience` seconds.
