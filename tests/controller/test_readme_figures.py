@@ -85,7 +85,7 @@ def test_what_the_surer_actor_does_is_what_was_measured(condition: str) -> None:
 
 
 def test_rides_that_are_sooner_as_soon_and_later_are_all_rides() -> None:
-    counts = cells("sooner / as soon / later than it, rides")
+    counts = cells("rides in which the actor is sooner / as soon / later")
     saved = cells("time saved in the median ride")
     for (actor, lqr), count, less in zip(AGAINST.items(), counts, saved, strict=True):
         file = ROOT / "docs" / "results" / actor / f"against-{lqr}.json"
