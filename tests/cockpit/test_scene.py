@@ -133,6 +133,40 @@ def test_wheels_and_legs_turn_by_the_way_that_is_ridden(page: BrowserPage) -> No
     assert found["crank"] == pytest.approx(found["turn"] * size["crank_ratio"])
 
 
+def test_parts_that_stay_together_are_one_mesh_and_keep_their_place(page: BrowserPage) -> None:
+    size = asdict(registry.named("whipple", "browser-rider").geometry)
+    found = page.evaluate(
+        """async (geometry) => {
+            const { Box3 } = await import("/web/vendor/three.module.min.js");
+            const { Bicycle } = await import("/web/scene/bicycle.js");
+            const made = new Bicycle(geometry);
+            made.pose({ x: 0, y: 0, heading: 0, lean: 0, steer: 0, displacement: 0 });
+            const box = new Box3().setFromObject(made.group, true);
+            const meshes = [];
+            made.group.traverse((part) => part.isMesh && meshes.push(part.geometry));
+            const normals = meshes.map(({ attributes }) => {
+                const { array } = attributes.normal;
+                const lengths = [];
+                for (let n = 0; n < array.length; n += 3) {
+                    lengths.push(Math.hypot(array[n], array[n + 1], array[n + 2]));
+                }
+                return [Math.min(...lengths), Math.max(...lengths)];
+            });
+            made.dispose();
+            const [low, high] = [box.min.toArray(), box.max.toArray()];
+            return { low, high, meshes: meshes.length, normals };
+        }""",
+        size,
+    )
+    rear, front = size["rear_radius"], size["front_radius"]
+    assert [found["low"][0], found["low"][2]] == pytest.approx([-rear, 0.0], abs=1e-3)
+    assert found["high"][0] == pytest.approx(size["wheelbase"] + front, abs=1e-3)
+    assert -found["low"][1] == pytest.approx(found["high"][1], abs=0.02), "it is straight"
+    assert 1.6 < found["high"][2] < 2.0, "the helmet"
+    assert found["meshes"] <= 45, "each is a call in every picture, and one more for its shadow"
+    assert all(0.99 < low <= high < 1.01 for low, high in found["normals"])
+
+
 def test_between_two_rows_it_is_in_between(page: BrowserPage) -> None:
     found = page.evaluate(
         """async () => {

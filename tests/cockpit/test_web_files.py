@@ -31,6 +31,13 @@ def test_every_import_of_the_page_is_one_of_its_files() -> None:
             assert (path.parent / target).resolve().is_file(), f"{path.name} imports {target}"
 
 
+def test_the_page_asks_for_all_of_its_modules_at_once() -> None:
+    head = (WEB / "index.html").read_text().partition("<body>")[0]
+    asked = re.findall(r'<link rel="modulepreload" href="web/([^"]+)">', head)
+    modules = {path.relative_to(WEB).as_posix() for path in WEB.rglob("*.js")}
+    assert sorted(asked) == sorted(modules - {"main.js"})
+
+
 def test_every_folder_of_the_page_is_delivered() -> None:
     delivered = set(re.findall(r'"(web(?:/\w+)?)/\*"', SETUP.read_text()))
     folders = {path.parent.relative_to(WEB.parent).as_posix() for path in WEB.rglob("*.*")}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gzip
 import hashlib
 import mimetypes
@@ -36,7 +37,14 @@ class Assets:
     def __init__(self, folder: Path) -> None:
         """Serve what lies in `folder` and below."""
         self._folder = folder
+        self._files = self._listed()
         self._read: dict[str, Asset] = {}
+
+    def read_all(self) -> None:
+        """Read and compress every file, so that the first page need not wait for it."""
+        for name in self._files:
+            with contextlib.suppress(OSError):
+                self._asset(name)
 
     def response(self, request: web.Request, name: str) -> web.Response:
         """Return the answer for one file.
@@ -54,15 +62,16 @@ class Assets:
         charset = "utf-8" if asset.kind.startswith("text/") else None
         return web.Response(body=body, content_type=asset.kind, charset=charset, headers=headers)
 
+    def _listed(self) -> dict[str, Path]:
+        paths = (path for path in self._folder.rglob("*") if path.is_file())
+        return {path.relative_to(self._folder).as_posix(): path for path in paths}
+
     def _asset(self, name: str) -> Asset:
-        files = {
-            path.relative_to(self._folder).as_posix(): path
-            for path in self._folder.rglob("*")
-            if path.is_file()
-        }
-        if name not in files:
+        if name not in self._files or not self._files[name].is_file():
+            self._files = self._listed()
+        if name not in self._files:
             raise web.HTTPNotFound
-        path = files[name]
+        path = self._files[name]
         changed = path.stat().st_mtime_ns
         known = self._read.get(name)
         if known is None or known.changed != changed:

@@ -147,12 +147,14 @@ class Server:
 
     async def _serve(self) -> None:
         self.latest(self.palette.message())
+        compressing = asyncio.create_task(asyncio.to_thread(self._assets.read_all))
         try:
             async with self._listening():
                 self._ready.set()
                 await self._over.wait()
         except OSError as error:
             self._error = error
+        await compressing
 
     @contextlib.asynccontextmanager
     async def _listening(self) -> AsyncIterator[None]:

@@ -2,7 +2,7 @@
 // axis, wheel radii, ratio of the crank. The origin is the rear contact, x is forward, y left, z up.
 
 import * as THREE from "../vendor/three.module.min.js";
-import { ball, joint, ring, stretch, tube, vector } from "./solids.js";
+import { ball, joint, merged, ring, stretch, tube, vector } from "./solids.js";
 
 /** The paper's bicycle, where nothing else is known. */
 export const PAPER = { wheelbase: 1.11, trail: 0, steer_axis_tilt: 0, rear_radius: 0.34, front_radius: 0.34, mass: 75, crank_ratio: 0.5 };
@@ -11,6 +11,7 @@ export const PAPER = { wheelbase: 1.11, trail: 0, steer_axis_tilt: 0, rear_radiu
 const RIDERLESS = 35;
 const CRANK = 0.17;
 const SPOKES = 32;
+const SPOKE = 0.0016;
 const [THIGH, SHANK, UPPER_ARM, FOREARM] = [0.43, 0.45, 0.31, 0.29];
 const GHOST = 0.32;
 
@@ -26,27 +27,22 @@ function materials(ghost) {
 }
 
 function wheel(radius, paint, axle) {
-  const made = new THREE.Group();
   const tyre = 0.02;
-  made.add(ring(radius - tyre, tyre, paint.tyre, 10, 64), ring(radius - 2.1 * tyre, 0.011, paint.rim, 6, 64));
-  const spoke = new THREE.CylinderGeometry(0.0016, 0.0016, 1, 4);
-  const spokes = new THREE.InstancedMesh(spoke, paint.metal, SPOKES);
-  const place = new THREE.Object3D();
+  const parts = [ring(radius - tyre, tyre, paint.tyre, 10, 64), ring(radius - 2.1 * tyre, 0.011, paint.rim, 6, 64)];
+  const spoke = new THREE.CylinderGeometry(SPOKE, SPOKE, 1, 4, 1, true);
   for (let index = 0; index < SPOKES; index++) {
     const side = index % 2 ? 1 : -1;
     const angle = (2 * Math.PI * index) / SPOKES;
     // Spokes leave the hub at a tangent, two of them forward and two backward.
     const hub = angle + (index % 4 < 2 ? 1.1 : -1.1);
-    stretch(place, vector(0.022 * Math.cos(hub), 0.03 * side, 0.022 * Math.sin(hub)),
-      vector((radius - 2.2 * tyre) * Math.cos(angle), 0.004 * side, (radius - 2.2 * tyre) * Math.sin(angle)));
-    place.updateMatrix();
-    spokes.setMatrixAt(index, place.matrix);
+    parts.push(stretch(new THREE.Mesh(spoke.clone(), paint.metal), vector(0.022 * Math.cos(hub), 0.03 * side, 0.022 * Math.sin(hub)),
+      vector((radius - 2.2 * tyre) * Math.cos(angle), 0.004 * side, (radius - 2.2 * tyre) * Math.sin(angle))));
   }
-  made.add(spokes, tube(vector(0, -axle, 0), vector(0, axle, 0), 0.012, paint.metal));
-  for (const side of [-1, 1]) made.add(tube(vector(0, side * 0.028, 0), vector(0, side * 0.033, 0), 0.028, paint.metal));
+  parts.push(tube(vector(0, -axle, 0), vector(0, axle, 0), 0.012, paint.metal));
+  for (const side of [-1, 1]) parts.push(tube(vector(0, side * 0.028, 0), vector(0, side * 0.033, 0), 0.028, paint.metal));
   // A valve shows that the wheel turns.
-  made.add(tube(vector(0, 0, radius - 0.05), vector(0, 0, radius - 0.1), 0.004, paint.dark));
-  return made;
+  parts.push(tube(vector(0, 0, radius - 0.05), vector(0, 0, radius - 0.1), 0.004, paint.dark));
+  return merged(parts);
 }
 
 export class Bicycle {
@@ -83,41 +79,42 @@ export class Bicycle {
     this.onAxis = (height) => this.foot.clone().addScaledVector(this.axis, height / this.axis.z);
     this.crown = 2 * f + 0.05;
     const [low, high] = [this.onAxis(this.crown + 0.02), this.onAxis(this.crown + 0.17)];
-    leaning.add(
+    const frame = [
       tube(bracket, seat.clone().add(vector(0.01, 0, -0.05)), 0.014, paint.metal),
       tube(bracket, post, 0.017, paint.frame), tube(bracket, low, 0.021, paint.frame), tube(post, high, 0.018, paint.frame),
       tube(low, high, 0.024, paint.frame),
       tube(bracket.clone().add(vector(0, -0.045, 0)), bracket.clone().add(vector(0, 0.045, 0)), 0.024, paint.frame),
-    );
+    ];
     for (const side of [-0.055, 0.055]) {
       const end = rear.clone().add(vector(0, side, 0));
-      leaning.add(tube(end, bracket.clone().add(vector(-0.03, 0.5 * side, 0)), 0.009, paint.frame));
-      leaning.add(tube(end, post.clone().add(vector(0, 0.35 * side, -0.02)), 0.008, paint.frame));
+      frame.push(tube(end, bracket.clone().add(vector(-0.03, 0.5 * side, 0)), 0.009, paint.frame));
+      frame.push(tube(end, post.clone().add(vector(0, 0.35 * side, -0.02)), 0.008, paint.frame));
     }
     const saddle = ball(seat, 0.075, paint.dark, [1, 0.95, 0.42]);
     saddle.position.x -= 0.05;
-    leaning.add(saddle, ball(seat.clone().add(vector(0.07, 0, 0)), 0.045, paint.dark, [2, 0.6, 0.6]));
+    frame.push(saddle, ball(seat.clone().add(vector(0.07, 0, 0)), 0.045, paint.dark, [2, 0.6, 0.6]));
     this.rear = wheel(r, paint, 0.06);
     this.rear.position.copy(rear);
-    this.crank = new THREE.Group();
-    this.crank.position.copy(bracket);
     const chainring = ring(0.085, 0.006, paint.metal, 6, 40);
     chainring.position.y = -0.055;
-    this.crank.add(chainring);
+    const crank = [chainring];
     for (const side of [-1, 1]) {
       const pedal = vector(-side * CRANK, side * 0.07, 0);
-      this.crank.add(tube(vector(0, side * 0.06, 0), pedal, 0.011, paint.metal));
+      crank.push(tube(vector(0, side * 0.06, 0), pedal, 0.011, paint.metal));
       for (let arm = 0; arm < 5 && side < 0; arm++) {
         const angle = (2 * Math.PI * arm) / 5;
-        this.crank.add(tube(vector(0, -0.055, 0), vector(0.085 * Math.cos(angle), -0.055, 0.085 * Math.sin(angle)), 0.006, paint.metal));
+        crank.push(tube(vector(0, -0.055, 0), vector(0.085 * Math.cos(angle), -0.055, 0.085 * Math.sin(angle)), 0.006, paint.metal));
       }
     }
     const cog = ring(0.085 * size.crank_ratio, 0.005, paint.metal, 6, 24);
     cog.position.copy(rear).setY(-0.055);
-    leaning.add(this.rear, this.crank, cog);
+    frame.push(cog);
     for (const up of [-1, 1]) {
-      leaning.add(tube(rear.clone().add(vector(0, -0.055, up * 0.085 * size.crank_ratio)), bracket.clone().add(vector(0, -0.055, up * 0.085)), 0.004, paint.dark, 0.004, 6));
+      frame.push(tube(rear.clone().add(vector(0, -0.055, up * 0.085 * size.crank_ratio)), bracket.clone().add(vector(0, -0.055, up * 0.085)), 0.004, paint.dark, 0.004, 6));
     }
+    this.crank = merged(crank);
+    this.crank.position.copy(bracket);
+    leaning.add(this.rear, this.crank, merged(frame));
     this.pedals = [-1, 1].map((side) => {
       const pedal = new THREE.Mesh(new THREE.BoxGeometry(0.09, 0.085, 0.018), paint.dark);
       pedal.castShadow = true;
@@ -136,9 +133,9 @@ export class Bicycle {
     const top = local(this.onAxis(Math.max(this.crown + 0.2, this.seat.z + 0.06)));
     this.front = wheel(size.front_radius, paint, 0.05);
     this.front.position.set(-size.trail, 0, size.front_radius);
-    front.add(this.front, tube(crown, top, 0.015, paint.metal), tube(crown.clone().add(vector(0, -0.055, 0)), crown.clone().add(vector(0, 0.055, 0)), 0.018, paint.frame));
+    const parts = [tube(crown, top, 0.015, paint.metal), tube(crown.clone().add(vector(0, -0.055, 0)), crown.clone().add(vector(0, 0.055, 0)), 0.018, paint.frame)];
     for (const side of [-0.052, 0.052]) {
-      front.add(tube(crown.clone().add(vector(0, side, 0)), this.front.position.clone().add(vector(0, side, 0)), 0.015, paint.frame, 0.009));
+      parts.push(tube(crown.clone().add(vector(0, side, 0)), this.front.position.clone().add(vector(0, side, 0)), 0.015, paint.frame, 0.009));
     }
     // Grips stay within the rider's reach, swept back where the axis stands far in front.
     const reach = Math.min(this.foot.x + top.x + 0.05, this.seat.x + 0.6);
@@ -146,12 +143,13 @@ export class Bicycle {
     for (const side of [-1, 1]) {
       const bend = vector(top.x, 0.13 * side, top.z + 0.01);
       const inner = grip(side).add(vector(0.1, 0.01 * -side, 0));
-      front.add(tube(top, bend, 0.012, paint.metal), tube(bend, inner, 0.011, paint.metal), tube(inner, grip(side).add(vector(-0.03, 0, 0)), 0.016, paint.dark));
+      parts.push(tube(top, bend, 0.012, paint.metal), tube(bend, inner, 0.011, paint.metal), tube(inner, grip(side).add(vector(-0.03, 0, 0)), 0.016, paint.dark));
     }
-    front.add(ball(top, 0.018, paint.metal));
+    parts.push(ball(top, 0.018, paint.metal));
     this.grips = [-1, 1].map(grip);
     const lamp = ball(crown.clone().add(vector(0.05, 0, 0.06)), 0.03, paint.metal, [0.7, 1, 1]);
-    front.add(lamp);
+    parts.push(lamp);
+    front.add(this.front, merged(parts));
   }
 
   buildRider() {

@@ -42,6 +42,46 @@ export function ring(radius, thickness, material, sides = 8, parts = 56) {
 }
 
 /**
+ * Parts that never move against each other, as one mesh for each material: a picture needs a call for each mesh.
+ *
+ * @param parts meshes, groups of them, in one system of coordinates
+ */
+export function merged(parts) {
+  const byMaterial = new Map();
+  for (const part of parts) {
+    part.updateMatrixWorld(true);
+    part.traverse(({ isMesh, geometry, material, matrixWorld }) => {
+      if (!isMesh) return;
+      if (!byMaterial.has(material)) byMaterial.set(material, []);
+      byMaterial.get(material).push(geometry.applyMatrix4(matrixWorld));
+    });
+  }
+  const group = new THREE.Group();
+  for (const [material, geometries] of byMaterial) {
+    const mesh = new THREE.Mesh(joined(geometries), material);
+    mesh.castShadow = true;
+    group.add(mesh);
+  }
+  return group;
+}
+
+function joined(geometries) {
+  const total = (count) => geometries.reduce((sum, geometry) => sum + count(geometry), 0);
+  const index = new Uint16Array(total((geometry) => geometry.index.count));
+  const numbers = { position: null, normal: null };
+  for (const name of Object.keys(numbers)) numbers[name] = new Float32Array(total(({ attributes }) => attributes[name].array.length));
+  let [at, first] = [0, 0];
+  for (const geometry of geometries) {
+    for (const vertex of geometry.index.array) index[at++] = first + vertex;
+    for (const name of Object.keys(numbers)) numbers[name].set(geometry.attributes[name].array, 3 * first);
+    first += geometry.attributes.position.count;
+  }
+  const made = new THREE.BufferGeometry().setIndex(new THREE.BufferAttribute(index, 1));
+  for (const [name, values] of Object.entries(numbers)) made.setAttribute(name, new THREE.BufferAttribute(values, 3));
+  return made;
+}
+
+/**
  * The joint between two bones.
  *
  * @param from where the first bone begins @param to where the second ends

@@ -10,12 +10,16 @@ const SOFT = 12;
 const SLOW = 26;
 const PATIENCE = 40;
 
-/** Whether this browser draws in 3D at all. */
-export function available() {
-  const canvas = document.createElement("canvas");
-  const context = canvas.getContext("webgl2");
-  context?.getExtension("WEBGL_lose_context")?.loseContext();
-  return Boolean(context);
+const SOFTWARE = /swiftshader|llvmpipe|software|basic render/i;
+
+/** The name of what draws, or nothing where the browser keeps it to itself. */
+function cardName() {
+  const context = document.createElement("canvas").getContext("webgl2");
+  if (!context) throw new Error("no WebGL 2");
+  const info = context.getExtension("WEBGL_debug_renderer_info");
+  const name = info ? context.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
+  context.getExtension("WEBGL_lose_context")?.loseContext();
+  return name;
 }
 
 export class Stage {
@@ -26,15 +30,15 @@ export class Stage {
    */
   constructor(canvas, quality = "") {
     this.canvas = canvas;
-    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, preserveDrawingBuffer: quality === "film", powerPreference: "high-performance" });
-    const context = this.renderer.getContext();
-    const info = context.getExtension("WEBGL_debug_renderer_info");
-    this.card = info ? context.getParameter(info.UNMASKED_RENDERER_WEBGL) : "";
-    this.soft = /swiftshader|llvmpipe|software|basic render/i.test(this.card);
+    this.card = cardName();
+    this.soft = SOFTWARE.test(this.card);
     this.fixed = quality !== "";
+    this.level = quality === "low" || (!quality && this.soft) ? 0 : 2;
+    this.renderer = new THREE.WebGLRenderer({ canvas, antialias: this.level > 0, preserveDrawingBuffer: quality === "film", powerPreference: "high-performance" });
+    // Waiting for each shader's errors would let none be compiled beside another.
+    this.renderer.debug.checkShaderErrors = false;
     this.renderer.outputColorSpace = THREE.SRGBColorSpace;
     this.renderer.shadowMap.type = THREE.PCFSoftShadowMap;
-    this.level = quality === "low" || (!quality && this.soft) ? 0 : 2;
     this.world = new World();
     this.eye = new Eye();
     this.bicycle = null;
@@ -60,6 +64,7 @@ export class Stage {
     this.level = level;
     this.renderer.shadowMap.enabled = level > 0;
     this.world.sun.castShadow = level > 0;
+    this.world.sharpen(level > 0);
     this.ratio = level > 1 ? Math.min(window.devicePixelRatio || 1, 2) : Math.min(1, window.devicePixelRatio || 1);
     this.width = 0;
     this.world.scene.traverse((part) => part.material && (part.material.needsUpdate = true));

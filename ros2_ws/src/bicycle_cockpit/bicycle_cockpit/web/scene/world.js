@@ -66,7 +66,7 @@ class Band {
     geometry.setIndex(index);
     const material = new THREE.MeshBasicMaterial({ vertexColors: true, transparent: true, depthWrite: false, side: THREE.DoubleSide, polygonOffset: true, polygonOffsetFactor: -2, polygonOffsetUnits: -2 });
     this.mesh = new THREE.Mesh(geometry, material);
-    this.mesh.frustumCulled = false;
+    this.mesh.frustumCulled = this.mesh.visible = false;
   }
 
   /** @param points `{x, y, colour: THREE.Color, opacity, broken}`, at most MOST */
@@ -89,6 +89,7 @@ class Band {
     });
     places.needsUpdate = shades.needsUpdate = this.mesh.geometry.index.needsUpdate = true;
     this.mesh.geometry.setDrawRange(0, 6 * faces);
+    this.mesh.visible = faces > 0;
   }
 }
 
@@ -108,7 +109,6 @@ export class World {
     this.texture = new THREE.CanvasTexture(this.tile.canvas);
     this.texture.wrapS = this.texture.wrapT = THREE.RepeatWrapping;
     this.texture.repeat.set(TILES, TILES);
-    this.texture.anisotropy = 8;
     this.texture.colorSpace = THREE.SRGBColorSpace;
     this.ground = new THREE.Mesh(new THREE.PlaneGeometry(TILE * TILES, TILE * TILES), new THREE.MeshLambertMaterial({ map: this.texture }));
     this.ground.receiveShadow = true;
@@ -140,6 +140,13 @@ export class World {
     this.way.material.color.set(colours.good);
     this.spot.material.color.set(colours.accent);
     this.shownGoals = this.shownMarks = "";
+  }
+
+  /** Far lines of the ground sharp or cheap: a processor that draws takes two thirds of its time for the sharp ones. */
+  sharpen(sharp) {
+    this.texture.anisotropy = sharp ? 8 : 1;
+    this.texture.minFilter = sharp ? THREE.LinearMipmapLinearFilter : THREE.LinearMipmapNearestFilter;
+    this.texture.needsUpdate = true;
   }
 
   /** Light and ground go with the bicycle. */
