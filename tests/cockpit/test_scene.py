@@ -285,6 +285,58 @@ def test_the_estimate_is_shown_beside_the_truth(browser: BrowserContext, tmp_pat
         page.screenshot(path=str(tmp_path / "estimate.png"))
 
 
+SIZES = {"width": [1440, 1280, 820, 390, 844], "height": [900, 720, 1180, 844, 390]}
+
+
+def test_a_banner_says_the_trouble_alone_and_covers_no_guide(page: BrowserPage) -> None:
+    text = page.evaluate(
+        """async () => {
+            const { tellLive } = await import("/web/who.js");
+            const rider = { label: "DDPG actor", kind: "a neural network", name: "p" };
+            const who = { driver: rider, chosen: rider, why: "", since: NaN, stop: false };
+            const misfit = "it was trained at another speed";
+            const status = { who, trouble: "", goal: null, misfit };
+            const told = tellLive({ mode: "riding", status }, "");
+            const banner = document.getElementById("alarm").cloneNode();
+            Object.assign(banner, { hidden: false, textContent: told.alarm, id: "" });
+            const guide = document.getElementById("guide").cloneNode(true);
+            Object.assign(guide, { hidden: false, id: "" });
+            guide.dataset.copy = banner.dataset.copy = "1";
+            document.getElementById("ride").append(banner, guide);
+            return [told.text, told.alarm];
+        }"""
+    )
+    assert text[1] == "DDPG actor does not suit this ride: it was trained at another speed."
+    assert text[0].endswith(text[1])
+    assert len(text[0]) > 2 * len(text[1])
+    for width, height in zip(*SIZES.values(), strict=True):
+        page.set_viewport_size({"width": width, "height": height})
+        banner = page.locator(".alarm[data-copy]").bounding_box()
+        guide = page.locator(".guide[data-copy]").bounding_box()
+        assert banner is not None
+        assert guide is None or banner["y"] + banner["height"] <= guide["y"], (width, height)
+        assert banner["height"] < 70, "two lines, so that the rider is seen"
+    page.evaluate("() => document.querySelectorAll('[data-copy]').forEach((one) => one.remove())")
+    page.set_viewport_size({"width": 1280, "height": 800})
+
+
+def test_the_legend_covers_no_button(page: BrowserPage) -> None:
+    page.locator("#compare").click()
+    page.locator("#bag-list button").first.click()
+    expect(page.locator("#gap")).to_be_visible()
+    for width, height in zip(*SIZES.values(), strict=True):
+        page.set_viewport_size({"width": width, "height": height})
+        legend = page.locator("#legend").bounding_box()
+        buttons = page.locator(".zoom").bounding_box()
+        assert buttons is not None
+        if legend is None:  # while a banner takes its place
+            continue
+        beside = legend["x"] + legend["width"] <= buttons["x"]
+        assert beside or legend["y"] >= buttons["y"] + buttons["height"], (width, height)
+    page.set_viewport_size({"width": 1280, "height": 800})
+    page.locator("#compare").click()
+
+
 GAP = """async (ahead) => {
     const { Ghost } = await import("/web/ghost.js");
     const { Series } = await import("/web/series.js");

@@ -73,7 +73,7 @@ export function showLoop(loop, row, more, period, off = {}, ride = {}) {
   ];
   if (more) {
     facts.push(["controllers", String(more.controllers), more.controllers === 1 ? "" : "bad", more.commands]);
-    facts.push(["bicycle", ride.plant === "choi" ? `the paper's, ${ride.bicycle}` : ride.bicycle ?? "–", "", `${ride.bicycle}, scenario ${ride.scenario}, seed ${ride.seed}`]);
+    facts.push(["bicycle", ride.plant === "choi" ? `paper's, ${ride.bicycle}` : ride.bicycle ?? "–", "", `${ride.bicycle}, scenario ${ride.scenario}, seed ${ride.seed}`]);
     facts.push(["pages / frames lost", `${more.pages} / ${more.dropped_frames}`, "", "by pages that did not keep up"]);
   }
   if (Number.isFinite(off.lean)) {

@@ -14,7 +14,8 @@ const introduced = (rider) => (rider?.kind ? `${labelOf(rider)}, ${rider.kind},`
  *
  * @param {Live} live
  * @param {string} ended why the cockpit has ended, as far as it said
- * @returns {{level: string, text: string, more?: string, rider?: object}} `more` changes all the time and is not read out
+ * @returns {{level: string, text: string, alarm?: string, more?: string, rider?: object}} `alarm` is the trouble alone, without
+ *   it the whole text; `more` changes all the time and is not read out
  */
 export function tellLive(live, ended) {
   const { mode, status } = live;
@@ -29,9 +30,10 @@ export function tellLive(live, ended) {
   }
   if (status.trouble) return { level: "bad", text: sentence(status.trouble) };
   if (mode === "zero") return { level: "bad", text: "No command reaches the bicycle: it rides without input." };
-  const misfit = status.misfit ? ` ${sentence(`${name} does not suit this ride: ${status.misfit}`)}` : "";
+  const alarm = status.misfit ? sentence(`${name} does not suit this ride: ${status.misfit}`) : "";
+  const misfit = alarm && ` ${alarm}`;
   if (mode === "paused") return { level: "info", text: `Paused, ${name} in charge: Step makes one step, Go on lets it ride.${misfit}`, rider: chosen };
-  if (mode === "held") return { level: misfit ? "warn" : "info", text: `${sentence(`${name} waits for a goal: click on the map`)}${misfit}`, rider: chosen };
+  if (mode === "held") return { level: misfit ? "warn" : "info", text: `${sentence(`${name} waits for a goal: click on the map`)}${misfit}`, alarm, rider: chosen };
   if (why) {
     const instead = driver.name === chosen.name ? `The safety layer's ${labelOf(driver)} rides` : `${labelOf(driver)} took over from ${name}`;
     const end = stop ? " It rides straight on and slows down: send a new goal to go on." : "";
@@ -39,7 +41,7 @@ export function tellLive(live, ended) {
     return { level: "warn", text: `${sentence(`${instead}: ${why}`)}${end}`, more, rider: driver };
   }
   const aim = status.goal ? "" : " straight on, without a goal: click on the map to send it somewhere";
-  return { level: misfit ? "warn" : "info", text: `${sentence(`${introduced(driver) || name} rides${aim}`)}${misfit}`, rider: driver };
+  return { level: misfit ? "warn" : "info", text: `${sentence(`${introduced(driver) || name} rides${aim}`)}${misfit}`, alarm, rider: driver };
 }
 
 /** What is said of a bag at its cursor. */
