@@ -299,6 +299,7 @@ def test_a_banner_says_the_trouble_alone_and_covers_no_guide(page: BrowserPage) 
             const told = tellLive({ mode: "riding", status }, "");
             const banner = document.getElementById("alarm").cloneNode();
             Object.assign(banner, { hidden: false, textContent: told.alarm, id: "" });
+            banner.dataset.level = told.level;
             const guide = document.getElementById("guide").cloneNode(true);
             Object.assign(guide, { hidden: false, id: "" });
             guide.dataset.copy = banner.dataset.copy = "1";
@@ -386,6 +387,22 @@ def test_the_choice_of_the_main_picture_is_kept(page: BrowserPage) -> None:
     expect(page.locator("#ride")).to_have_attribute("data-main", "map")
     page.locator("#swap").click()
     expect(page.locator("#ride")).to_have_attribute("data-main", "3d")
+
+
+def test_a_processor_that_draws_gets_one_picture_at_a_time(page: BrowserPage) -> None:
+    """Else its queue grows on a busy machine, and the page answers no click for minutes."""
+    inside(page, "views.choose('3d', false)")
+    until(page, "views.stage.ready(performance.now())")
+    asked = page.evaluate(
+        """async () => {
+            const { views, parts } = await import("/web/main.js");
+            parts.stage();
+            return [views.stage.soft, views.stage.ready(performance.now())];
+        }"""
+    )
+    assert asked == [True, False]
+    until(page, "views.stage.ready(performance.now())")
+    assert inside(page, "views.stage.rest > views.stage.last"), "others get a turn"
 
 
 def test_a_browser_without_webgl_shows_the_map(browser: BrowserContext, address: str) -> None:

@@ -65,14 +65,16 @@ export class Film {
       context.fillText(text, x + (swatch ? 30 : 10) * unit, y + size * 1.22 * unit);
       return wide;
     };
-    if (who) box(who, 14 * unit, 14 * unit, 19, "600", colours.card, colours.ink, colour);
-    if (facts) box(facts, 14 * unit, 54 * unit, 16, "", colours.card, colours.ink);
-    if (gap) box(gap, 14 * unit, 90 * unit, 16, "600", colours.card, colours.ink);
-    if (alarm) {
-      context.font = font(17, "600");
-      const wide = context.measureText(alarm).width + 20 * unit;
-      box(alarm, Math.max(14 * unit, (width - wide) / 2), (gap ? 128 : 92) * unit, 17, "600", level === "bad" ? colours.bad : colours.warn, colours.card);
-    }
+    const edge = 14 * unit;
+    let taken = who ? box(who, edge, edge, 19, "600", colours.card, colours.ink, colour) : 0;
+    if (facts) taken = Math.max(taken, box(facts, edge, 54 * unit, 16, "", colours.card, colours.ink));
+    if (gap) taken = Math.max(taken, box(gap, edge, 90 * unit, 16, "600", colours.card, colours.ink));
+    if (!alarm) return;
+    // In the sky beside the other words, where there is room, so that the rider is seen.
+    context.font = font(17, "600");
+    const free = width - (context.measureText(alarm).width + 20 * unit) - edge;
+    const beside = free >= taken + 2 * edge;
+    box(alarm, Math.max(edge, beside ? free : (free + edge) / 2), beside ? edge : (gap ? 128 : 92) * unit, 17, "600", level === "bad" ? colours.bad : colours.warn, colours.card);
   }
 
   get running() {

@@ -2,7 +2,7 @@
 // axis, wheel radii, ratio of the crank. The origin is the rear contact, x is forward, y left, z up.
 
 import * as THREE from "../vendor/three.module.min.js";
-import { ball, joint, merged, ring, stretch, tube, vector } from "./solids.js";
+import { ball, joint, merged, ring, rods, stretch, tube, vector } from "./solids.js";
 
 /** The paper's bicycle, where nothing else is known. */
 export const PAPER = { wheelbase: 1.11, trail: 0, steer_axis_tilt: 0, rear_radius: 0.34, front_radius: 0.34, mass: 75, crank_ratio: 0.5 };
@@ -29,16 +29,16 @@ function materials(ghost) {
 function wheel(radius, paint, axle) {
   const tyre = 0.02;
   const parts = [ring(radius - tyre, tyre, paint.tyre, 10, 64), ring(radius - 2.1 * tyre, 0.011, paint.rim, 6, 64)];
-  const spoke = new THREE.CylinderGeometry(SPOKE, SPOKE, 1, 4, 1, true);
+  const spokes = [];
   for (let index = 0; index < SPOKES; index++) {
     const side = index % 2 ? 1 : -1;
     const angle = (2 * Math.PI * index) / SPOKES;
     // Spokes leave the hub at a tangent, two of them forward and two backward.
     const hub = angle + (index % 4 < 2 ? 1.1 : -1.1);
-    parts.push(stretch(new THREE.Mesh(spoke.clone(), paint.metal), vector(0.022 * Math.cos(hub), 0.03 * side, 0.022 * Math.sin(hub)),
-      vector((radius - 2.2 * tyre) * Math.cos(angle), 0.004 * side, (radius - 2.2 * tyre) * Math.sin(angle))));
+    spokes.push([vector(0.022 * Math.cos(hub), 0.03 * side, 0.022 * Math.sin(hub)),
+      vector((radius - 2.2 * tyre) * Math.cos(angle), 0.004 * side, (radius - 2.2 * tyre) * Math.sin(angle))]);
   }
-  parts.push(tube(vector(0, -axle, 0), vector(0, axle, 0), 0.012, paint.metal));
+  parts.push(rods(spokes, SPOKE, paint.metal), tube(vector(0, -axle, 0), vector(0, axle, 0), 0.012, paint.metal));
   for (const side of [-1, 1]) parts.push(tube(vector(0, side * 0.028, 0), vector(0, side * 0.033, 0), 0.028, paint.metal));
   // A valve shows that the wheel turns.
   parts.push(tube(vector(0, 0, radius - 0.05), vector(0, 0, radius - 0.1), 0.004, paint.dark));

@@ -24,6 +24,31 @@ export function tube(from, to, radius, material, second = radius, sides = 12) {
   return stretch(mesh, from, to);
 }
 
+/** Thin rods without caps between pairs of points, as one mesh. */
+export function rods(pairs, radius, material, sides = 4) {
+  const [positions, normals, index] = [[], [], []];
+  for (const [from, to] of pairs) {
+    const line = to.clone().sub(from).normalize();
+    const across = vector(line.y, line.z, line.x).cross(line).normalize();
+    const other = line.clone().cross(across);
+    const first = positions.length / 3;
+    for (let side = 0; side < sides; side++) {
+      const angle = (2 * Math.PI * side) / sides;
+      const out = across.clone().multiplyScalar(Math.cos(angle)).addScaledVector(other, Math.sin(angle));
+      for (const end of [from, to]) {
+        positions.push(end.x + radius * out.x, end.y + radius * out.y, end.z + radius * out.z);
+        normals.push(out.x, out.y, out.z);
+      }
+      const [here, next] = [first + 2 * side, first + 2 * ((side + 1) % sides)];
+      index.push(here, next, here + 1, next, next + 1, here + 1);
+    }
+  }
+  const geometry = new THREE.BufferGeometry().setIndex(index);
+  geometry.setAttribute("position", new THREE.Float32BufferAttribute(positions, 3));
+  geometry.setAttribute("normal", new THREE.Float32BufferAttribute(normals, 3));
+  return new THREE.Mesh(geometry, material);
+}
+
 export function ball(at, radius, material, stretched = [1, 1, 1]) {
   const mesh = new THREE.Mesh(new THREE.SphereGeometry(radius, 18, 14), material);
   mesh.position.copy(at);

@@ -9,6 +9,8 @@ import { World } from "./world.js";
 const SOFT = 12;
 const SLOW = 26;
 const PATIENCE = 40;
+/** ms. */
+const LONGEST_REST = 500;
 
 const SOFTWARE = /swiftshader|llvmpipe|software|basic render/i;
 
@@ -47,9 +49,12 @@ export class Stage {
     this.built = this.dressed = "";
     this.last = this.width = this.height = this.slow = 0;
     this.lost = false;
+    this.pending = null;
+    this.rest = 0;
     canvas.addEventListener("webglcontextlost", (event) => {
       event.preventDefault();
       this.lost = true;
+      this.pending = null;
     });
     canvas.addEventListener("webglcontextrestored", () => (this.lost = false));
     this.setLevel(this.level);
@@ -58,6 +63,20 @@ export class Stage {
   /** ms between two pictures. */
   get pace() {
     return this.soft && !this.fixed ? 1000 / SOFT : 0;
+  }
+
+  /**
+   * Whether another picture may be asked for. A processor that draws must not get more than it can do, or the page
+   * answers no click: the picture before is to be finished, and as much time again is left to all else.
+   */
+  ready(now) {
+    if (!this.pending) return now >= this.rest;
+    const context = this.renderer.getContext();
+    if (context.getSyncParameter(this.pending, context.SYNC_STATUS) !== context.SIGNALED) return false;
+    context.deleteSync(this.pending);
+    this.pending = null;
+    this.rest = now + Math.min(now - this.last, LONGEST_REST);
+    return false;
   }
 
   setLevel(level) {
@@ -140,6 +159,11 @@ export class Stage {
     eye.look(row, bicycle.size.wheelbase, elapsed);
     if (bicycle.rider) bicycle.rider.visible = eye.mode !== "rider";
     this.renderer.render(world.scene, eye.camera);
+    if (!this.soft || this.fixed) return;
+    const context = this.renderer.getContext();
+    if (this.pending) context.deleteSync(this.pending);
+    this.pending = context.fenceSync(context.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    context.flush();
   }
 
   drawOther(name, shown, geometry, band) {
