@@ -3,7 +3,7 @@
 import { answer } from "./controls.js";
 import { Film, save } from "./film.js";
 import { shown } from "./panels.js";
-import { labelOf } from "./who.js";
+import { alarmOf, labelOf } from "./who.js";
 
 const byId = (id) => document.getElementById(id);
 
@@ -18,11 +18,11 @@ export class Filming {
   caption() {
     const { row, series, cursor, riders, paint } = this.pictures.moment();
     const number = cursor >= 0 ? series.policy[cursor] : NaN;
-    const { level, text } = this.pictures.who();
+    const who = this.pictures.who();
     return {
-      who: labelOf(riders[number]), colour: paint(number), level,
+      who: labelOf(riders[number]), colour: paint(number), level: who.level,
       facts: row ? `${shown(row.t, 1)} s   ${shown(row.speed, 1)} m/s   lean ${shown((row.lean * 180) / Math.PI, 0)}°` : "",
-      alarm: ["warn", "bad"].includes(level) ? text.replace(/ \(.*\)/, "") : "",
+      alarm: alarmOf(who),
       gap: this.pictures.comparison.words,
     };
   }

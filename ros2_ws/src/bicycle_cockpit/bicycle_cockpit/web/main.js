@@ -265,18 +265,15 @@ export const frame = (time, camera, kind = "image/jpeg") => filming.frame(time, 
 
 let last = 0;
 
-/** One picture of all that is shown, at once; for measurements. */
-export function drawOnce() {
-  pictures.draw();
-  if (views.stage) pictures.drawStage(performance.now());
-}
+/** What a picture consists of, drawn at once; for measurements. */
+export const parts = { flat: () => pictures.draw(), stage: () => pictures.drawStage(performance.now()) };
 
 function picture(now) {
   requestAnimationFrame(picture);
   if (asked("film")) return;
   player.advance(now);
   const { stage, main } = views;
-  if (main === "3d" && stage && (stale || (!player.bag && pictures.clock.moving)) && now - pictures.lastStage >= stage.pace) {
+  if (main === "3d" && stage && (stale || (!player.bag && pictures.clock.moving)) && now - pictures.lastStage >= stage.pace && stage.ready(now)) {
     stale = false;
     pictures.drawStage(now);
   }

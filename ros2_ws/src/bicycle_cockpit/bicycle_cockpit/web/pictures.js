@@ -9,7 +9,7 @@ import { LiveClock, rowAt } from "./motion.js";
 import { colourOf } from "./palette.js";
 import { showHead, showLegend, showLoop, showReward, showTrainer } from "./panels.js";
 import { colours } from "./theme.js";
-import { showWho, tellBag, tellLive } from "./who.js";
+import { alarmOf, showWho, tellBag, tellLive } from "./who.js";
 
 const FALL = Math.PI / 6;
 const byId = (id) => document.getElementById(id);
@@ -100,10 +100,11 @@ export class Pictures {
 }
 
 /** What the line below the head warns of, large over the picture. */
-function showAlarm({ level, text }) {
+function showAlarm(who) {
+  const text = alarmOf(who);
   const box = byId("alarm");
-  box.hidden = !["warn", "bad"].includes(level);
-  box.dataset.level = level;
+  box.hidden = !text;
+  box.dataset.level = who.level;
   if (box.textContent !== text) box.textContent = text;
 }
 

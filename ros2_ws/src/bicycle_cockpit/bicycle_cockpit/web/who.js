@@ -54,6 +54,9 @@ export function tellBag(bag) {
   return rider ? { level: "info", text: sentence(`${introduced(rider)} rode here`), rider } : { level: "info", text: "Nobody rides yet." };
 }
 
+/** What is warned of, if anything; figures in brackets stand in the line below the head only. */
+export const alarmOf = ({ level, text, alarm = text }) => (["warn", "bad"].includes(level) ? alarm.replace(/ \([^)]*\)/, "") : "");
+
 function sentence(text) {
   return /[.!?]$/.test(text) || !text ? text : `${text}.`;
 }
