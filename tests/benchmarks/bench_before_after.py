@@ -175,6 +175,7 @@ def main() -> None:
         name: round(medians["after"][name] / value, 3) for name, value in medians["before"].items()
     }
     result = {
+        "command": f"python tests/benchmarks/{HERE.name} BEFORE --turns {args.turns}",
         **machine("numpy", "torch"),
         "commits": {side: commit(folder) for side, folder in sides.items()},
         "unit": "us of processor time, medians",
