@@ -23,7 +23,7 @@ def test_the_report_and_the_cockpit_count_only_goals_of_the_recording(
     start_node: Start, tmp_path: Path
 ) -> None:
     """Two goals before the recording, one that is under way when it begins, one during it."""
-    start_node(WORKSPACE / "sim.sh", ["real_time_factor:=10.0"]).wait_for_line("waits for its")
+    start_node(WORKSPACE / "sim.sh", ["pace:=lockstep"]).wait_for_line("waits for its")
     start_node(WORKSPACE / "controller.sh", ["policy:=lqr"]).wait_for_line("waits for a goal")
     for place in ((12, -3), (30, -3)):
         assert script("goal", *place, "--wait").returncode == 0
