@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tqdm import tqdm
 from waiting import PATIENCE, until
 
 from bicycle_controller.cli import main
@@ -183,3 +184,40 @@ def test_a_killed_sweep_keeps_what_is_done_and_goes_on(tmp_path: Path) -> None:
     assert {path: path.stat().st_mtime_ns for path in done} == done
     again = subprocess.run([*command, "--json"], capture_output=True, text=True, check=True)
     assert again.stdout == finished.stdout
+
+
+def test_an_interrupted_sweep_leaves_checkpoints_and_nothing_running(tmp_path: Path) -> None:
+    out = tmp_path / "sweep"
+    command = [sys.executable, "-m", "bicycle_controller.cli.main", "sweep", "--out", str(out)]
+    command += ["--scenarios", SCENARIO, "--seeds", "2", "--parallel", "2", "--quiet"]
+    for change in [*SHORT, "steps=10000000"]:
+        command += ["--set", change]
+    runs = [out / "fast" / SCENARIO / f"seed-{seed}" for seed in (1, 2)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    until(lambda: all((run / "log.jsonl").exists() for run in runs), process)
+    process.send_signal(signal.SIGINT)
+    _, told = process.communicate()
+    assert process.returncode == 130
+    assert told.startswith("stopping: each run saves its checkpoint\n")
+    assert "Traceback" not in told
+    assert all((run / "checkpoint").exists() for run in runs), sorted(runs[0].iterdir())
+    assert not any((run / "result.json").exists() for run in runs)
+
+
+@pytest.mark.slow
+def test_ray_makes_the_same_results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", sys.argv)
+    (there,), (here,) = jobs(tmp_path / "there"), jobs(tmp_path / "here")
+
+    def made() -> bool:
+        try:
+            sweep._run_on_ray(None, 1, [there], 5, tqdm(disable=True))
+        except ConnectionError:  # it gives up after 30 s, too soon for a busy machine
+            return False
+        return True
+
+    until(made, patience=5.0 * PATIENCE)
+    sweep.sweep([here], 5, parallel=1)
+    found, expected = (json.loads(job.result.read_text()) for job in (there, here))
+    assert found["status"] == expected["status"] == "finished"
+    assert found["evaluation"] == expected["evaluation"]

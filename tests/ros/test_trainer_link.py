@@ -14,10 +14,10 @@ pytestmark = pytest.mark.ros
 
 PROGRAM = """
 import multiprocessing, os, time
-from bicycle_controller.trainer_service.client import _end_with_parent
+from bicycle_common.processes import end_with_spawner
 
 def learn():
-    _end_with_parent()
+    end_with_spawner()
     print(os.getpid(), flush=True)
     time.sleep(3600.0)
 

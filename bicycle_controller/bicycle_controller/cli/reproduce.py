@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--arms", metavar="A,B", help="train only these, as authors,fast")
     add("--no-train", action="store_true", help="ride and draw what is trained already")
     add("--draw-only", action="store_true", help="draw again what is ridden already")
-    add("--parallel", type=int, default=1, metavar="N", help="runs at once, with Ray (default: 1)")
+    add("--parallel", type=int, default=1, metavar="N", help="runs at once (default: 1)")
     add("--ray-address", metavar="ADDRESS", help="HOST:PORT of a Ray cluster, or auto")
     options.add_json(parser, "print the summaries as JSON")
     options.add_quiet(parser)

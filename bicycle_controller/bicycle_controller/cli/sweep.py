@@ -13,10 +13,11 @@ from bicycle_controller.training import sweep
 
 MOST_SEEDS = 1000
 EPILOG = """\
-Every preset is trained on every scenario with every seed, as Ray tasks on this machine or on a
-cluster. A sweep that was stopped or killed goes on when the same command is given again: runs
-that are done are skipped, others go on from their checkpoints (on a cluster: if OUT is shared).
-A run that failed is done too; without its result.json it is tried again.
+Every preset is trained on every scenario with every seed, each run in a process of its own on
+this machine, or as tasks of a Ray cluster. A sweep that was stopped or killed goes on when the
+same command is given again: runs that are done are skipped, others go on from their checkpoints
+(on a cluster: if OUT is shared). A run that failed is done too; without its result.json it is
+tried again.
 
 example:
   bicycle sweep --out sweeps/a --presets fast,paper --seeds 5 --steps 500000

@@ -146,7 +146,7 @@ def there(run: Run) -> Run | None:
 
 
 def make(runs: list[Run], rides: int, address: str | None, parallel: int, progress: bool) -> int:
-    """Make the unfinished runs: here one after another, or with Ray several at once.
+    """Make the unfinished runs: one after another, or several at once.
 
     A run that another process is making is left to it, so that two calls share the work.
 
@@ -154,7 +154,7 @@ def make(runs: list[Run], rides: int, address: str | None, parallel: int, progre
         runs: from `plan`.
         rides: number of rides of each final score.
         address: of a Ray cluster.
-        parallel: runs at once on this machine; 1 does not need Ray.
+        parallel: runs at once on this machine.
         progress: True to draw bars on standard error.
 
     Returns:

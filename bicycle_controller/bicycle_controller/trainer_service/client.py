@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bicycle_common.processes import end_with_parent
+from bicycle_common.processes import end_with_spawner
 from bicycle_common.signals import blocked, unblock
 from bicycle_controller.trainer_service.order import TrainingOrder
 
@@ -83,21 +83,13 @@ class TrainerClient:
         return clean
 
 
-def _end_with_parent() -> None:
-    """Ask the kernel to send SIGTERM when the node ends, for example while torch loads."""
-    parent = multiprocessing.parent_process()
-    end_with_parent()
-    if parent is not None and os.getppid() != parent.pid:
-        os._exit(1)  # the node ended before the kernel was asked
-
-
 def _work(order: TrainingOrder, inbox: Any, outbox: Any) -> None:
     """Run the learning process."""
     os.setsid()  # a terminal's Ctrl-C is for the node, which stops this process in its own time
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     unblock()
     os.nice(NICE)
-    _end_with_parent()
+    end_with_spawner()  # for example while torch loads
     from bicycle_controller.trainer_service.worker import work
 
     work(order, inbox, outbox)

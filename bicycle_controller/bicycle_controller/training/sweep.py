@@ -1,4 +1,4 @@
-"""Many training runs as Ray tasks: presets x scenarios x seeds.
+"""Many training runs: presets x scenarios x seeds, on this machine or as tasks of a Ray cluster.
 
 Each run has its own folder, `OUT/PRESET/SCENARIO/seed-N`, as `bicycle train` creates it, with a
 `result.json` once it is done. A restarted sweep skips finished runs and resumes the rest from
@@ -20,9 +20,11 @@ import numpy as np
 from tqdm import tqdm
 
 from bicycle_common.signals import StopRequest
+from bicycle_common.validation import one_line
 from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.policy.policy import load_policy, write_atomically
+from bicycle_controller.training.local_pool import LocalPool, LostTaskError, Task
 from bicycle_controller.training.run_folder import RunFolder
 
 STORE_BYTES = 100 * 1024 * 1024
@@ -86,7 +88,7 @@ def _check_same(folder: Path, config: RunConfig) -> None:
 def run_job(
     job: Job, episodes: int, command: list[str], progress: bool = False
 ) -> tuple[dict[str, Any], bytes]:
-    """Train, or resume training, and score the best policy; executed by a Ray worker.
+    """Train, or resume training, and score the best policy; executed by a worker.
 
     Args:
         job: to be trained.
@@ -132,8 +134,8 @@ def sweep(
     Args:
         jobs: from `plan`.
         episodes: rides of each final score.
-        address: of a Ray cluster; by default a pool of this machine's processors.
-        parallel: processors of that pool; all by default.
+        address: of a Ray cluster; by default this machine's processors are used.
+        parallel: processors to use of this machine; all by default.
         progress: True to draw a bar on standard error.
 
     Returns:
@@ -145,13 +147,58 @@ def sweep(
     """
     left = [job for job in jobs if not job.result.exists()]
     if left:
-        ray = _connect(address, parallel)
-        try:
-            with tqdm(total=len(jobs), initial=len(jobs) - len(left), disable=not progress) as bar:
-                _run_all(ray, left, episodes, bar)
-        finally:
-            ray.shutdown()
+        # Ray hands every run a GPU of its own.
+        gpus = any(job.config.device.startswith("cuda") for job in left)
+        with tqdm(total=len(jobs), initial=len(jobs) - len(left), disable=not progress) as bar:
+            if address is None and not gpus:
+                _run_here(parallel, left, episodes, bar)
+            else:
+                _run_on_ray(address, parallel, left, episodes, bar)
     return [json.loads(job.result.read_text()) for job in jobs if job.result.exists()]
+
+
+def _run_here(parallel: int | None, jobs: list[Job], episodes: int, bar: Any) -> None:
+    """Run every job in a process of its own and store each result when it arrives.
+
+    Raises:
+        RuntimeError: if a worker was lost.
+    """
+    pool = LocalPool() if parallel is None else LocalPool(parallel)
+    by_name = {str(job.folder): job for job in jobs}
+    for name, job in by_name.items():
+        pool.add(Task(name, run_job, (job, episodes, sys.argv), job.config.threads))
+    lost = []
+    with StopRequest() as asked:
+        while pool.left and not asked.signal:
+            # A time limit, so that Ctrl-C is seen at once.
+            for task, found in pool.done(timeout=1.0):
+                if isinstance(found, LostTaskError):
+                    lost.append(one_line(str(found)))
+                else:
+                    store(by_name[task.name], *found)
+                bar.update()
+        if asked.signal:
+            print("stopping: each run saves its checkpoint", file=sys.stderr)
+            pool.stop(STOP_SECONDS)
+            raise KeyboardInterrupt
+    _tell_lost(lost)
+
+
+def _tell_lost(lost: list[str]) -> None:
+    """Raise RuntimeError if workers were lost."""
+    if lost:
+        raise RuntimeError(f"{len(lost)} runs were lost, start the sweep again; first {lost[0]}")
+
+
+def _run_on_ray(
+    address: str | None, parallel: int | None, jobs: list[Job], episodes: int, bar: Any
+) -> None:
+    """Run all jobs as tasks of a cluster, or of a Ray that is started here."""
+    ray = _connect(address, parallel)
+    try:
+        _run_all(ray, jobs, episodes, bar)
+    finally:
+        ray.shutdown()
 
 
 def _connect(address: str | None, parallel: int | None) -> Any:
@@ -238,8 +285,7 @@ def _run_all(ray: Any, jobs: list[Job], episodes: int, bar: Any) -> None:
             ray.cancel(reference)
         ray.wait(list(waiting), num_returns=len(waiting), timeout=STOP_SECONDS)
         raise KeyboardInterrupt
-    if lost:
-        raise RuntimeError(f"{len(lost)} runs were lost, start the sweep again; first {lost[0]}")
+    _tell_lost(lost)
 
 
 def store(job: Job, result: dict[str, Any], policy: bytes) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -313,6 +314,17 @@ class Supervisor:
 def end_with_parent(number: signal.Signals = signal.SIGTERM) -> None:
     """Ask the kernel to send this process a signal when its parent ends, even by SIGKILL."""
     _LIBC.prctl(_PR_SET_PDEATHSIG, number)
+
+
+def end_with_spawner(number: signal.Signals = signal.SIGTERM) -> None:
+    """Do as `end_with_parent`, in a process of `multiprocessing`.
+
+    Nothing is left running if the parent ended before the kernel was asked.
+    """
+    parent = multiprocessing.parent_process()
+    end_with_parent(number)
+    if parent is not None and os.getppid() != parent.pid:
+        os._exit(1)
 
 
 def _begin_early() -> None:
