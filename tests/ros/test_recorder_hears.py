@@ -44,6 +44,22 @@ STANDING = LATE.replace(
     "Recorder.drain = drain",
     "Recorder.drain = lambda self: (setattr(Recorder, 'drain', drain), time.sleep(1.0))",
 ).replace("import sys", "import sys, time")
+# One whose middleware has dropped every publisher during a standstill, and meets them 2 s later.
+FORGETFUL = f"""
+import sys, time
+from bicycle_bag.nodes.recorded_topic import TopicSubscription
+from {RECORDER} import main
+publishers, drain = TopicSubscription.publishers.fget, TopicSubscription.drain
+turned = meets = time.monotonic()
+def alone():
+    global turned, meets
+    now, before = time.monotonic(), turned
+    turned, meets = now, now + 2.0 if now - before > 3.0 else meets
+    return now < meets
+TopicSubscription.publishers = property(lambda self: 0 if alone() else publishers(self))
+TopicSubscription.drain = lambda self: None if alone() else drain(self)
+sys.exit(main(sys.argv[1:]))
+"""
 LONG = PATIENCE
 Start = Callable[..., NodeProcess]
 
@@ -146,6 +162,28 @@ def test_a_standstill_at_its_end_is_not_taken_for_the_end(
     assert 1e9 * ended - max(message.publish_time_ns for message in reader.messages()) < 1e9
 
 
+def test_an_end_waits_for_publishers_that_a_standstill_has_cost(
+    start_node: Start, tmp_path: Path
+) -> None:
+    bag = tmp_path / "bag"
+    recorder = start_node(sys.executable, ["-c", FORGETFUL, "--output", bag, "--topics", "/said"])
+    recorder.wait_for_line("recording into", LONG)
+    talk = speaker(start_node, "/said", "--count", 10**6, "--hz", 100)
+    recorder.wait_for_line("recording /said", LONG)
+    talk.wait_for_line("heard", LONG)
+    time.sleep(0.5)
+    recorder.send_signal(signal.SIGSTOP)
+    time.sleep(4.0)
+    recorder.send_signal(signal.SIGINT)
+    recorder.send_signal(signal.SIGCONT)
+    assert recorder.wait(LONG) == 0, recorder.output
+    found = numbers(bag, "/said")
+    assert found == list(range(found[0], found[-1] + 1))
+    reader = BagReader(bag)
+    ended = datetime.fromisoformat(reader.metadata.custom_data["ended"]).timestamp()
+    assert 1e9 * ended - max(message.publish_time_ns for message in reader.messages()) < 1e9
+
+
 def test_a_best_effort_publisher_that_came_and_went_costs_a_reliable_one_nothing(
     start_node: Start, tmp_path: Path
 ) -> None:
@@ -180,10 +218,11 @@ def test_a_best_effort_publisher_that_came_and_went_costs_a_reliable_one_nothing
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("steps_awake", [0, 40])
 def test_a_recorder_that_stood_still_for_longer_than_the_lease_loses_no_step(
-    start_node: Start, tmp_path: Path, ros_domain: int
+    start_node: Start, tmp_path: Path, ros_domain: int, steps_awake: int
 ) -> None:
-    """This holds for a very small socket buffer, too."""
+    """This holds for a very small socket buffer, too, and if it is to end as it awakes."""
     bag, profiles = tmp_path / "bag", tmp_path / "profiles.xml"
     given = Path(os.environ["FASTRTPS_DEFAULT_PROFILES_FILE"]).read_text()
     small = re.sub(r"(<receiveBufferSize>)\d+", r"\g<1>65536", given)
@@ -207,10 +246,13 @@ def test_a_recorder_that_stood_still_for_longer_than_the_lease_loses_no_step(
     probe.spin_until(lambda: probe[STATE] and probe[STATE][-1].step > 20, LONG)
     recorder.send_signal(signal.SIGSTOP)
     rides_on(240)  # 6 s; what is silent for 3 s is forgotten otherwise
-    recorder.send_signal(signal.SIGCONT)
-    rides_on(40)
+    if steps_awake:
+        recorder.send_signal(signal.SIGCONT)
+        rides_on(steps_awake)
     last = probe[STATE][-1].step
-    assert recorder.stop(timeout=LONG) == 0, recorder.output
+    recorder.send_signal(signal.SIGINT)
+    recorder.send_signal(signal.SIGCONT)
+    assert recorder.wait(LONG) == 0, recorder.output
     probe.close()
     recorder.wait_for_line(r"stood still for \d\.\d s")
     assert ", 0 lost on the way" in recorder.lines[-1]

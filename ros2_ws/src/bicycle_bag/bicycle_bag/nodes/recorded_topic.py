@@ -96,7 +96,6 @@ class RecordedTopic:
         lost: messages that a publisher sent and that never arrived.
         missed: messages that the first publisher had sent before the first received one.
         passed: True if a message sent after `cut` has arrived.
-        flowed: True if the topic was active when `cut` was called, so that one is expected.
         heard: s on the steady clock, when the last message was taken.
 
     Raises:
@@ -108,7 +107,7 @@ class RecordedTopic:
     ) -> None:
         self.topic = topic
         self.lost = self.missed = 0
-        self.passed = self.flowed = False
+        self.passed = self._flowed = False
         self._cut: Cut | None = None
         self._lately: deque[float] = deque(maxlen=FLOW)
         self.heard = 0.0
@@ -141,10 +140,22 @@ class RecordedTopic:
     def cut(self, moment: Cut) -> None:
         """End the recording: leave out messages sent after this moment."""
         self._cut = moment
-        often = len(self._lately) == FLOW and time.monotonic() - self._lately[0] < FLOW_SECONDS
-        self.flowed = often and any(
-            subscription.publishers for subscription in self._subscriptions.values()
-        )
+        often = len(self._lately) == FLOW
+        self._flowed = often and time.monotonic() - self._lately[0] < FLOW_SECONDS
+
+    def stood_still(self, seconds: float) -> None:
+        """Leave out a time in which nothing could be heard of how active the topic is."""
+        self._lately = deque((moment + seconds for moment in self._lately), maxlen=FLOW)
+
+    @property
+    def publishers(self) -> int:
+        """Number of publishers that any subscription is matched with."""
+        return sum(subscription.publishers for subscription in self._subscriptions.values())
+
+    @property
+    def waits(self) -> bool:
+        """True if the topic was active at the end, and no message sent later has arrived yet."""
+        return self._flowed and not self.passed and self.publishers > 0
 
     def drain(self) -> None:
         """Take all that has arrived."""

@@ -33,7 +33,9 @@ QUIET = 0.5
 """Time without a message from before the end after which none is missing (s): on a busy machine
 some arrive late, and lost packets are sent again after 10 ms."""
 STANDSTILL = 3.0
-"""Shortest gap between two spins that is reported (s)."""
+"""Shortest gap between two turns that is reported (s)."""
+REJOIN = 20.0
+"""Longest wait at the end for publishers that a standstill has cost (s)."""
 
 
 class Recorder:
@@ -66,6 +68,9 @@ class Recorder:
         self._begun: set[str] = set()
         self._polls = 0
         self._turned = time.clock_gettime(time.CLOCK_BOOTTIME)
+        self._turned_steady = self._awake = time.monotonic()
+        self._matched: dict[str, int] = {}
+        self._missed: dict[str, int] = {}
         self._set_back = SetBack()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(DISCOVERY_SECONDS, self.poll, clock=steady)
@@ -78,6 +83,7 @@ class Recorder:
 
     def poll(self) -> None:
         """Look for new topics and write the messages that have arrived."""
+        self.notice_standstill()
         self._polls += 1
         for name, types in self._node.get_topic_names_and_types():
             if name in self._refused or not self._chosen.accepts(name, types[0]):
@@ -92,6 +98,8 @@ class Recorder:
         self._writer.flush_if_due()
         if self._polls % TELL_POLLS == 0:
             self._tell()
+        if not self._absent():
+            self._matched = {name: topic.publishers for name, topic in self.topics.items()}
 
     def drain(self) -> None:
         """Process the messages that have arrived."""
@@ -99,16 +107,39 @@ class Recorder:
             topic.drain()
 
     def notice_standstill(self) -> None:
-        """Warn if this process has not run for a while; call it in each turn."""
+        """Warn if this process has not run for a while; call it in each turn.
+
+        Publishers have announced themselves in vain meanwhile, so the middleware may drop them
+        before it hears them again.
+        """
         self._set_back.look()
         # Unlike the other clocks, this one runs while the machine sleeps.
-        now = time.clock_gettime(time.CLOCK_BOOTTIME)
+        now, steady = time.clock_gettime(time.CLOCK_BOOTTIME), time.monotonic()
         still, self._turned = now - self._turned, now
+        still_steady, self._turned_steady = steady - self._turned_steady, steady
         if still > STANDSTILL:
+            self._awake, self._missed = steady, dict(self._matched)
+            for topic in self.topics.values():
+                topic.stood_still(still_steady)
             self._node.get_logger().warning(
                 f"stood still for {still:.1f} s, stopped or with a machine that slept: what its "
                 "publishers did not keep meanwhile is lost"
             )
+
+    def _absent(self) -> list[str]:
+        """Return the topics that had more publishers before a standstill of a moment ago."""
+        if self._missed and time.monotonic() - self._awake > REJOIN:
+            self._node.get_logger().warning(
+                f"publishers of {', '.join(self._missed)} did not come back after the standstill: "
+                "they have ended, or what they sent since is lost"
+            )
+            self._missed = {}
+        self._missed = {
+            name: count
+            for name, count in self._missed.items()
+            if self.topics[name].publishers < count
+        }
+        return list(self._missed)
 
     def finish(self) -> None:
         """Take the messages sent until now, however late they arrive, and no later ones.
@@ -116,15 +147,20 @@ class Recorder:
         An active topic is complete when a message sent later arrives. Otherwise the bag could hold
         a state without the command that led to it, which was sent earlier and arrives later.
         """
+        self.notice_standstill()
         cut, began = Cut(time.time_ns(), self._set_back.look()), time.monotonic()
         for topic in self.topics.values():
             topic.cut(cut)
         while True:
             self.drain()
             now = time.monotonic()
+            if self._absent():
+                began = now  # they keep what they have sent until they meet this recorder again
+                time.sleep(REST)
+                continue
             last = max([began, *(topic.heard for topic in self.topics.values())])
             # No message arrives either while this process or the network is stalled.
-            waiting = any(topic.flowed and not topic.passed for topic in self.topics.values())
+            waiting = any(topic.waits for topic in self.topics.values())
             complete = all(topic.passed for topic in self.topics.values())
             quiet = now - last > QUIET and not waiting
             if complete or quiet or now - began > LONGEST_END:
