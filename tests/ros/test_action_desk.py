@@ -119,6 +119,7 @@ def test_goals_in_order_with_a_direction_at_the_last(
     bicycle: BicycleCommander, ros_domain: int
 ) -> None:
     ordered = Probe(ros_domain, topics.ORDERED_GOALS)
+    ordered.meet(topics.ORDERED_GOALS)
     left: list[int] = []
     bicycle.ride_through([(20.0, 0.0), (45.0, 10.0)], yaw=math.pi / 2)
     outcome = bicycle.wait(lambda feedback: left.append(feedback.remaining), 120.0)
@@ -140,6 +141,7 @@ def test_goal_sh_orders_by_action(
     bicycle: BicycleCommander, start_node: StartNode, ros_domain: int
 ) -> None:
     ordered = Probe(ros_domain, topics.ORDERED_GOALS, topics.GOAL_POSE, topics.GOAL_PATH)
+    ordered.meet(topics.ORDERED_GOALS)
     bicycle.ride_to(2000.0, 0.0)
     sent = start_node("bicycle_tools.nodes.goal", ["12", "3", "--wait"])
     assert sent.wait(120.0) == 0

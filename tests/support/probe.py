@@ -29,6 +29,7 @@ class Probe:
         self.executor.add_node(self.node)
         self.heard: dict[str, list[Any]] = defaultdict(list)
         self._publishers: dict[str, Any] = {}
+        self._subscriptions: dict[str, Any] = {}
         self.on_state: Callable[[BicycleState], BicycleCommand | None] | None = None
         for topic in topics:
             self._hear(topic)
@@ -45,7 +46,16 @@ class Probe:
         profile = QoSProfile(
             depth=1000, reliability=wanted.reliability, durability=wanted.durability
         )
-        self.node.create_subscription(topic.type, topic.name, keep, profile)
+        subscription = self.node.create_subscription(topic.type, topic.name, keep, profile)
+        self._subscriptions[topic.name] = subscription
+
+    def meet(self, *topics: Topic) -> None:
+        """Wait until each of these topics has a publisher that is heard.
+
+        A topic that is not latched and says something once would be missed otherwise.
+        """
+        for topic in topics:
+            self.spin_until(self._subscriptions[topic.name].get_publisher_count)
 
     def __getitem__(self, topic: Topic) -> list[Any]:
         return self.heard[topic.name]
