@@ -45,7 +45,14 @@ setup(
             [f"{NAME}/policy/inference.cpp"],
             extra_compile_args=["-O3", "-ffp-contract=off", "-std=c++17"],
             optional=True,
-        )
+        ),
+        # The same, loaded by estimation/native.py.
+        Extension(
+            f"{NAME}.estimation._estimator",
+            [f"{NAME}/estimation/estimator.cpp"],
+            extra_compile_args=["-O3", "-ffp-contract=off", "-std=c++17"],
+            optional=True,
+        ),
     ],
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

@@ -146,6 +146,7 @@ def test_a_room_imports_what_its_row_names(room: Room) -> None:
 KNOWN_BY_NAME = {
     "bicycle_controller.config.imitation": "names ranges of random Whipple bicycles",
     "bicycle_controller.training.bicycle_park": "rides them",
+    "bicycle_controller.estimation.arithmetic": "takes its sine, the same on every processor",
     "bicycle_controller.identification.unknowns": "fits the numbers of a Whipple bicycle",
     "bicycle_controller.identification.ride_model": "its linear equations, with its motor",
     "bicycle_controller.identification.curvature": "rides it beside them",

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from bicycle_controller.control.lqr import LqrConfig, LqrController
-from bicycle_controller.estimation.kalman import LEAN, Filter, as_body
+from bicycle_controller.estimation.kalman import Filter, as_body
 from bicycle_controller.estimation.queue import Arrivals
+from bicycle_controller.estimation.states import LEAN
 from bicycle_controller.evaluation import sensing
 from bicycle_sim.plants import registry
 from bicycle_sim.sensors import settings as sensors
@@ -37,6 +38,16 @@ def test_lean_is_known_to_half_a_degree_at_2_to_6_m_s(bicycle: str) -> None:
     assert found["falls"] == 0
     assert found["roll_error_rms_deg"] <= 0.5
     assert found["roll_error_mean_p95_deg"] <= 0.3
+
+
+def test_wind_is_told_from_lean() -> None:
+    """Gusts push the lightest of the measured bicycles as a degree of lean would."""
+    who, plant = controller("steer-by-wire")
+    given = sensing.Conditions(sensors=sensors.load("mpu6050"), wind=2.0, duration=10.0)
+    found = sensing.ride(who, plant, given, 60, seed=21).summary()
+    assert found["falls"] == 0
+    assert found["roll_error_rms_deg"] <= 0.3
+    assert found["roll_error_mean_deg"] <= 0.22
 
 
 def test_perfect_sensors_leave_hardly_an_error() -> None:

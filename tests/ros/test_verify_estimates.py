@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,13 +14,16 @@ from node_process import NodeProcess
 
 from bicycle_bag.errors import BagError
 from bicycle_bag.versions import TodaysReader
+from bicycle_controller.estimation.settings import ESTIMATOR
 from bicycle_tools.nodes.sensed_recording import Sensed, read
 from bicycle_tools.nodes.verify import verdicts_of
 from bicycle_tools.nodes.verify_estimates import EstimateVerdict, verify
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
-RIDE = Path(__file__).resolve().parents[2] / "ros2_ws" / "ride.sh"
+ROOT = Path(__file__).resolve().parents[2]
+RIDE = ROOT / "ros2_ws" / "ride.sh"
+FIRST = ROOT / "tests" / "data" / "estimated-1"
 WORDS = (
     *("--goals", "1", "--field", "40", "--seed", "1", "simulator.pace:=lockstep"),
     *("simulator.plant:=whipple", "simulator.bicycle:=browser-rider"),
@@ -80,3 +84,37 @@ def test_a_bag_without_the_controller_s_setup_is_refused(sensed: Sensed) -> None
     changed.setups = []
     with pytest.raises(BagError, match="bicycle/controller_setup"):
         last(changed)
+
+
+def test_a_bag_of_the_first_estimator_comes_out_again_but_for_rounding() -> None:
+    """It rounded as numpy's libraries do on a machine, and knew no wind."""
+    sensed = read(TodaysReader(FIRST))
+    assert [setup.estimator for _, setup in sensed.setups] == [1]
+    verdict = last(sensed)
+    assert verdict.same, verdict
+    assert verdict.estimates > 100
+    assert verdict.commands == 80
+    assert 0 < verdict.rounded < verdict.estimates
+    assert 0.0 < verdict.largest < 1e-12
+    assert "as the first estimator rounded" in str(verdict)
+
+
+def test_a_changed_reading_of_such_a_bag_is_found() -> None:
+    sensed = read(TodaysReader(FIRST))
+    sensed.imu[-40].angular_velocity.x += 1e-6
+    assert last(sensed).difference.startswith("estimate of step")
+
+
+def test_todays_estimator_may_not_round(sensed: Sensed) -> None:
+    assert {setup.estimator for _, setup in sensed.setups} == {ESTIMATOR}
+    changed = copy.copy(sensed)
+    changed.estimates = copy.deepcopy(sensed.estimates)
+    changed.estimates[50][1].lean_angle += 1e-15
+    assert last(changed).difference.startswith("estimate of step")
+
+
+def test_an_estimator_of_the_future_is_refused_in_one_line() -> None:
+    sensed = read(TodaysReader(FIRST))
+    sensed.setups = [(place, replace(setup, estimator=99)) for place, setup in sensed.setups]
+    with pytest.raises(BagError, match="estimator 99 is not known here: update the software"):
+        last(sensed)

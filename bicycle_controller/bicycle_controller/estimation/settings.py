@@ -1,4 +1,4 @@
-"""Settings of the filter, beside the sensors' own figures."""
+"""Settings of the filter, beside the sensors' own figures; those of earlier estimators, too."""
 
 from __future__ import annotations
 
@@ -10,7 +10,11 @@ class FilterSettings:
     """Process noise, and what is believed at the start."""
 
     roll_noise: float = 0.1
-    """rad/s^2 per root Hz: wind and what the model does not know."""
+    """rad/s^2 per root Hz: what the model does not know."""
+    gust_force: float = 3.0
+    """N, standard deviation of the wind's push from the side, at the height of the mass."""
+    gust_time: float = 1.5
+    """s that a gust lasts."""
     torque_noise: float = 0.15
     """N m per root Hz on the steering: friction, and torque that is not reported."""
     speed_noise: float = 0.7
@@ -35,3 +39,20 @@ class FilterSettings:
     """Turn rate beyond the bias above which the bicycle is not at rest, rad/s."""
     gate: float = 5.0
     """Standard deviations beyond which a force or a fix is not believed."""
+
+
+ESTIMATOR = 2
+"""Number of today's estimator, which a bag tells."""
+
+
+def of_estimator(number: int) -> FilterSettings:
+    """Return the settings that an estimator had; the first knew no wind, and took it for lean.
+
+    Raises:
+        ValueError: on an estimator that is not known.
+    """
+    if number == 1:
+        return FilterSettings(gust_force=0.0)
+    if number != ESTIMATOR:
+        raise ValueError(f"estimator {number} is not known here: update the software")
+    return FilterSettings()

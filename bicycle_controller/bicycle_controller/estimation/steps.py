@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from bicycle_controller.estimation.kalman import Estimate, Filter
+from bicycle_controller.estimation.kalman import Filter
+from bicycle_controller.estimation.settings import FilterSettings
+from bicycle_controller.estimation.states import Estimate
 from bicycle_controller.estimation.watch import SensorWatch
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.sensors.reading import ORDER, Reading
@@ -21,10 +23,18 @@ from bicycle_sim.sensors.settings import Sampled, SensorSettings
 class StepEstimator:
     """The estimates of one bicycle."""
 
-    def __init__(self, plant: Plant[Any], sensors: SensorSettings) -> None:
-        """Begin before any reading."""
+    def __init__(
+        self, plant: Plant[Any], sensors: SensorSettings, settings: FilterSettings | None = None
+    ) -> None:
+        """Begin before any reading.
+
+        Args:
+            plant: the bicycle.
+            sensors: what its sensors are like.
+            settings: of the filter; None is today's.
+        """
         self.sensors = sensors
-        self._filter = Filter(plant, sensors, 1)
+        self._filter = Filter(plant, sensors, 1, settings)
         self._watch = SensorWatch(sensors, plant.geometry.wheelbase)
         self._waiting: list[Reading] = []
         self.last: dict[str, float] = {}
@@ -69,7 +79,7 @@ class StepEstimator:
                 continue
             self.last[reading.sensor] = reading.stamp
             self._filter.take(reading)
-            bias = float(self._filter.estimate().biases[0, 1]) if reading.sensor == "imu" else 0.0
+            bias = float(self._filter.yaw_bias[0]) if reading.sensor == "imu" else 0.0
             self._watch.take(reading, max(time, reading.stamp), bias)
         return self._filter.estimate(time)
 

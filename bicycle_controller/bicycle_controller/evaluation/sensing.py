@@ -15,8 +15,9 @@ import numpy as np
 from bicycle_common.geometry import wrap_angle
 from bicycle_common.validation import require, require_between
 from bicycle_controller.control.riding import Riding
-from bicycle_controller.estimation.kalman import Estimate, Filter
+from bicycle_controller.estimation.kalman import Filter
 from bicycle_controller.estimation.queue import Arrivals
+from bicycle_controller.estimation.states import Estimate
 from bicycle_sim.plants.base import Loads, Plant
 from bicycle_sim.sensors.settings import SensorSettings
 from bicycle_sim.sensors.suite import SensorSuite

@@ -16,7 +16,8 @@ from sensor_msgs.msg import Imu, JointState, NavSatFix, TimeReference
 from bicycle_common.nodes import convert, topics
 from bicycle_common.nodes.topics import BASE_FRAME, ODOM_FRAME, advertise, listen
 from bicycle_common.types import BicycleState
-from bicycle_controller.estimation.kalman import Estimate, as_body
+from bicycle_controller.estimation.kalman import as_body
+from bicycle_controller.estimation.states import LEAN, LEAN_RATE, SPEED, YAW_BIAS, Estimate
 from bicycle_controller.estimation.steps import StepEstimator
 from bicycle_sim.nodes import sensor_messages
 from bicycle_sim.nodes.robot_model import frames_of
@@ -140,10 +141,10 @@ class Estimator:
         now = stamp.sec * 10**9 + stamp.nanosec
         estimate = convert.from_snapshot(state, now)
         self._publishers[topics.ESTIMATE.name].publish(estimate)
+        self._on_estimate(estimate)
         self._publishers[topics.ESTIMATED_ODOMETRY.name].publish(
             odometry(state, found, now, self._prefix)
         )
-        self._on_estimate(estimate)
 
 
 def as_state(
@@ -207,9 +208,10 @@ def odometry(
     pose[:2, :2] = place[1:, 1:]
     pose[5, 5] = place[0, 0]
     pose[:2, 5] = pose[5, :2] = place[0, 1:]
-    pose[3, 3] = p[0, 0]
+    pose[3, 3] = p[LEAN, LEAN]
     twist = np.zeros((6, 6))
-    twist[0, 0], twist[3, 3], twist[5, 5] = p[4, 4], p[1, 1], p[6, 6]
+    twist[0, 0], twist[3, 3] = p[SPEED, SPEED], p[LEAN_RATE, LEAN_RATE]
+    twist[5, 5] = p[YAW_BIAS, YAW_BIAS]
     message.pose.covariance = [float(value) for value in pose.ravel()]
     message.twist.covariance = [float(value) for value in twist.ravel()]
     message.twist.twist.linear = Vector3(x=float(state.speed))

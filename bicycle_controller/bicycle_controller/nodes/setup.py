@@ -13,6 +13,7 @@ from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.goals import GoalTracker
 from bicycle_controller.control.lqr import LqrController
+from bicycle_controller.estimation.settings import ESTIMATOR
 from bicycle_controller.nodes.controller_settings import ControllerSettings
 from bicycle_controller.policy.policy import PolicyError, load_controller
 from bicycle_sim.plants import registry
@@ -33,6 +34,8 @@ class Setup:
     settings: ControllerSettings
     sensors: SensorSettings | None
     """Sensors of its estimator; None if it sees the truth."""
+    estimator: int = ESTIMATOR
+    """Number of the estimator, see `estimation.settings`."""
 
     def to_json(self) -> str:
         """Return everything as JSON; floats keep every bit."""
@@ -42,6 +45,7 @@ class Setup:
                 "name": self.name,
                 "parameters": asdict(self.settings),
                 "sensors": None if self.sensors is None else self.sensors.to_dict(),
+                "estimator": self.estimator,
             }
         )
 
@@ -59,6 +63,7 @@ class Setup:
                 str(data["name"]),
                 ControllerSettings(**data["parameters"]),
                 None if sensors is None else sensor_settings.from_dict(sensors),
+                int(data.get("estimator", 1)),
             )
         except (KeyError, TypeError, AttributeError) as error:
             raise ValueError(f"it is no controller's setup ({error})") from None
