@@ -93,7 +93,7 @@ def test_a_bag_of_the_first_estimator_comes_out_again_but_for_rounding() -> None
     verdict = last(sensed)
     assert verdict.same, verdict
     assert verdict.estimates > 100
-    assert verdict.commands == 80
+    assert verdict.commands == 81
     assert 0 < verdict.rounded < verdict.estimates
     assert 0.0 < verdict.largest < 1e-12
     assert "as the first estimator rounded" in str(verdict)
