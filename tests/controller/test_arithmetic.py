@@ -71,7 +71,8 @@ def test_the_place_among_others_does_not_matter() -> None:
     plant, given = registry.named("whipple", "benchmark"), sensors.load("mpu6050")
     three, alone = Filter(plant, given, 3), Filter(plant, given)
     suite = SensorSuite(given, plant, 3, 4)
-    state = plant.initial(*np.zeros((3, 3)), np.full(3, 4.0))
+    zero = np.zeros(3)
+    state = plant.initial(zero, zero, zero, np.full(3, 4.0))
     for reading in suite.rest(state):
         three.take(reading)
         mine = type(reading)(
