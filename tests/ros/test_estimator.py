@@ -9,19 +9,28 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rclpy
 from domains import claimed_domain
 from node_process import NodeProcess
+from rclpy.executors import Executor
+from rclpy.node import Node
 from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import TimeReference
 
 from bicycle_bag.reader import BagReader
 from bicycle_common.geometry import yaw_to_heading
-from bicycle_common.nodes import topics
-from bicycle_controller.estimation.steps import StepEstimator, replayed
-from bicycle_controller.nodes.estimator import as_state
+from bicycle_common.nodes import convert, topics
+from bicycle_common.nodes.runner import LOOP_EXECUTOR
+from bicycle_common.nodes.topics import Topic, advertise
+from bicycle_controller.estimation.steps import StepEstimator, Used, replayed
+from bicycle_controller.nodes.estimator import Estimator, as_state
 from bicycle_sim.nodes import sensor_messages
 from bicycle_sim.nodes.episode_setting import to_setting
+from bicycle_sim.plants import registry
+from bicycle_sim.runtime.simulator import Simulator
 from bicycle_sim.sensors import settings as sensors
-from bicycle_sim.sensors.reading import Reading
+from bicycle_sim.sensors.reading import ORDER, Reading
+from bicycle_sim.task.scenario import named
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -90,15 +99,104 @@ def test_sensors_are_in_the_bag_and_make_the_same_estimates(
     begun = False
     number = 0
     for message in estimates:
-        time, *used = message.plant_state
+        time, *numbers = message.plant_state
+        used = Used.of(numbers)
         if not begun:
             again.begin(time, 0.0, 0.0, float(yaw_to_heading(0.0)))
             begun = True
         found = replayed(again, readings, used, time)
-        state = as_state(plant, found, message.episode, message.step, [time, *used])
+        state = as_state(plant, found, message.episode, message.step, [time, *used.numbers])
         assert state.lean_angle == -message.lean_angle
         assert state.steer_rate == message.steer_rate
         assert state.rear_x == message.rear_contact.x
         number += 1
     assert number > 100
     assert abs(messages(folder, "/odom_estimated")[-1].pose.covariance[0]) > 0.0
+
+
+class Late:
+    """An estimator that hears the readings of a rest topic by topic, as who comes late does."""
+
+    def __init__(self) -> None:
+        """Begin with nothing published."""
+        self.given = sensors.load(SENSORS)
+        self.plant = registry.named("whipple", "browser-rider")
+        self.node, self._sender = Node("late"), Node("sender")
+        self.found: list[Any] = []
+        self.estimator = Estimator(self.node, self.given, (0.0, 0.0, 0.0), self.found.append)
+        names = (topics.IMU, topics.ENCODERS, topics.GNSS_FIX, topics.GNSS_VELOCITY)
+        self._publishers = advertise(self._sender, *names, topics.SENSOR_TIME)
+        self._executor: Executor = LOOP_EXECUTOR()
+        self._executor.add_node(self.node)
+        simulator = Simulator(named("random-start-random-goal"), self.plant, 1, self.given)
+        simulator.reset()
+        self.readings, self.time = simulator.readings, simulator.sensor_time
+        self.topics: dict[str, list[Any]] = {topic.name: [] for topic in names}
+        for reading in self.readings:
+            for topic, message in sensor_messages.messages(reading, 0, self.given):
+                self.topics[topic.name].append(message)
+
+    def close(self) -> None:
+        self._executor.shutdown()
+        self.node.destroy_node()
+        self._sender.destroy_node()
+
+    def hear(self, topic: Topic, messages: list[Any]) -> None:
+        """Publish on one topic, and let the estimator hear all of it."""
+        publisher = self._publishers[topic.name]
+        while publisher.get_subscription_count() == 0:
+            self._executor.spin_once(timeout_sec=0.01)
+        for message in messages:
+            publisher.publish(message)
+        for _ in range(5 * len(messages) + 50):
+            self._executor.spin_once(timeout_sec=0.002)
+
+    def ask(self) -> None:
+        """Let it estimate step 0."""
+        stamp = convert.to_stamp(round(self.time * 1e9))
+        message = TimeReference(header=convert.to_header(0), time_ref=stamp, source="1 0")
+        self.hear(topics.SENSOR_TIME, [message])
+
+
+@pytest.fixture
+def late(ros_domain: int) -> Iterator[Late]:
+    """Yield an estimator that has heard nothing."""
+    rclpy.init(domain_id=ros_domain)
+    result = Late()
+    yield result
+    result.close()
+    rclpy.try_shutdown()
+
+
+def test_it_uses_every_reading_though_the_topics_come_one_after_another(late: Late) -> None:
+    """All fixes before all velocities once lost all but the last."""
+    late.estimator.ride(late.plant)
+    for topic in (topics.GNSS_FIX, topics.IMU, topics.GNSS_VELOCITY, topics.ENCODERS):
+        late.hear(topic, late.topics[topic.name])
+    late.ask()
+    used = Used.of(late.found[-1].plant_state[1:])
+    counts = [sum(one.sensor == sensor for one in late.readings) for sensor in ORDER]
+    assert list(used.counts) == counts
+    assert counts[ORDER.index("gnss")] > 30
+    assert used.number == len(late.found)
+
+
+def test_a_rest_that_came_before_the_word_of_another_bicycle_is_used(late: Late) -> None:
+    late.estimator.ride(registry.default())
+    for topic in (topics.IMU, topics.GNSS_VELOCITY, topics.GNSS_FIX, topics.ENCODERS):
+        late.hear(topic, late.topics[topic.name])
+    late.estimator.ride(late.plant)
+    late.ask()
+    assert sum(Used.of(late.found[-1].plant_state[1:]).counts) == len(late.readings)
+
+
+def test_without_the_readings_of_a_sensor_it_waits(late: Late) -> None:
+    late.estimator.ride(late.plant)
+    late.hear(topics.IMU, late.topics[topics.IMU.name])
+    late.hear(topics.GNSS_FIX, late.topics[topics.GNSS_FIX.name])
+    late.hear(topics.GNSS_VELOCITY, late.topics[topics.GNSS_VELOCITY.name])
+    late.ask()
+    assert late.found == []
+    late.hear(topics.ENCODERS, late.topics[topics.ENCODERS.name])
+    late.ask()
+    assert sum(Used.of(late.found[-1].plant_state[1:]).counts) == len(late.readings)

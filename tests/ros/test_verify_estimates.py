@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import re
 from collections import deque
 from collections.abc import Iterator
 from dataclasses import replace
@@ -118,3 +119,86 @@ def test_an_estimator_of_the_future_is_refused_in_one_line() -> None:
     sensed.setups = [(place, replace(setup, estimator=99)) for place, setup in sensed.setups]
     with pytest.raises(BagError, match="estimator 99 is not known here: update the software"):
         last(sensed)
+
+
+def test_a_bag_that_lacks_a_reading_is_told_so(sensed: Sensed) -> None:
+    """A recorder that came late, or lost one: that is no difference."""
+    for lacking in (0, 20):
+        changed = copy.copy(sensed)
+        changed.imu = [one for n, one in enumerate(sensed.imu) if n != lacking]
+        verdict = last(changed)
+        assert not verdict.difference, verdict
+        assert not verdict.same
+        assert verdict.unproved == len(sensed.estimates)
+        assert str(verdict).startswith("not proved, none of")
+        assert re.search(r"the bag lacks 1 of \d+ readings of imu before step 0", str(verdict))
+
+
+def test_it_proves_what_was_before_a_lost_reading(sensed: Sensed) -> None:
+    changed = copy.copy(sensed)
+    middle = len(sensed.encoders) - 100
+    changed.encoders = [one for n, one in enumerate(sensed.encoders) if n != middle]
+    verdict = last(changed)
+    assert not verdict.difference, verdict
+    assert not verdict.same
+    assert verdict.estimates > 100
+    assert 0 < verdict.unproved < 60
+    assert verdict.estimates + verdict.unproved == len(sensed.estimates)
+    assert re.search(r"not proved: the bag lacks 1 of \d+ readings of (steer|wheel)", str(verdict))
+
+
+def test_a_bag_that_lacks_the_first_estimates_is_told_so(sensed: Sensed) -> None:
+    changed = copy.copy(sensed)
+    changed.estimates = sensed.estimates[30:]
+    verdict = last(changed)
+    assert not verdict.difference, verdict
+    assert not verdict.same
+    assert "the bag lacks 30 estimates before step" in str(verdict)
+
+
+def test_a_reading_that_the_estimator_did_not_receive_is_told(sensed: Sensed) -> None:
+    """Before its first estimate it may have come late, and uses what is left; later it may not."""
+    changed = copy.copy(sensed)
+    extra = copy.deepcopy(sensed.imu[0])
+    extra.header.stamp.nanosec -= 1_000_000
+    changed.imu = [extra, *sensed.imu]
+    assert last(changed).same
+    changed.imu = copy.copy(sensed.imu)
+    middle = len(sensed.imu) - 100
+    extra = copy.deepcopy(sensed.imu[middle])
+    extra.header.stamp.nanosec -= 1_000_000
+    changed.imu.insert(middle, extra)
+    verdict = last(changed)
+    assert not verdict.difference, verdict
+    assert not verdict.same
+    assert re.search(r"the estimator had not received 1 of \d+ readings of imu", str(verdict))
+
+
+def test_readings_in_another_order_of_the_topics_are_the_same(sensed: Sensed) -> None:
+    """A reading that a newer one has overtaken was not used, here or there."""
+    changed = copy.copy(sensed)
+    changed.imu = copy.copy(sensed.imu)
+    middle = len(sensed.imu) - 100
+    extra = copy.deepcopy(sensed.imu[middle])
+    extra.header.stamp.nanosec -= 1_000_000
+    changed.imu.insert(middle + 1, extra)
+    assert last(changed).same
+
+
+def test_settings_that_change_while_it_rides_do_not_end_the_proof(sensed: Sensed) -> None:
+    changed = copy.copy(sensed)
+    ((place, setup),) = sensed.setups
+    middle = sensed.estimates[100][0]
+    settings = replace(setup.settings, goal_timeout=setup.settings.goal_timeout + 1.0)
+    changed.setups = [(place, setup), (middle, replace(setup, settings=settings))]
+    verdict = last(changed)
+    assert verdict.same, verdict
+    assert verdict.estimates == len(sensed.estimates)
+
+
+def test_an_estimate_without_its_readings_is_refused_in_one_line(sensed: Sensed) -> None:
+    changed = copy.copy(sensed)
+    changed.estimates = copy.deepcopy(sensed.estimates)
+    changed.estimates[0][1].plant_state = []
+    with pytest.raises(BagError, match="estimate of step 0 of episode 1: 0 numbers"):
+        last(changed)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time as clock
 from collections.abc import Callable
 from typing import Any
 
@@ -17,6 +18,7 @@ from bicycle_common.nodes import convert, topics
 from bicycle_common.nodes.topics import BASE_FRAME, ODOM_FRAME, advertise, listen
 from bicycle_common.types import BicycleState
 from bicycle_controller.estimation.kalman import as_body
+from bicycle_controller.estimation.order import SET_BACK, Pairs
 from bicycle_controller.estimation.states import LEAN, LEAN_RATE, SPEED, YAW_BIAS, Estimate
 from bicycle_controller.estimation.steps import StepEstimator
 from bicycle_sim.nodes import sensor_messages
@@ -30,6 +32,12 @@ FALLEN = math.pi / 6
 
 MOST_EARLY = 20_000
 """Readings that are kept while the bicycle is not known."""
+
+PATIENCE = 2.0
+"""s for which the readings of the rest may be under way until it is told which are not there."""
+
+TRY_AGAIN = 0.5
+"""s after which it is tried again to calibrate: all readings since the rest are looked at anew."""
 
 
 class Estimator:
@@ -57,9 +65,11 @@ class Estimator:
         self._plant: Plant[Any] | None = None
         self._early: list[Reading] = []
         self._episode = -1
+        self._time = -math.inf
+        self._try_at = -math.inf
+        self._waits_since = math.nan
         self._start = start
-        self._fix: NavSatFix | None = None
-        self._velocity: TwistWithCovarianceStamped | None = None
+        self._pairs: Pairs[NavSatFix, TwistWithCovarianceStamped] = Pairs()
         self._told: tuple[str, ...] = ()
         listen(node, topics.IMU, self._on_imu)
         listen(node, topics.ENCODERS, self._on_encoders)
@@ -72,7 +82,8 @@ class Estimator:
         """Take the bicycle whose parameters the model has."""
         if plant != self._plant:
             self._plant = plant
-            waiting = self._early if self._steps is None else []
+            # Its rest may have come before the word of it: another topic tells that.
+            waiting = self._early if self._steps is None else self._steps.waiting()
             self._early = []
             self._steps = StepEstimator(plant, self._sensors)
             for reading in waiting:
@@ -96,18 +107,14 @@ class Estimator:
             self._node.get_logger().warning(f"encoders ignored: {error}")
 
     def _on_fix(self, message: NavSatFix) -> None:
-        self._fix = message
-        self._pair()
+        self._add_pair(self._pairs.first(_key(message), message))
 
     def _on_velocity(self, message: TwistWithCovarianceStamped) -> None:
-        self._velocity = message
-        self._pair()
+        self._add_pair(self._pairs.second(_key(message), message))
 
-    def _pair(self) -> None:
-        """Take a fix and a velocity of the same time, whichever has come first."""
-        fix, velocity = self._fix, self._velocity
-        if fix is not None and velocity is not None and fix.header.stamp == velocity.header.stamp:
-            self._add([sensor_messages.from_gnss(fix, velocity, self._sensors)])
+    def _add_pair(self, pair: tuple[NavSatFix, TwistWithCovarianceStamped] | None) -> None:
+        if pair is not None:
+            self._add([sensor_messages.from_gnss(*pair, self._sensors)])
 
     def _on_time(self, message: TimeReference) -> None:
         """Estimate the step that this says."""
@@ -119,24 +126,17 @@ class Estimator:
             self._node.get_logger().warning(f"no episode and step: {message.source!r}")
             return
         time = sensor_messages.seconds(message.time_ref)
-        if episode != self._episode:
-            lacking = self._steps.lacking(time)
-            if lacking:  # the rest comes as one burst, topic by topic
-                if lacking != self._told and step > 0:
-                    self._node.get_logger().warning(f"waits for {', '.join(lacking)}")
-                    self._told = lacking
-                return
-            self._episode = episode
-            self._steps.begin(time - step * self._plant.time_step, *self._start)
-        found = self._steps.step(time)
-        if self._sensors.rest > 0.0 and not found.calibrated[0]:
+        anew = episode != self._episode or time < self._time - SET_BACK
+        found = self._first(episode, step, time) if anew else self._steps.step(time)
+        if found is None:
             return
+        self._time = time
         problems = self._steps.problems(time)
         if problems != self._told:
             for text in problems or ("all sensors are well again",):
                 self._node.get_logger().warning(text)
             self._told = problems
-        state = as_state(self._plant, found, episode, step, [time, *self._steps.used])
+        state = as_state(self._plant, found, episode, step, [time, *self._steps.used.numbers])
         stamp = message.header.stamp
         now = stamp.sec * 10**9 + stamp.nanosec
         estimate = convert.from_snapshot(state, now)
@@ -145,6 +145,39 @@ class Estimator:
         self._publishers[topics.ESTIMATED_ODOMETRY.name].publish(
             odometry(state, found, now, self._prefix)
         )
+
+    def _first(self, episode: int, step: int, time: float) -> Estimate | None:
+        """Return an episode's first estimate, from its whole rest; None if it lacks readings."""
+        assert self._steps is not None
+        assert self._plant is not None
+        if clock.monotonic() < self._try_at:
+            return None
+        lacking = self._steps.lacking(time)  # the rest comes as one burst, topic by topic
+        if lacking:
+            self._wait(f"waits for {', '.join(lacking)}")
+            return None
+        self._steps.begin(time - step * self._plant.time_step, *self._start)
+        found = self._steps.step(time)
+        if self._sensors.rest > 0.0 and not found.calibrated[0]:
+            self._steps.take_back()
+            self._try_at = clock.monotonic() + TRY_AGAIN
+            self._wait("the gyros are not calibrated: let the bicycle rest")
+            return None
+        self._episode, self._try_at, self._waits_since = episode, -math.inf, math.nan
+        return found
+
+    def _wait(self, why: str) -> None:
+        """Tell once why there are no estimates, if that lasts."""
+        now = clock.monotonic()
+        if math.isnan(self._waits_since):
+            self._waits_since = now
+        if now - self._waits_since > PATIENCE and self._told != (why,):
+            self._node.get_logger().warning(why)
+            self._told = (why,)
+
+
+def _key(message: NavSatFix | TwistWithCovarianceStamped) -> tuple[int, int]:
+    return message.header.stamp.sec, message.header.stamp.nanosec
 
 
 def as_state(
@@ -157,8 +190,8 @@ def as_state(
         estimate: of one bicycle.
         episode: of the simulator, or of the ride.
         step: within it.
-        used: the sensors' time and the stamps of the last readings used, from which the estimate
-            can be made again; in place of a plant's own state.
+        used: the sensors' time and the numbers of what the estimate was made from (`Used`), from
+            which it can be made again; in place of a plant's own state.
     """
     body: Any = as_body(plant, estimate)
     names = (

@@ -17,6 +17,7 @@ from bicycle_bag.errors import BagError
 from bicycle_bag.versions import TodaysReader
 from bicycle_common import topic_names
 from bicycle_common.nodes import topics
+from bicycle_controller.estimation.order import InOrder
 from bicycle_controller.nodes.setup import Setup
 from bicycle_sim.nodes import sensor_messages
 from bicycle_sim.sensors.reading import Reading
@@ -45,15 +46,17 @@ KINDS: dict[str, Any] = {
 
 
 class Readings:
-    """The readings of a bag, by sensor in the order of their stamps."""
+    """The readings of a bag that an estimator takes, by sensor in the order of their stamps."""
 
     def __init__(self) -> None:
+        self._in_order = InOrder()
         self._all: dict[str, list[Reading]] = defaultdict(list)
         self._stamps: dict[str, list[float]] = {}
 
     def add(self, reading: Reading) -> None:
-        """Add a reading."""
-        self._all[reading.sensor].append(reading)
+        """Add a reading, each sensor's in the order in which they were recorded."""
+        if self._in_order.takes(reading):
+            self._all[reading.sensor].append(reading)
 
     def sort(self) -> None:
         """Put them in order; `between` needs it."""

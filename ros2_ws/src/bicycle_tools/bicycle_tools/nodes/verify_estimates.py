@@ -1,16 +1,18 @@
 """Estimates and commands of a bag, computed again from its sensors' readings, to the bit.
 
 No simulator is needed, so this works on the bag of a real bicycle as well. Each estimate says
-which readings it used; from these, and the settings that the controller left in the bag, it is
-made again. Each command is then made again from its estimate, by the controller's policy, fallback
-and safety layer. Goals are taken as recorded: the heading error of a command is an input here.
+which readings it used and how many there were; from these, and the settings that the controller
+left in the bag, it is made again. What the bag or the estimator lacked is told, not taken for a
+difference: from there to the next rest nothing can be proved. Each command is then made again from
+its estimate, by the controller's policy, fallback and safety layer. Goals are taken as recorded:
+the heading error of a command is an input here.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,11 +29,11 @@ from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.goals import Event, Goal, GoalTracker, Pose
 from bicycle_controller.control.guide import PathEnd
 from bicycle_controller.estimation.settings import of_estimator
-from bicycle_controller.estimation.steps import StepEstimator
+from bicycle_controller.estimation.steps import StepEstimator, Used
 from bicycle_controller.nodes.estimator import as_state
 from bicycle_controller.nodes.setup import Setup, rebuilt
 from bicycle_sim.nodes.episode_setting import to_setting
-from bicycle_sim.sensors.reading import ORDER
+from bicycle_sim.sensors.reading import ORDER, Reading
 from bicycle_tools.nodes.flatten import exact, flatten
 from bicycle_tools.nodes.sensed_recording import SETUP, Sensed, read, readings_of
 from bicycle_tools.ride_log import EPISODE
@@ -60,13 +62,17 @@ class EstimateVerdict:
     unknown: int = 0
     """Number of commands that cannot be computed here."""
     why_unknown: str = ""
+    unproved: int = 0
+    """Number of estimates that cannot be made again, for readings are lacking."""
+    why_unproved: str = ""
+    """Words for the first that was lacking."""
     difference: str = ""
     """First that differs; empty if none does."""
 
     @property
     def same(self) -> bool:
         """True if every estimate and each command that can be computed came out again."""
-        return not self.difference and self.estimates > 0
+        return not self.difference and self.estimates > 0 and not self.unproved
 
     def __str__(self) -> str:
         """Return the verdict as one line."""
@@ -79,10 +85,14 @@ class EstimateVerdict:
             )
         if self.difference:
             return f"not the same after {self.estimates} equal estimates: {self.difference}"
+        if self.unproved and not self.estimates:
+            return f"not proved, none of {self.unproved} estimates: {self.why_unproved}"
         if self.guided:
             done += f" ({self.guided} along a path or by a policy loaded later, taken as recorded)"
         if self.unknown:
             done += f"; {self.unknown} commands cannot be computed here: {self.why_unknown}"
+        if self.unproved:
+            done += f"; {self.unproved} estimates are not proved: {self.why_unproved}"
         return done if self.estimates else "not proved: the bag holds no estimates"
 
 
@@ -145,8 +155,18 @@ class _Path:
         """Do nothing: the bag tells when it ends."""
 
 
+class _LackingError(Exception):
+    """An estimate cannot be made again; its text says what is lacking."""
+
+
 class _Controller:
-    """A controller's estimator and control loop, as recorded."""
+    """A controller's estimator and control loop, as recorded.
+
+    Attributes:
+        lost: True once readings or estimates are lacking, until the next rest.
+        unheard: what the estimator had not received of the bag's readings before its first
+            estimate; empty if it had all.
+    """
 
     def __init__(self, setup: Setup, info: EpisodeInfo, sensed: Sensed) -> None:
         if setup.sensors is None:
@@ -167,23 +187,71 @@ class _Controller:
         except ValueError as error:
             self.why_not = str(error)
         self.episode = -1
+        self.lost = False
+        self.unheard = ""
+
+    def go_on(self, before: _Controller) -> None:
+        """Go on where another was: the same estimator, whose controller has new settings."""
+        self.steps, self.episode = before.steps, before.episode
+        self.lost, self.unheard = before.lost, before.unheard
 
     def estimate(self, recorded: BicycleState) -> BicycleState:
-        """Return the estimate that a recorded one is."""
-        time, *used = recorded.plant_state
-        if recorded.episode != self.episode:
-            self.episode = recorded.episode
+        """Return the estimate that a recorded one is.
+
+        Raises:
+            _LackingError: if it cannot be made again.
+        """
+        time, *numbers = recorded.plant_state
+        used = Used.of(numbers)
+        first = used.number == 1 if used.number else recorded.episode != self.episode
+        if first or recorded.episode != self.episode:
+            self.episode, self.lost, self.unheard = recorded.episode, False, ""
             begun = time - recorded.step * self.plant.time_step
             self.steps.begin(begun, *self.setup.settings.start())
-        for sensor, until in zip(ORDER, used, strict=True):
-            for reading in self.readings.between(sensor, self.steps.last[sensor], until):
+        place = f"before {_place(recorded)}"
+        missing = used.number - self.steps.number - 1
+        if used.number and missing:
+            raise _LackingError(f"the bag lacks {max(missing, 1)} estimates {place}")
+        for index, sensor in enumerate(ORDER):
+            there = self.readings.between(sensor, self.steps.last[sensor], used.stamps[index])
+            if used.counts:
+                there = self._counted(there, sensor, used.counts[index], first, place)
+            for reading in there:
                 self.steps.add(reading)
         found = self.steps.step(time)
         state = as_state(
-            self.plant, found, recorded.episode, recorded.step, [time, *self.steps.used]
+            self.plant, found, recorded.episode, recorded.step, [time, *_numbers(self.steps, used)]
         )
         stamp = recorded.header.stamp
         return convert.from_snapshot(state, stamp.sec * 10**9 + stamp.nanosec)
+
+    def _counted(
+        self, there: Sequence[Reading], sensor: str, count: int, first: bool, place: str
+    ) -> Sequence[Reading]:
+        """Return the readings of a sensor that an estimate used.
+
+        Args:
+            there: of the bag.
+            sensor: whose.
+            count: of its readings that were used since the rest, this estimate's included.
+            first: True for the first estimate after the rest: its estimator may have come too
+                late for the first readings.
+            place: of the estimate, for the text.
+
+        Raises:
+            _LackingError: if it is not known which they are, or the bag lacks some.
+        """
+        needed = count - self.steps.counts[sensor]
+        if len(there) < needed:
+            lacking = f"{needed - len(there)} of {needed} readings of {sensor} {place}"
+            raise _LackingError(f"the bag lacks {lacking}")
+        if len(there) == needed:
+            return there
+        spare = f"{len(there) - needed} of {len(there)} readings of {sensor} {place}"
+        self.unheard = self.unheard or f"the estimator had not received {spare}"
+        if not first:
+            raise _LackingError(self.unheard)
+        return there[len(there) - needed :]
 
     def command(
         self, state: BicycleState, recorded: BicycleCommand | None, echo: CommandEcho | None
@@ -227,8 +295,15 @@ def verify(sensed: Sensed) -> Iterator[EstimateVerdict]:
             or controller.setup is not setup
             or (recorded.episode != controller.episode and _is_other(controller, info))
         ):
-            controller = _Controller(setup, info, sensed)
-        computed = controller.estimate(recorded)
+            last, controller = controller, _Controller(setup, info, sensed)
+            same_process = last is not None and last.setup.name == setup.name
+            if last is not None and same_process and last.plant == controller.plant:
+                controller.go_on(last)
+        computed = _computed(controller, recorded, verdict)
+        if computed is None:
+            verdict.unproved += 1
+            yield verdict
+            continue
         verdict.difference = _difference(recorded, computed)
         if verdict.difference and setup.estimator == 1:
             _take_rounding(verdict, _gap(recorded, computed))
@@ -243,6 +318,27 @@ def verify(sensed: Sensed) -> Iterator[EstimateVerdict]:
         yield verdict
         if not goes_on:
             return
+
+
+def _computed(
+    controller: _Controller, recorded: BicycleState, verdict: EstimateVerdict
+) -> BicycleState | None:
+    """Return a recorded estimate as it comes out again; None if it cannot be proved."""
+    try:
+        first = Used.of(recorded.plant_state[1:]).number == 1
+    except ValueError as error:
+        raise BagError(f"estimate of {_place(recorded)}: {error}") from None
+    if controller.lost and not first and recorded.episode == controller.episode:
+        return None
+    try:
+        computed = controller.estimate(recorded)
+        if controller.unheard and _difference(recorded, computed):
+            raise _LackingError(controller.unheard)
+    except _LackingError as error:
+        controller.lost = True
+        verdict.why_unproved = verdict.why_unproved or str(error)
+        return None
+    return computed
 
 
 def _take_rounding(verdict: EstimateVerdict, gap: float) -> None:
@@ -296,6 +392,11 @@ def _check_command(
     verdict.commands += 1
     verdict.guided += guided
     return True
+
+
+def _numbers(steps: StepEstimator, used: Used) -> list[float]:
+    """Return what an estimate tells of its readings; the first estimator told their stamps."""
+    return steps.used.numbers if used.number else list(steps.used.stamps)
 
 
 def _place(state: BicycleState) -> str:
