@@ -202,3 +202,29 @@ def test_an_estimate_without_its_readings_is_refused_in_one_line(sensed: Sensed)
     changed.estimates[0][1].plant_state = []
     with pytest.raises(BagError, match="estimate of step 0 of episode 1: 0 numbers"):
         last(changed)
+
+
+@pytest.mark.parametrize("back", [0, 300])
+def test_readings_before_a_clock_was_set_back_are_not_mixed_in(sensed: Sensed, back: int) -> None:
+    """A driver learns a board's time, or a simulator is started anew: other stamps came before."""
+    changed = copy.copy(sensed)
+    earlier = [*copy.deepcopy(sensed.imu[:200]), copy.deepcopy(sensed.imu[0])]
+    for message in earlier[:-1]:
+        message.header.stamp.nanosec = (message.header.stamp.nanosec + 3_000_000) % 10**9
+    earlier[-1].header.stamp.sec += back
+    changed.imu = [*earlier, *sensed.imu]
+    verdict = last(changed)
+    assert verdict.same, verdict
+    assert verdict.estimates == len(sensed.estimates)
+
+
+def test_a_bag_of_two_simulators_is_proved(sensed: Sensed) -> None:
+    """The second's clock begins where the first's did, and so do its episodes and steps."""
+    twice = copy.copy(sensed)
+    shift = 10**6
+    twice.imu = sensed.imu * 2
+    twice.encoders = sensed.encoders * 2
+    twice.estimates = [*sensed.estimates, *((shift + at, one) for at, one in sensed.estimates)]
+    verdict = last(twice)
+    assert verdict.same, verdict
+    assert verdict.estimates == 2 * len(sensed.estimates)

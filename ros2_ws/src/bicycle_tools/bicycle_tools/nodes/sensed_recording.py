@@ -46,29 +46,43 @@ KINDS: dict[str, Any] = {
 
 
 class Readings:
-    """The readings of a bag that an estimator takes, by sensor in the order of their stamps."""
+    """The readings of a bag that an estimator takes, by sensor in the order of their stamps.
+
+    A clock that is set back, as at the start of a simulator or when a driver learns a board's
+    time, begins another run of readings: an estimator forgets those before.
+    """
 
     def __init__(self) -> None:
         self._in_order = InOrder()
-        self._all: dict[str, list[Reading]] = defaultdict(list)
-        self._stamps: dict[str, list[float]] = {}
+        self._runs: dict[str, list[list[Reading]]] = defaultdict(list)
+        self._stamps: dict[str, list[list[float]]] = defaultdict(list)
 
     def add(self, reading: Reading) -> None:
         """Add a reading, each sensor's in the order in which they were recorded."""
+        runs, stamps = self._runs[reading.sensor], self._stamps[reading.sensor]
+        if not runs or self._in_order.begins_anew(reading):
+            runs.append([])
+            stamps.append([])
         if self._in_order.takes(reading):
-            self._all[reading.sensor].append(reading)
+            runs[-1].append(reading)
+            stamps[-1].append(reading.stamp)
 
-    def sort(self) -> None:
-        """Put them in order; `between` needs it."""
-        for name, found in self._all.items():
-            found.sort(key=lambda one: one.stamp)
-            self._stamps[name] = [one.stamp for one in found]
-
-    def between(self, sensor: str, after: float, until: float) -> Sequence[Reading]:
-        """Return the readings with a stamp above `after` and up to `until`, s."""
-        stamps = self._stamps.get(sensor, [])
+    def between(self, sensor: str, after: float, until: float, run: int = 0) -> Sequence[Reading]:
+        """Return the readings of a run with a stamp above `after` and up to `until`, s."""
+        if run >= len(self._runs[sensor]):
+            return ()
+        stamps = self._stamps[sensor][run]
         low, high = bisect.bisect_right(stamps, after), bisect.bisect_right(stamps, until)
-        return self._all[sensor][low:high] if high > low else ()
+        return self._runs[sensor][run][low:high] if high > low else ()
+
+    def run_with(self, sensor: str, stamp: float, begin: int) -> int:
+        """Return the first run from `begin` on that has a reading with this stamp, or the last."""
+        runs = self._stamps[sensor]
+        for run in range(begin, len(runs)):
+            index = bisect.bisect_left(runs[run], stamp)
+            if index < len(runs[run]) and runs[run][index] == stamp:
+                return run
+        return max(len(runs) - 1, 0)
 
 
 @dataclass
@@ -159,5 +173,4 @@ def readings_of(sensed: Sensed, sensors: SensorSettings) -> Readings:
         velocity = sensed.velocities.get(_stamp(fix))
         if velocity is not None:
             found.add(sensor_messages.from_gnss(fix, velocity, sensors))
-    found.sort()
     return found

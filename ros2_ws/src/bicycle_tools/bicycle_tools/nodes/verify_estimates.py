@@ -28,6 +28,7 @@ from bicycle_common.types import Command
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.goals import Event, Goal, GoalTracker, Pose
 from bicycle_controller.control.guide import PathEnd
+from bicycle_controller.estimation.order import SET_BACK
 from bicycle_controller.estimation.settings import of_estimator
 from bicycle_controller.estimation.steps import StepEstimator, Used
 from bicycle_controller.nodes.estimator import as_state
@@ -189,11 +190,15 @@ class _Controller:
         self.episode = -1
         self.lost = False
         self.unheard = ""
+        self.time = -math.inf
+        self.runs = dict.fromkeys(ORDER, 0)
 
-    def go_on(self, before: _Controller) -> None:
-        """Go on where another was: the same estimator, whose controller has new settings."""
-        self.steps, self.episode = before.steps, before.episode
-        self.lost, self.unheard = before.lost, before.unheard
+    def follow(self, before: _Controller) -> None:
+        """Follow another in the same bag; go on where it was if it is the same process."""
+        self.time, self.runs = before.time, before.runs
+        if before.setup.name == self.setup.name and before.plant == self.plant:
+            self.steps, self.episode = before.steps, before.episode
+            self.lost, self.unheard = before.lost, before.unheard
 
     def estimate(self, recorded: BicycleState) -> BicycleState:
         """Return the estimate that a recorded one is.
@@ -208,12 +213,16 @@ class _Controller:
             self.episode, self.lost, self.unheard = recorded.episode, False, ""
             begun = time - recorded.step * self.plant.time_step
             self.steps.begin(begun, *self.setup.settings.start())
+            self._choose_runs(time, used)
+        self.time = time
         place = f"before {_place(recorded)}"
         missing = used.number - self.steps.number - 1
         if used.number and missing:
             raise _LackingError(f"the bag lacks {max(missing, 1)} estimates {place}")
         for index, sensor in enumerate(ORDER):
-            there = self.readings.between(sensor, self.steps.last[sensor], used.stamps[index])
+            there = self.readings.between(
+                sensor, self.steps.last[sensor], used.stamps[index], self.runs[sensor]
+            )
             if used.counts:
                 there = self._counted(there, sensor, used.counts[index], first, place)
             for reading in there:
@@ -224,6 +233,12 @@ class _Controller:
         )
         stamp = recorded.header.stamp
         return convert.from_snapshot(state, stamp.sec * 10**9 + stamp.nanosec)
+
+    def _choose_runs(self, time: float, used: Used) -> None:
+        """Choose the runs of readings in which an episode is; s of its first estimate."""
+        later = int(time < self.time - SET_BACK)
+        for sensor, stamp in zip(ORDER, used.stamps, strict=True):
+            self.runs[sensor] = self.readings.run_with(sensor, stamp, self.runs[sensor] + later)
 
     def _counted(
         self, there: Sequence[Reading], sensor: str, count: int, first: bool, place: str
@@ -296,9 +311,8 @@ def verify(sensed: Sensed) -> Iterator[EstimateVerdict]:
             or (recorded.episode != controller.episode and _is_other(controller, info))
         ):
             last, controller = controller, _Controller(setup, info, sensed)
-            same_process = last is not None and last.setup.name == setup.name
-            if last is not None and same_process and last.plant == controller.plant:
-                controller.go_on(last)
+            if last is not None:
+                controller.follow(last)
         computed = _computed(controller, recorded, verdict)
         if computed is None:
             verdict.unproved += 1
