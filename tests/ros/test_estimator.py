@@ -12,6 +12,7 @@ import pytest
 import rclpy
 from domains import claimed_domain
 from node_process import NodeProcess
+from rclpy.duration import Duration
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
@@ -148,14 +149,22 @@ class Late:
             self._executor.spin_once(timeout_sec=0.01)
         for message in messages:
             publisher.publish(message)
+        publisher.wait_for_all_acked(Duration(seconds=5.0))
         for _ in range(5 * len(messages) + 50):
             self._executor.spin_once(timeout_sec=0.002)
 
-    def ask(self) -> None:
-        """Let it estimate step 0."""
-        stamp = convert.to_stamp(round(self.time * 1e9))
-        message = TimeReference(header=convert.to_header(0), time_ref=stamp, source="1 0")
-        self.hear(topics.SENSOR_TIME, [message])
+    def ask(self, *steps: int) -> None:
+        """Let it estimate steps, which come at once."""
+        stamps = [self.time + step * self.plant.time_step for step in steps]
+        messages = [
+            TimeReference(
+                header=convert.to_header(0),
+                time_ref=convert.to_stamp(round(stamp * 1e9)),
+                source=f"1 {step}",
+            )
+            for step, stamp in zip(steps, stamps, strict=True)
+        ]
+        self.hear(topics.SENSOR_TIME, messages)
 
 
 @pytest.fixture
@@ -173,7 +182,7 @@ def test_it_uses_every_reading_though_the_topics_come_one_after_another(late: La
     late.estimator.ride(late.plant)
     for topic in (topics.GNSS_FIX, topics.IMU, topics.GNSS_VELOCITY, topics.ENCODERS):
         late.hear(topic, late.topics[topic.name])
-    late.ask()
+    late.ask(0)
     used = Used.of(late.found[-1].plant_state[1:])
     counts = [sum(one.sensor == sensor for one in late.readings) for sensor in ORDER]
     assert list(used.counts) == counts
@@ -186,7 +195,7 @@ def test_a_rest_that_came_before_the_word_of_another_bicycle_is_used(late: Late)
     for topic in (topics.IMU, topics.GNSS_VELOCITY, topics.GNSS_FIX, topics.ENCODERS):
         late.hear(topic, late.topics[topic.name])
     late.estimator.ride(late.plant)
-    late.ask()
+    late.ask(0)
     assert sum(Used.of(late.found[-1].plant_state[1:]).counts) == len(late.readings)
 
 
@@ -195,8 +204,20 @@ def test_without_the_readings_of_a_sensor_it_waits(late: Late) -> None:
     late.hear(topics.IMU, late.topics[topics.IMU.name])
     late.hear(topics.GNSS_FIX, late.topics[topics.GNSS_FIX.name])
     late.hear(topics.GNSS_VELOCITY, late.topics[topics.GNSS_VELOCITY.name])
-    late.ask()
+    late.ask(0)
     assert late.found == []
     late.hear(topics.ENCODERS, late.topics[topics.ENCODERS.name])
-    late.ask()
+    late.ask(0)
     assert sum(Used.of(late.found[-1].plant_state[1:]).counts) == len(late.readings)
+
+
+def test_who_is_late_estimates_the_newest_step_alone(late: Late) -> None:
+    """It would never catch up with the bicycle if it answered every step of the past."""
+    late.estimator.ride(late.plant)
+    for topic in (topics.IMU, topics.ENCODERS, topics.GNSS_FIX, topics.GNSS_VELOCITY):
+        late.hear(topic, late.topics[topic.name])
+    late.ask(0)
+    begun = len(late.found)
+    late.ask(*range(1, 101))
+    assert late.found[-1].step == 100
+    assert len(late.found) < begun + 10

@@ -76,7 +76,8 @@ class Estimator:
         if sensors.gnss.rate > 0.0:
             listen(node, topics.GNSS_FIX, self._on_fix)
             listen(node, topics.GNSS_VELOCITY, self._on_velocity)
-        listen(node, topics.SENSOR_TIME, self._on_time)
+        # The newest step alone: who is late would never catch up if it answered all.
+        listen(node, topics.SENSOR_TIME, self._on_time, depth=1)
 
     def ride(self, plant: Plant[Any]) -> None:
         """Take the bicycle whose parameters the model has."""
