@@ -43,6 +43,9 @@ READY_TIMEOUT = 30.0
 """Longest start of a node (s)."""
 STALL = 20.0
 """Time without a step after which a ride is given up (s)."""
+START = 90.0
+"""The same before the first step (s): a controller designs for its bicycle for two seconds, of
+which a busy machine makes many."""
 ECHO = 2.0
 """Time for a controller to confirm a goal before it is sent again (s)."""
 LIE_DOWN = 0.5
@@ -304,9 +307,10 @@ class Ride:
                 last = self._crew.log_tail("simulator")
                 raise RideError(f"the simulator does not reset: {last}")
             self._send()
-        if now - self._stepped > STALL:
+        longest = STALL if state.step > 0 else START
+        if now - self._stepped > longest:
             last = self._crew.log_tail("controller")
-            raise RideError(f"no step for {STALL:g} s: is the bicycle paused? {last}")
+            raise RideError(f"no step for {longest:g} s: is the bicycle paused? {last}")
 
     def _show(self) -> None:
         """Update the progress bar."""
