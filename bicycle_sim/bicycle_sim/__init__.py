@@ -1,14 +1,11 @@
 """A simulated bicycle: plants, tasks, an environment for learning, and a ROS 2 node.
 
-`gymnasium.make("bicycle_sim:BicycleGoal-v0")` imports this package to find its environments. A
-program that imports this package first gets them with `import bicycle_sim.task.gym_env`.
+`gymnasium.make("bicycle_sim:BicycleGoal-v0")` imports this package to find its environments. It
+may be imported before Gymnasium or after it.
 """
 
-import sys
+from bicycle_sim.task.registration_hook import register_with_gymnasium
 
 __version__ = "0.1.0"
 
-if "gymnasium" in sys.modules:  # load Gymnasium environments only for programs that use Gymnasium
-    from bicycle_sim.task import registration
-
-    registration.register()
+register_with_gymnasium()

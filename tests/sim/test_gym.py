@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import re
+import subprocess
+import sys
 import warnings
 from dataclasses import replace
 from typing import Any
@@ -302,3 +304,27 @@ def test_success_is_told_where_the_goal_is_reached() -> None:
         _, _, ended, _, info = env.step(np.zeros(2, np.float32))
         successes.append(info["is_success"])
     assert successes == [False] * (len(successes) - 1) + [True]
+
+
+@pytest.mark.parametrize(
+    "first",
+    [
+        "import bicycle_sim, gymnasium",
+        "import gymnasium, bicycle_sim",
+        "import gymnasium",
+        "import bicycle_sim, importlib.util as u; u.find_spec('gymnasium'); import gymnasium",
+    ],
+)
+def test_make_works_in_whatever_order_packages_are_imported(first: str) -> None:
+    make = "print(gymnasium.make('bicycle_sim:BicycleGoal-v0').spec.id)"
+    done = subprocess.run(
+        [sys.executable, "-c", f"{first}; {make}"], capture_output=True, text=True
+    )
+    assert done.stdout == "BicycleGoal-v0\n", done.stderr
+
+
+def test_the_package_loads_gymnasium_for_nobody_else() -> None:
+    """Nodes import this package, and Gymnasium takes a third of a second."""
+    words = "import sys, bicycle_sim; print('gymnasium' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True)
+    assert done.stdout == "False\n", done.stderr
