@@ -284,6 +284,18 @@ def test_help_loads_nothing_heavy() -> None:
     assert not {"numpy", "torch", "ray", "scipy"} & set(loaded)
 
 
+def test_no_command_loads_torch_to_tell_its_arguments() -> None:
+    """It takes four seconds."""
+    words = "import sys; from bicycle_controller.cli import main\n"
+    words += "for name in main.COMMANDS: main.main([name, '--help'])\n"
+    words += "print('torch' in sys.modules)"
+    done = subprocess.run(
+        [sys.executable, "-c", words], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.count("usage: bicycle ") == len(main.COMMANDS)
+    assert done.stdout.endswith("\nFalse\n")
+
+
 def test_missing_torch_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "torch.py").write_text("raise ModuleNotFoundError(name='torch')\n")
     path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])

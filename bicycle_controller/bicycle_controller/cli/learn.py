@@ -7,17 +7,20 @@ import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bicycle_common.command_line import FAILED
+from bicycle_common.signals import importing
 from bicycle_common.validation import require
 from bicycle_controller.cli import options, run_result
 from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.data import dataset
 from bicycle_controller.data.dataset_report import as_text, report
-from bicycle_controller.training import offline
 from bicycle_sim.task.scenario import named
+
+if TYPE_CHECKING:  # torch takes seconds, and --help and mistakes need none of it
+    from bicycle_controller.training import offline
 
 EPILOG = """\
 A BAG is a folder that record.sh or ride.sh made, an .mcap file, or a folder of such.
@@ -82,6 +85,8 @@ def run_command(args: argparse.Namespace) -> int:
         raise ValueError("name the run's folder with --out DIR, or ask for a --report only")
     if args.resume:
         _refuse_with_resume(args)
+        with importing():
+            from bicycle_controller.training import offline
         return _told(offline.resume(args.out, progress), args, {})
     require(args.least >= 0, f"--least must be zero or more, not {args.least}")
     if not args.bags:
@@ -97,6 +102,8 @@ def run_command(args: argparse.Namespace) -> int:
         if args.json:
             print(json.dumps(about))
         return 0
+    with importing():
+        from bicycle_controller.training import offline
     return _told(offline.run(config, data, args.out, progress), args, about)
 
 

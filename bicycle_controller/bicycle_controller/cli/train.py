@@ -6,15 +6,19 @@ import argparse
 import json
 import sys
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
+from bicycle_common.signals import importing
 from bicycle_controller.cli import options, run_result
 from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.evaluation import beside_lqr
-from bicycle_controller.training import imitation, online, path_following
 from bicycle_controller.training.run_folder import RunFolder
 from bicycle_sim.plants import registry
 from bicycle_sim.task.scenario import SCENARIOS
+
+if TYPE_CHECKING:  # torch takes seconds, and --help and mistakes need none of it
+    from bicycle_controller.training import online
 
 PATHS = "path-following"
 """Task of following paths."""
@@ -99,7 +103,10 @@ def run_command(args: argparse.Namespace) -> int:
     if args.bicycle is not None:
         raise ValueError(f"--bicycle belongs to {PATHS}: goals take --set plant=...")
     progress = options.progress_of(args)
-    if args.resume:
+    config = None if args.resume else config_of(args)
+    with importing():
+        from bicycle_controller.training import imitation, online
+    if config is None:
         if args.config is not None or args.preset is not None:
             raise ValueError("a resumed run has its own config.yaml: leave out --config, --preset")
         files = RunFolder(args.out)
@@ -108,7 +115,6 @@ def run_command(args: argparse.Namespace) -> int:
         resume = imitation.resume if imitates else online.resume
         result = resume(args.out, overrides_of(args), progress)
     else:
-        config = config_of(args)
         run = online.run if config.imitation is None else imitation.run
         result = run(config, args.out, progress)
     print(
@@ -148,6 +154,8 @@ def _follow(args: argparse.Namespace) -> int:
         if not args.quiet:
             print(line, file=sys.stderr, flush=True)
 
+    with importing():
+        from bicycle_controller.training import path_following
     best = path_following.run(plant, args.out, seed, steps, tell)
     file = args.out / path_following.NAME
     if args.json:
