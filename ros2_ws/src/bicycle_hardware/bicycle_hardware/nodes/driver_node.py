@@ -50,6 +50,9 @@ ANSWER = 0.5
 """Longest wait for the microcontroller's answer to arming (s)."""
 SILENCE = 0.5
 """Silence of the microcontroller from which on it is reported (s)."""
+TURN = 0.0005
+"""s for which one of the two threads keeps the other from running: a command that comes while
+readings are published must not wait for Python's usual 5 ms."""
 OLDEST = 8
 """Steps that a command may be late by."""
 
@@ -409,4 +412,5 @@ def main() -> None:
         "Drives a bicycle's microcontroller. Parameters and their defaults:\n"
         + describe(DriverSettings)
     )
+    sys.setswitchinterval(TURN)
     sys.exit(run(NAME, DriverNode, usage, executor=LOOP_EXECUTOR))
