@@ -177,6 +177,7 @@ def test_an_end_waits_for_publishers_that_a_standstill_has_cost(
     recorder.send_signal(signal.SIGINT)
     recorder.send_signal(signal.SIGCONT)
     assert recorder.wait(LONG) == 0, recorder.output
+    recorder.wait_for_line("waits 20 s at most for publishers of /said, which a standstill has")
     found = numbers(bag, "/said")
     assert found == list(range(found[0], found[-1] + 1))
     reader = BagReader(bag)

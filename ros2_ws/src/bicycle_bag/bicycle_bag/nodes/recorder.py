@@ -70,7 +70,8 @@ class Recorder:
         self._turned = time.clock_gettime(time.CLOCK_BOOTTIME)
         self._turned_steady = self._awake = time.monotonic()
         self._matched: dict[str, int] = {}
-        self._missed: dict[str, int] = {}
+        # Publishers of each topic, of those that a standstill has cost some.
+        self._before_standstill: dict[str, int] = {}
         self._set_back = SetBack()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(DISCOVERY_SECONDS, self.poll, clock=steady)
@@ -118,7 +119,7 @@ class Recorder:
         still, self._turned = now - self._turned, now
         still_steady, self._turned_steady = steady - self._turned_steady, steady
         if still > STANDSTILL:
-            self._awake, self._missed = steady, dict(self._matched)
+            self._awake, self._before_standstill = steady, dict(self._matched)
             for topic in self.topics.values():
                 topic.stood_still(still_steady)
             self._node.get_logger().warning(
@@ -128,18 +129,18 @@ class Recorder:
 
     def _absent(self) -> list[str]:
         """Return the topics that had more publishers before a standstill of a moment ago."""
-        if self._missed and time.monotonic() - self._awake > REJOIN:
+        if self._before_standstill and time.monotonic() - self._awake > REJOIN:
             self._node.get_logger().warning(
-                f"publishers of {', '.join(self._missed)} did not come back after the standstill: "
-                "they have ended, or what they sent since is lost"
+                f"publishers of {', '.join(self._before_standstill)} did not come back after the "
+                "standstill: they have ended, or what they sent since is lost"
             )
-            self._missed = {}
-        self._missed = {
+            self._before_standstill = {}
+        self._before_standstill = {
             name: count
-            for name, count in self._missed.items()
+            for name, count in self._before_standstill.items()
             if self.topics[name].publishers < count
         }
-        return list(self._missed)
+        return list(self._before_standstill)
 
     def finish(self) -> None:
         """Take the messages sent until now, however late they arrive, and no later ones.
@@ -148,6 +149,11 @@ class Recorder:
         a state without the command that led to it, which was sent earlier and arrives later.
         """
         self.notice_standstill()
+        if absent := self._absent():
+            self._node.get_logger().info(
+                f"waits {REJOIN:g} s at most for publishers of {', '.join(absent)}, which a "
+                "standstill has cost"
+            )
         cut, began = Cut(time.time_ns(), self._set_back.look()), time.monotonic()
         for topic in self.topics.values():
             topic.cut(cut)
