@@ -51,8 +51,8 @@ class LocalPool:
     """
 
     processors: int = field(default_factory=lambda: len(os.sched_getaffinity(0)))
-    _waiting: list[Task] = field(default_factory=list)
-    _running: dict[Any, tuple[Task, Any]] = field(default_factory=dict)
+    _waiting: list[Task] = field(default_factory=list, init=False)
+    _running: dict[Any, tuple[Task, Any]] = field(default_factory=dict, init=False)
 
     def add(self, task: Task) -> None:
         """Queue a task; it starts in `done` as soon as processors are free."""
