@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from bicycle_common import native_library
-from bicycle_common.native_library import compiled, load_built, one_line
+from bicycle_common.native_library import compiled, load_built, load_or_tell, one_line
 
 FLAGS = ("-shared", "-fPIC")
 SOURCES = {"sum.cpp": b'#include "one.h"\nextern "C" int two() { return ONE + ONE; }\n'}
@@ -27,6 +27,14 @@ def test_the_reason_of_a_library_that_does_not_load_is_kept(tmp_path: Path) -> N
     with pytest.raises(OSError, match="_broken") as found:
         load_built(tmp_path, "_broken", lambda path: ctypes.CDLL(str(path)))
     assert "\n" not in one_line(found.value)
+
+
+def test_who_has_numpy_instead_is_told_so_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert load_or_tell(tmp_path, "_absent", lambda path: ctypes.CDLL(str(path)), "sum") is None
+    expected = "the compiled sum is not used (it was not built): numpy does it, more slowly; "
+    assert capsys.readouterr().err == f"{expected}ros2_ws/setup.sh builds it\n"
 
 
 @pytest.mark.skipif(not any(map(shutil.which, native_library.COMPILERS)), reason="no compiler")

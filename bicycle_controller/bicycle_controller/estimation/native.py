@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bicycle_common.native_library import load_built, one_line
+from bicycle_common.native_library import load_or_tell
 from bicycle_controller.estimation.arithmetic import (
     Arithmetic,
     Belief,
@@ -74,15 +73,7 @@ class Library:
 @functools.cache
 def load() -> Library | None:
     """Return the library built with the package, or None after one line on standard error."""
-    try:
-        return load_built(Path(__file__).parent, LIBRARY, Library)
-    except OSError as error:
-        print(
-            f"the compiled estimator is not used ({one_line(error)}): numpy does it, more slowly; "
-            "ros2_ws/setup.sh builds it",
-            file=sys.stderr,
-        )
-        return None
+    return load_or_tell(Path(__file__).parent, LIBRARY, Library, "estimator")
 
 
 class NativeArithmetic(Arithmetic):

@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import ctypes
 import functools
-import sys
 from pathlib import Path
 
 import numpy as np
 
-from bicycle_common.native_library import load_built, one_line
+from bicycle_common.native_library import load_or_tell
 from bicycle_sim.plants.whipple.constants import Constants
 from bicycle_sim.plants.whipple.integrate import ROWS, Inputs
 
@@ -100,12 +99,4 @@ class Library:
 @functools.cache
 def load() -> Library | None:
     """Return the library built with the package, or None after one line on standard error."""
-    try:
-        return load_built(Path(__file__).parent, LIBRARY, Library)
-    except OSError as error:
-        print(
-            f"the compiled Whipple step is not used ({one_line(error)}): numpy does it, more "
-            "slowly; ros2_ws/setup.sh builds it",
-            file=sys.stderr,
-        )
-        return None
+    return load_or_tell(Path(__file__).parent, LIBRARY, Library, "Whipple step")

@@ -12,6 +12,7 @@ import os
 import platform
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from importlib.machinery import EXTENSION_SUFFIXES
@@ -46,6 +47,28 @@ def load_built(folder: Path, name: str, load: Callable[[Path], Library]) -> Libr
         except OSError as error:
             reason = error
     raise reason
+
+
+def load_or_tell(
+    folder: Path, name: str, load: Callable[[Path], Library], what: str
+) -> Library | None:
+    """Load as `load_built` does; without it, tell in one line that numpy does the work instead.
+
+    Args:
+        folder: as there.
+        name: as there.
+        load: as there.
+        what: the library does, for the line.
+    """
+    try:
+        return load_built(folder, name, load)
+    except OSError as error:
+        print(
+            f"the compiled {what} is not used ({one_line(error)}): numpy does it, more slowly; "
+            "ros2_ws/setup.sh builds it",
+            file=sys.stderr,
+        )
+        return None
 
 
 def compiled(sources: Mapping[str, bytes], flags: Sequence[str]) -> Path:
