@@ -17,6 +17,8 @@ case ${1:-} in
     ;;
 esac
 
+# Hundreds of programs start below; each would compile torch's thousand modules anew.
+unset PYTHONDONTWRITEBYTECODE
 "$root/ros2_ws/setup.sh" --with dev --quiet
 # shellcheck source-path=SCRIPTDIR source=../ros2_ws/env.sh
 . "$root/ros2_ws/env.sh"

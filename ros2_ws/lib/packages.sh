@@ -23,13 +23,15 @@ has_torch_without_cuda() {
 }
 
 install() { # pip's words: with uv, which fetches many at once, or with pip where uv cannot
-  local pip settings
+  local pip settings bytecode=()
   find_pip
   pip+=(install --no-input --disable-pip-version-check --progress-bar off)
   if settings=$("${pip[0]}" "$ws/lib/pip_to_uv.py") && { [[ -x $venv/bin/uv ]] ||
     "${pip[@]}" --only-binary :all: --no-deps --require-hashes -r "$ws/requirements/uv.lock"; }; then
     mapfile -t settings <<<"$settings"
-    (cd "$ws" && env "${settings[@]}" "$venv/bin/uv" pip install --python "$venv/bin/python" "$@") && return
+    # uv leaves the compiling to the first import, which may not keep it here: then each start compiles anew.
+    [[ -z ${PYTHONDONTWRITEBYTECODE:-} ]] || bytecode=(--compile-bytecode)
+    (cd "$ws" && env "${settings[@]}" "$venv/bin/uv" pip install --python "$venv/bin/python" "${bytecode[@]}" "$@") && return
     echo "uv could not; now with pip."
   fi
   "${pip[@]}" "$@"

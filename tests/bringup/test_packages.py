@@ -85,7 +85,9 @@ def digest(text: str) -> str:
     return "sha256=" + base64.urlsafe_b64encode(raw).rstrip(b"=").decode()
 
 
-def install(place: Path, requirement: str, only_pip: bool) -> subprocess.CompletedProcess[str]:
+def install(
+    place: Path, requirement: str, only_pip: bool, **variables: str
+) -> subprocess.CompletedProcess[str]:
     """Run setup.sh with a lock of one requirement."""
     (place / "requirements" / "test.lock").write_text(requirement)
     script = f"ws={place} venv={place}/venv; . lib/packages.sh; "
@@ -95,7 +97,7 @@ def install(place: Path, requirement: str, only_pip: bool) -> subprocess.Complet
     return subprocess.run(
         ["bash", "-c", f"{script} install_lock test"],
         cwd=place,
-        env={**env, "PIP_FIND_LINKS": str(place)},
+        env={**env, "PIP_FIND_LINKS": str(place), **variables},
         capture_output=True,
         text=True,
     )
@@ -115,6 +117,17 @@ def test_a_file_with_another_hash_is_not_installed(place: Path, only_pip: bool) 
     assert done.returncode == 0, done.stdout + done.stderr
     assert ("uv pip" in done.stdout + done.stderr) is False
     assert len(list(place.glob("venv/lib/*/site-packages/pebble.py"))) == 1
+
+
+@pytest.mark.parametrize(("setting", "compiled"), [("", 0), ("1", 1)])
+def test_packages_are_compiled_where_python_would_not_keep_it(
+    place: Path, setting: str, compiled: int
+) -> None:
+    sound = hashlib.sha256((place / "pebble-1.0-py3-none-any.whl").read_bytes()).hexdigest()
+    requirement = f"pebble==1.0 --hash=sha256:{sound}\n"
+    done = install(place, requirement, False, PYTHONDONTWRITEBYTECODE=setting)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert len(list(place.glob("venv/lib/*/site-packages/__pycache__/pebble.*"))) == compiled
 
 
 def test_the_bill_of_materials_names_what_is_installed(tmp_path: Path) -> None:
