@@ -8,12 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from bicycle_controller.data.announced_episodes import AnnouncedEpisodes
 from bicycle_controller.data.transition_builder import COMMANDED, READ, Columns
 
 LONGEST_WAIT = 40
 """States that may come before the echo of an older one is given up."""
 MOST_ECHOES = 5_000
 """Echoes that are kept for states that have not come."""
+MOST_UNANNOUNCED = 4_000
+"""States that may come before their episode's announcement is given up, and they with it."""
 
 _STATE = ("lean_angle", "lean_rate", "lean_acceleration", "steer_angle", "steer_rate", "heading")
 _NOTHING = (False, 0.0, 0.0, 0.0, False, 0, np.nan, np.nan, "")
@@ -41,8 +44,15 @@ Key = tuple[int, int]
 class LiveSteps:
     """Joins the messages of states and of command echoes, which may come in any order."""
 
-    def __init__(self) -> None:
-        """Start before the first message."""
+    def __init__(self, announced: AnnouncedEpisodes | None = None) -> None:
+        """Start before the first message.
+
+        Args:
+            announced: tells which episodes are wanted; None for all.
+        """
+        self._announced = announced
+        self._open: tuple[int, int] | None = None
+        self._wanted = announced is None
         self._states: deque[tuple[Key, tuple[Any, ...], tuple[Any, ...] | None]] = deque()
         self._echoes: dict[Key, tuple[Any, ...]] = {}
         self._last: Key = (0, -1)
@@ -90,10 +100,16 @@ class LiveSteps:
         self._states.append((key, row, self._echoes.pop(key, None)))
 
     def take(self) -> Columns:
-        """Return the steps that are complete, as a table with the columns READ, in order."""
+        """Return the wanted, complete steps in order, as a table with the columns READ."""
         rows = []
         while self._states:
             key, row, echo = self._states[0]
+            if not self._is_decided(row[0], key[0]):
+                break
+            if not self._wanted:
+                self._echoes.pop(key, None)
+                self._states.popleft()
+                continue
             echo = echo or self._echoes.pop(key, None)
             if echo is None and len(self._states) <= LONGEST_WAIT:
                 break
@@ -104,6 +120,16 @@ class LiveSteps:
             name: _column(name, values) for name, values in zip(_COLUMNS, columns, strict=True)
         }
         return {name: table[name] for name in READ}
+
+    def _is_decided(self, run: int, episode: int) -> bool:
+        """Return True once it is known whether the steps of an episode are wanted."""
+        if self._announced is None or self._open == (run, episode):
+            return True
+        wanted = self._announced.begin(episode)
+        if wanted is None and len(self._states) <= MOST_UNANNOUNCED:
+            return False
+        self._open, self._wanted = (run, episode), bool(wanted)
+        return True
 
 
 def _column(name: str, values: tuple[Any, ...]) -> np.ndarray:

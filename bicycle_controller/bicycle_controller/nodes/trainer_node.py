@@ -25,6 +25,7 @@ from bicycle_common.nodes.declare_parameters import declare
 from bicycle_common.nodes.runner import UserError, run
 from bicycle_common.nodes.topics import RESEND, Topic, advertise, listen
 from bicycle_common.parameters import describe
+from bicycle_controller.data.announced_episodes import AnnouncedEpisodes
 from bicycle_controller.data.live_steps import LiveSteps
 from bicycle_controller.data.packing import packed
 from bicycle_controller.data.transition_builder import Reached, TransitionBuilder
@@ -57,7 +58,9 @@ class TrainerNode(Node):
         self._settings = declare(self, TrainerSettings)
         if importlib.util.find_spec("torch") is None:
             raise UserError("learning needs torch: run 'ros2_ws/setup.sh --with train'")
-        self._steps = LiveSteps()
+        self._announced = AnnouncedEpisodes()
+        self._steps = LiveSteps(self._announced)
+        self._heard: EpisodeInfo | None = None
         self._builder: TransitionBuilder | None = None
         self._reached: dict[Reached, None] = {}
         self._policy = ""
@@ -110,16 +113,22 @@ class TrainerNode(Node):
 
     def _on_episode(self, info: EpisodeInfo) -> None:
         """Start learning with the first episode's scenario and physics."""
+        if info == self._heard:
+            return  # delivered once more, as a latched message may be
+        self._heard = info
         try:
             scenario, plant = to_setting(info)
             order = self._settings.order(scenario, plant)
         except (ValueError, TypeError) as error:
             self.get_logger().warning(f"episode info ignored: {error}; are both of one version?")
+            self._announced.announce(info.episode, False)
             return
         if self._learned is not None:
             self._compare(scenario, plant)
+            self._announced.announce(info.episode, not self._elsewhere)
             return
         self._learned = scenario, plant
+        self._announced.announce(info.episode, True)
         self._builder = TransitionBuilder(scenario)
         self._start(TrainerClient(order), f"learns live in {order.folder}")
 
@@ -170,10 +179,7 @@ class TrainerNode(Node):
         if link is None:
             return
         if self._builder is not None:
-            steps = self._steps.take()
-            if self._elsewhere:
-                steps = {name: column[:0] for name, column in steps.items()}
-            found = self._builder.add(steps, self._reached)
+            found = self._builder.add(self._steps.take(), self._reached)
             self._policy = self._builder.policy or self._policy
             if len(found):
                 link.feed(packed(found))
