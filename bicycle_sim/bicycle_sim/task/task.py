@@ -250,21 +250,17 @@ class BicycleTask:
 
     def _step(self, action: np.ndarray, noise: np.ndarray | None) -> Step:
         """Make one step in numpy, the reference of `native_task`."""
-        limits = self.scenario.action_limits
+        state, limits = self.state, self.scenario.action_limits
+        clipped = np.minimum(np.maximum(action, -limits), limits)
         # Column by column, so that the dynamics works on contiguous arrays.
-        torque, displacement, pedal = (
-            np.minimum(np.maximum(wanted, -limit), limit)
-            for wanted, limit in zip(action.T, limits, strict=True)
-        )
+        torque, displacement, pedal = np.ascontiguousarray(clipped.T)
         if noise is not None:
             displacement = displacement + noise
-        moved = self.plant.step(
-            self.state, torque, displacement, pedal, self.scenario.speed_limits
-        )
+        moved = self.plant.step(state, torque, displacement, pedal, self.scenario.speed_limits)
         was_fallen = self.fallen
-        self.state = base.where(was_fallen, self.state, moved) if was_fallen.any() else moved
+        self.state = moved = base.where(was_fallen, state, moved) if was_fallen.any() else moved
         self.steps = self.steps + 1
-        self.fallen = was_fallen | self.plant.fallen(self.state, self.scenario.fall_angle)
+        self.fallen = was_fallen | self.plant.fallen(moved, self.scenario.fall_angle)
         return self._outcome(was_fallen)
 
     def _outcome(self, was_fallen: np.ndarray) -> Step:
