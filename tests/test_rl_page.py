@@ -112,6 +112,7 @@ def run(words: list[str], pip_made: PipMade, folder: Path) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_every_snippet_of_the_page_runs(pip_made: PipMade, tmp_path: Path) -> None:
     python = [shorter(block) for block in blocks("python")]
     assert len(python) == 3

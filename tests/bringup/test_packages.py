@@ -130,6 +130,7 @@ def test_packages_are_compiled_where_python_would_not_keep_it(
     assert len(list(place.glob("venv/lib/*/site-packages/__pycache__/pebble.*"))) == compiled
 
 
+@pytest.mark.slow
 def test_the_bill_of_materials_names_what_is_installed(tmp_path: Path) -> None:
     path = tmp_path / "bill.json"
     done = subprocess.run(

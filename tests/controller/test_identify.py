@@ -80,6 +80,7 @@ def write(path: Path, header: list[str], rows: np.ndarray) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_simulated_ride_gives_its_bicycle_back(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

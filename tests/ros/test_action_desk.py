@@ -22,7 +22,11 @@ from bicycle_controller.control.guide import PathEnd
 from bicycle_tools.nodes import commander
 from bicycle_tools.nodes.commander import BicycleCommander, CommanderError
 
-pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
+pytestmark = [
+    pytest.mark.ros,
+    pytest.mark.slow,
+    pytest.mark.usefixtures("no_new_shared_memory"),
+]
 
 StartNode = Callable[..., NodeProcess]
 

@@ -34,7 +34,11 @@ from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_sim.task.scenario import named
 
-pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
+pytestmark = [
+    pytest.mark.ros,
+    pytest.mark.slow,
+    pytest.mark.usefixtures("no_new_shared_memory"),
+]
 
 SIM = "bicycle_sim.nodes.sim_node"
 CONTROLLER = "bicycle_controller.nodes.controller_node"

@@ -9,7 +9,11 @@ from pathlib import Path
 import pytest
 from node_process import NodeProcess
 
-pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
+pytestmark = [
+    pytest.mark.ros,
+    pytest.mark.slow,
+    pytest.mark.usefixtures("no_new_shared_memory"),
+]
 
 
 def test_two_ride_their_routes(

@@ -11,7 +11,11 @@ from pathlib import Path
 import pytest
 from node_process import NodeProcess
 
-pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
+pytestmark = [
+    pytest.mark.ros,
+    pytest.mark.slow,
+    pytest.mark.usefixtures("no_new_shared_memory"),
+]
 
 SUPPORT = Path(__file__).parents[1] / "support"
 SUCCEEDED = 4

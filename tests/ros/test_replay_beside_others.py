@@ -21,7 +21,7 @@ from waiting import PATIENCE
 from bicycle_common.nodes.topics import COMMAND, GOAL_POSE, GOAL_STATUS, STATE, Service
 from bicycle_tools.ride_log import read_ride
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 Start = Callable[..., NodeProcess]
 WORKSPACE = Path(__file__).resolve().parents[2] / "ros2_ws"

@@ -21,7 +21,7 @@ from bicycle_common.nodes.topics import PAUSE
 from bicycle_common.parameters import parameters_of
 from bicycle_controller.nodes.controller_settings import ControllerSettings
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 WORKSPACE = Path(__file__).resolve().parents[2] / "ros2_ws"
 SCRIPTS = (

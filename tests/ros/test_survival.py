@@ -22,7 +22,7 @@ from std_msgs.msg import String
 from bicycle_bag.reader import BagReader
 from bicycle_common.nodes.topics import COMMAND, COMMAND_ECHO, GOAL_POSE, STATE, TIMING, Topic
 
-pytestmark = pytest.mark.ros
+pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
 ROOT = Path(__file__).parents[2]
 SOURCES = [
