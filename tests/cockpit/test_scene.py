@@ -321,6 +321,34 @@ def test_a_banner_says_the_trouble_alone_and_covers_no_guide(page: BrowserPage) 
     page.set_viewport_size({"width": 1280, "height": 800})
 
 
+def test_on_a_phone_the_guide_is_one_line_with_the_next_step(
+    page: BrowserPage, tmp_path: Path
+) -> None:
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.evaluate(
+        """async () => {
+            const { STEPS } = await import("/web/guide.js");
+            const item = (textContent) =>
+                Object.assign(document.createElement("li"), { textContent });
+            const guide = document.getElementById("guide").cloneNode(true);
+            Object.assign(guide, { hidden: false, id: "" });
+            guide.dataset.copy = "1";
+            guide.querySelector("ol").replaceChildren(...Object.values(STEPS).map(item));
+            guide.querySelector("li").className = "done";
+            document.getElementById("ride").append(guide);
+        }"""
+    )
+    guide, picture = page.locator(".guide[data-copy]"), page.locator("#stage").bounding_box()
+    box = guide.bounding_box()
+    assert box is not None
+    assert picture is not None
+    assert box["y"] + box["height"] < picture["y"] + 0.3 * picture["height"], "above the rider"
+    assert [step.is_visible() for step in guide.locator("li").all()] == [False, True, False, False]
+    page.screenshot(path=str(tmp_path / "guide-phone.png"))
+    guide.evaluate("(one) => one.remove()")
+    page.set_viewport_size({"width": 1280, "height": 800})
+
+
 def test_the_legend_covers_no_button(page: BrowserPage) -> None:
     page.locator("#compare").click()
     page.locator("#bag-list button").first.click()
