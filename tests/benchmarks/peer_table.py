@@ -21,6 +21,11 @@ TITLES = {
     "sbx-td3": ("SBX TD3, recipe of `fast`, layer norm", "`fast`'s"),
     "sac-recipe": ("stable-baselines3 SAC, recipe of `fast`", "`fast`'s"),
     "crossq-recipe": ("sb3-contrib CrossQ, recipe of `fast`", "`fast`'s"),
+    "ppo-tuned": ("stable-baselines3 PPO, stock networks, 64 bicycles, tuned", "as registered"),
+    "ppo-short": (
+        "stable-baselines3 PPO, stock networks, 64 bicycles, tuned, 64 steps a rollout",
+        "as registered",
+    ),
     "ppo-fast": ("stable-baselines3 PPO, stock networks, 64 bicycles", "`fast`'s"),
     "ppo": ("stable-baselines3 PPO, stock networks, 64 bicycles", "as registered"),
     "td3": ("stable-baselines3 TD3, stock networks, 64 bicycles", "as registered"),

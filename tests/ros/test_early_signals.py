@@ -85,7 +85,7 @@ TRACED = {
 """Has bash tell each command and Python each import: moments by what happens, not by the clock."""
 FIRST_LINES = 20
 """Lines of a script before the one where it takes signals."""
-SEVERAL_PROGRAMS = 6000
+SEVERAL_PROGRAMS = 3000
 """Steps of a script that runs several programs, within which it is asked to end."""
 QUIET = 5.0
 """s without a word: it is up, or waits for somebody."""

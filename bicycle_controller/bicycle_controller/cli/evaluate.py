@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bicycle_common.progress import ProgressBar
 from bicycle_common.validation import require
 from bicycle_controller.cli import options
 from bicycle_controller.config import loading
@@ -235,13 +236,16 @@ def _kicks(
     if asked == "none":
         return {}
     limits = scenario.action_limits
-    own = [kicks.largest(rider, plant, speed, limits) for speed in args.kick_speeds]
+    shown = options.shows_progress(args)
+    speeds = ProgressBar(args.kick_speeds, desc="kicks", unit="speed", shown=shown)
+    own = [kicks.largest(rider, plant, speed, limits) for speed in speeds]
     result: dict[str, Any] = {"kicks": [item.summary() for item in own]}
     if asked == "best":
         # Imported here: it needs scipy.
         from bicycle_controller.evaluation.lqr_grid import best
 
-        rows = [best(plant, speed, limits) for speed in args.kick_speeds]
+        speeds = ProgressBar(args.kick_speeds, desc="the grid's kicks", unit="speed", shown=shown)
+        rows = [best(plant, speed, limits) for speed in speeds]
         result["kicks_best"] = [
             {**row.summary(), "share": row.share(item)}
             for item, row in zip(own, rows, strict=True)
@@ -278,6 +282,7 @@ def _ride_courses(args: argparse.Namespace) -> int:
         limits,
         (away, math.radians(turned)),
         None if args.sensors is None else sensors.load(args.sensors),
+        options.shows_progress(args),
     )
     if args.picture is not None:
         args.picture.parent.mkdir(parents=True, exist_ok=True)
@@ -310,7 +315,10 @@ def _score_arrivals(args: argparse.Namespace) -> int:
     scenario = loading.changed(scenario, args.overrides)
     config = GuidanceConfig(follower=args.controller or "preview")
     require(config.follower in FOLLOWERS, f"{config.follower!r} follows no path: name a follower")
-    result = arrivals.score(plant, scenario, args.arrivals, args.seed, config=config)
+    shown = options.shows_progress(args)
+    result = arrivals.score(
+        plant, scenario, args.arrivals, args.seed, config=config, progress=shown
+    )
     result = {"scenario": scenario.name, "follower": config.follower, **result}
     return _told(args, plant, result, arrivals)
 

@@ -84,8 +84,8 @@ def add_quiet(parser: argparse.ArgumentParser) -> None:
 
 
 def shows_progress(args: argparse.Namespace) -> bool:
-    """True to draw a progress bar on standard error."""
-    return not args.quiet and sys.stderr.isatty()
+    """True to tell the progress on standard error."""
+    return not args.quiet
 
 
 def progress_of(args: argparse.Namespace) -> bool | Literal["lines"]:

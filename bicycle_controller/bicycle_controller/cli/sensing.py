@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bicycle_common.progress import ProgressBar
 from bicycle_controller.cli import options
 from bicycle_controller.control.lqr import TUNED, LqrController
 from bicycle_controller.evaluation import link_loss, sensing
@@ -39,6 +40,7 @@ example:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `bicycle sensing`."""
+    options.add_quiet(parser)
     add = parser.add_argument
     base = Conditions()
     add("controller", metavar="CONTROLLER", help="what rides")
@@ -110,6 +112,7 @@ def run_command(args: argparse.Namespace) -> int:
     if args.link_loss:
         return _link_loss(args, names, conditions)
     unlike = {name: _unlike(args.controller, name, conditions) for name in names}
+    cases = [(name, *case) for name in names for case in _cases(conditions, args.costs)]
     rows = [
         {
             "bicycle": name,
@@ -117,8 +120,9 @@ def run_command(args: argparse.Namespace) -> int:
             **_ride(args, name, found).summary(),
             "unlike_training": unlike[name],
         }
-        for name in names
-        for label, found in _cases(conditions, args.costs)
+        for name, label, found in ProgressBar(
+            cases, desc="sensing", unit="row", shown=options.shows_progress(args)
+        )
     ]
     result = {
         "controller": args.controller,
@@ -149,7 +153,8 @@ def _unlike(controller: str, bicycle: str, conditions: Conditions) -> list[str]:
 def _link_loss(args: argparse.Namespace, names: list[str], conditions: Conditions) -> int:
     """Stop the commands and print the rides' outcome."""
     rows: list[dict[str, Any]] = []
-    for name in names:
+    shown = options.shows_progress(args)
+    for name in ProgressBar(names, desc="link loss", unit="bicycle", shown=shown):
         plant = replace(conditions, delay=0.0).applied(registry.named(bicycle=name))
         # Designed without the motor, so that it needs no memory.
         plain = replace(conditions, delay=0.0, motor_lag=0.0).applied(plant)

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from bicycle_common.geometry import heading_to_yaw, wrap_angle
+from bicycle_common.progress import ProgressBar
 from bicycle_common.types import Command, InitialPose
 from bicycle_common.validation import require
 from bicycle_controller.control.control_loop import ControlLoop
@@ -51,6 +52,7 @@ def score(
     seed: int = 0,
     side: float = 60.0,
     config: GuidanceConfig | None = None,
+    progress: bool = False,
 ) -> dict[str, Any]:
     """Ride to random poses; return the keys named above.
 
@@ -61,6 +63,7 @@ def score(
         seed: of the poses.
         side: m of the square that each pose is drawn in.
         config: the guidance's configuration.
+        progress: True to tell it on standard error.
 
     Raises:
         ValueError: on a number of poses or a side out of range.
@@ -73,7 +76,7 @@ def score(
     refused: Counter[str] = Counter()
     detours: list[float] = []
     ride: _Ride | None = None
-    for number in range(poses):
+    for number in ProgressBar(range(poses), desc="arrivals", unit="pose", shown=progress):
         if ride is None or number % CHAIN == 0 or ride.simulator.snapshot.fallen:
             ride = _Ride(plant, scenario, config or GuidanceConfig())
         now = ride.simulator.snapshot

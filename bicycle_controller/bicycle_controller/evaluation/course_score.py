@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from bicycle_common.progress import ProgressBar
 from bicycle_common.validation import require
 from bicycle_controller.control import courses, followers
 from bicycle_controller.control.courses import Course
@@ -75,6 +76,7 @@ def score(
     limits: tuple[float, float] = (2.0, 100.0),
     start: tuple[float, float] = (0.0, 0.0),
     sensors: SensorSettings | None = None,
+    progress: bool = False,
 ) -> tuple[list[dict[str, Any]], list[tuple[Course, Trace]]]:
     """Ride courses and return their results, and the trace of each course's first ride.
 
@@ -88,6 +90,7 @@ def score(
         limits: N m and N, largest |T| and |F|.
         start: m and rad, largest distance from the path's start and from its direction.
         sensors: on the bicycle, for an estimator that the follower sees; None is the truth.
+        progress: True to tell it on standard error.
 
     Raises:
         ValueError: on a number out of range, or a course that cannot be read or ridden.
@@ -107,7 +110,7 @@ def score(
     else:
         groups = [[one] * rides for one in chosen(course_name, radius)]
     results, traces = [], []
-    for group in groups:
+    for group in ProgressBar(groups, desc="courses", unit="course", shown=progress):
         count = len(group)
         if sensors is not None:
             sensed, trace = ride_sensed(

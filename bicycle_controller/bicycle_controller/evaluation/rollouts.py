@@ -7,12 +7,12 @@ from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from tqdm import tqdm
 
 if TYPE_CHECKING:
     from bicycle_controller.control.controller import Controller
 from bicycle_common.geometry import wrap_angle
 from bicycle_common.observation import OBSERVATION_FIELDS
+from bicycle_common.progress import ProgressBar
 from bicycle_common.validation import require
 from bicycle_controller.control.riding import Riding
 from bicycle_sim.plants.base import Plant
@@ -129,7 +129,7 @@ def ride(
         count: N.
         seed: at least 0.
         disturbance: added to the scenario.
-        progress: True to draw a bar on standard error.
+        progress: True to tell it on standard error.
 
     Raises:
         ValueError: if count or seed is too small, or the controller's actions are not finite or
@@ -144,7 +144,7 @@ def ride(
     if trial.displacement_noise > 0:
         plant = plant.with_displacement_noise(trial.displacement_noise)
     parts = []
-    with tqdm(total=count, unit="ride", desc=scenario.name, disable=not progress) as bar:
+    with ProgressBar(total=count, unit="ride", desc=scenario.name, shown=progress) as bar:
         for index, first in enumerate(range(0, count, CHUNK)):
             batch = _Batch(scenario, plant, min(CHUNK, count - first), (seed, index), trial)
             parts.append(batch.ride(controller, bar))

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
+from bicycle_common.progress import ProgressBar
 from bicycle_controller.policy.policy import write_atomically
 from bicycle_controller.reproduce import evaluate_experiments, logs, summary, training
 from bicycle_controller.reproduce.evaluate_experiments import Ridden
@@ -124,7 +122,7 @@ def _write_rides(
     """Write the results of the rides without noise, and the picture's data."""
     rows: list[Row] = []
     label = f"{experiment.name} {mode}"
-    for item in tqdm(ridden, desc=label, unit="controller", disable=not progress, file=sys.stderr):
+    for item in ProgressBar(ridden, desc=label, unit="controller", shown=progress):
         rows.append(evaluate_experiments.scored(experiment, mode, item, length.rides))
     write_table(folder / summary.RIDES, kept.with_rides(summary.RIDES, rows))
     if not experiment.tracks:

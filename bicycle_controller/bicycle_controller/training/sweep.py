@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tqdm import tqdm
 
+from bicycle_common.progress import ProgressBar
 from bicycle_common.signals import StopRequest
 from bicycle_common.validation import one_line
 from bicycle_controller.config import loading
@@ -149,7 +149,10 @@ def sweep(
     if left:
         # Ray hands every run a GPU of its own.
         gpus = any(job.config.device.startswith("cuda") for job in left)
-        with tqdm(total=len(jobs), initial=len(jobs) - len(left), disable=not progress) as bar:
+        done = len(jobs) - len(left)
+        with ProgressBar(
+            total=len(jobs), initial=done, desc="sweep", unit="run", shown=progress
+        ) as bar:
             if address is None and not gpus:
                 _run_here(parallel, left, episodes, bar)
             else:

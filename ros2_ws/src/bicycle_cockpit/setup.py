@@ -31,7 +31,6 @@ setup(
         "mcap",
         "numpy",
         "pillow",
-        "tqdm",
     ],
     extras_require={"test": ["pytest"]},
     python_requires=">=3.10",

@@ -13,7 +13,7 @@ setup(
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
     ],
-    install_requires=["numpy", "pyyaml"],
+    install_requires=["numpy", "pyyaml", "tqdm"],
     extras_require={"test": ["pytest"]},
     python_requires=">=3.10",
     zip_safe=True,

@@ -16,8 +16,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tqdm import tqdm
-
 from bicycle_bag import container, metadata
 from bicycle_bag.container import LIBRARY, Registry
 from bicycle_bag.contents import Contents
@@ -30,6 +28,7 @@ from bicycle_bag.sqlite_files import SUFFIX, convert_files
 from bicycle_bag.syncing import sync_folder
 from bicycle_bag.unpacking import unpack_files
 from bicycle_common.command_line import OneLineParser
+from bicycle_common.progress import ProgressBar
 
 MOST_SPANS = 5
 """Largest number of lost chunks whose times are reported."""
@@ -301,7 +300,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         unpack_files(bag)
         total = sum(container.size_of(file) for file in _readable(bag))
-        with tqdm(total=total, unit="B", unit_scale=True, disable=None) as bar:
+        with ProgressBar(total=total, unit="B", unit_scale=True) as bar:
             report = repair(bag, bar.update)
     except BagError as error:
         print(f"record.sh: {error}", file=sys.stderr)

@@ -12,8 +12,6 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from tqdm import tqdm
-
 from bicycle_bag.errors import BagError
 from bicycle_bag.reader import bag_in
 from bicycle_cockpit.export_page import export_page
@@ -21,6 +19,7 @@ from bicycle_cockpit.film.browser import BrowserError, find_browser
 from bicycle_cockpit.film.encoder import EncoderError, check_format
 from bicycle_cockpit.film.maker import CAMERAS, TOUR, FilmOptions, make_film
 from bicycle_common.command_line import OneLineParser
+from bicycle_common.progress import ProgressBar
 
 MOST_BAGS = 50
 INTERRUPTED = 130
@@ -74,10 +73,10 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
 
 
 def video(bag: Path, film: Path, options: FilmOptions) -> None:
-    """Make a film, with a progress bar on a terminal."""
+    """Make a film, and tell how far it is."""
     check_format(film)
     find_browser()
-    with tqdm(disable=None, leave=False, unit="picture", desc=film.name) as bar:
+    with ProgressBar(leave=False, unit="picture", desc=film.name) as bar:
 
         def progress(done: int, wanted: int) -> None:
             bar.total = wanted

@@ -11,11 +11,10 @@ import sys
 from collections import deque
 from pathlib import Path
 
-from tqdm import tqdm
-
 from bicycle_bag.errors import BagError
 from bicycle_bag.versions import TodaysReader
 from bicycle_common.command_line import OneLineParser
+from bicycle_common.progress import ProgressBar
 from bicycle_tools.nodes import (
     ride_recording,
     sensed_recording,
@@ -41,7 +40,7 @@ def verdicts_of(path: Path) -> list[Verdict | EstimateVerdict]:
     if not sensed_recording.is_hardware(reader):
         recording, verdict = ride_recording.read(path), Verdict()
         steps = verify_states.verify(recording)
-        with tqdm(steps, total=len(recording.states), unit="state", disable=None) as bar:
+        with ProgressBar(steps, total=len(recording.states), unit="state") as bar:
             found.append(deque(bar, maxlen=1).pop() if recording.states else verdict)
     elif not sensed_recording.has_estimates(reader):
         raise BagError(
@@ -51,7 +50,7 @@ def verdicts_of(path: Path) -> list[Verdict | EstimateVerdict]:
     if sensed_recording.has_estimates(reader):
         sensed, estimated = sensed_recording.read(reader), EstimateVerdict()
         checks = verify_estimates.verify(sensed)
-        with tqdm(checks, total=len(sensed.estimates), unit="estimate", disable=None) as line:
+        with ProgressBar(checks, total=len(sensed.estimates), unit="estimate") as line:
             found.append(deque(line, maxlen=1).pop() if sensed.estimates else estimated)
     return found
 

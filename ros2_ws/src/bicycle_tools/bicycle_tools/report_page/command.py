@@ -12,10 +12,9 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tqdm import tqdm
-
 from bicycle_bag.errors import BagError
 from bicycle_common.command_line import OneLineParser
+from bicycle_common.progress import ProgressBar
 from bicycle_tools.report_page import drawing_files
 from bicycle_tools.report_page.loading import RidePage, load
 from bicycle_tools.report_page.page import html, title_of
@@ -70,7 +69,7 @@ def report(options: argparse.Namespace) -> list[Path]:
     if not output.parent.is_dir():
         raise BagError(f"there is no folder {output.parent}: choose another --output")
     stages = len(names) + len(drawing_files.DRAWINGS) + int(options.png)
-    with tqdm(total=stages, disable=None, leave=False, unit="part") as bar:
+    with ProgressBar(total=stages, leave=False, unit="part") as bar:
         pages: list[RidePage] = []
         for path, name in zip(options.bags, names, strict=True):
             bar.set_description(f"reading {name}")
