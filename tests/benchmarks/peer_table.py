@@ -15,9 +15,9 @@ RESULTS = Path(__file__).parent / "results" / "goals.json"
 TITLES = {
     "quick": ("`quick`", "its own"),
     "fast": ("`fast`", "its own"),
-    "td3-quick": ("stable-baselines3 TD3, recipe with `quick`'s networks", "`fast`'s"),
+    "td3-quick": ("stable-baselines3 TD3, recipe of `quick`", "`fast`'s"),
     "td3-recipe": ("stable-baselines3 TD3, recipe of `fast`", "`fast`'s"),
-    "sbx-quick": ("SBX TD3, recipe with `quick`'s networks, layer norm", "`fast`'s"),
+    "sbx-quick": ("SBX TD3, recipe of `quick`, layer norm", "`fast`'s"),
     "sbx-td3": ("SBX TD3, recipe of `fast`, layer norm", "`fast`'s"),
     "sac-recipe": ("stable-baselines3 SAC, recipe of `fast`", "`fast`'s"),
     "crossq-recipe": ("sb3-contrib CrossQ, recipe of `fast`", "`fast`'s"),
