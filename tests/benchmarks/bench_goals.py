@@ -221,7 +221,7 @@ def model_of(name: str, seed: int) -> Any:
         return sb3.TD3("MlpPolicy", env, **options)
     env, taken = bicycles(128, TrainingVariant()), recipe(128)
     if name.endswith("-quick"):
-        sizes["qf"], taken["batch_size"] = [128, 128], 128
+        sizes["qf"], taken["batch_size"] = [128, 128], 64
     networks: dict[str, Any] = {"net_arch": sizes}
     if name in ("td3-recipe", "td3-quick"):
         td3 = {"policy_delay": 1, "target_policy_noise": 0.05, "target_noise_clip": 0.1}
