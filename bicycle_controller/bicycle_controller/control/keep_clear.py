@@ -94,7 +94,7 @@ def keep_clear(
     angle = np.abs(np.angle(np.exp(1j * (other.heading - own.heading))))
     best = np.full(len(wanted), -np.inf)
     speed, shift = wanted.copy(), np.zeros(len(wanted))
-    for aside in SHIFTS:
+    for aside in SHIFTS if acts.any() else ():  # nearly all of the work, seldom needed
         for share in np.linspace(1.0, 0.0, SPEEDS):
             tried = slowest + share * np.maximum(wanted - slowest, 0.0)
             found, _ = _miss(own, other, tried, aside - beside)

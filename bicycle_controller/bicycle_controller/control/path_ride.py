@@ -118,23 +118,21 @@ class PathRide:
 
     def _past_others(self, snapshot: BicycleState, wanted: np.ndarray, place: Place) -> np.ndarray:
         """Return the speed at which the bicycle keeps clear of all others, (1,) m/s."""
-        along = np.array([snapshot.heading]) - place.heading_error
-        numbers = snapshot.rear_x, snapshot.rear_y, snapshot.speed
-        x, y, now = (np.array([value]) for value in numbers)
-        own = Mover(x, y, along, now)
-        speed, shift, self.yielding = wanted, 0.0, False
-        for name, other in self.others.items():
-            later = np.array([self.name > name])
-            slowest = min(self._slowest, float(wanted[0]))
-            last = self._shifts.get(name, 0.0)
-            way = keep_clear(own, other, later, wanted, slowest, place.cross_track, last)
-            self._shifts[name] = float(way.shift[0])
-            speed = np.minimum(speed, way.speed)
-            if abs(way.shift[0]) > abs(shift):
-                shift = float(way.shift[0])
-            self.yielding |= bool(way.yields[0])
-        self._shift = shift
-        return speed
+        names, count = list(self.others), len(self.others)
+        along = snapshot.heading - float(place.heading_error[0])
+        numbers = snapshot.rear_x, snapshot.rear_y, along, snapshot.speed
+        own = Mover(*(np.full(count, value) for value in numbers))
+        other = Mover(*map(np.concatenate, zip(*self.others.values(), strict=True)))
+        later = np.array([self.name > name for name in names])
+        last = np.array([self._shifts.get(name, 0.0) for name in names])
+        slowest = min(self._slowest, float(wanted[0]))
+        way = keep_clear(
+            own, other, later, np.repeat(wanted, count), slowest, place.cross_track, last
+        )
+        self._shifts.update(zip(names, way.shift.tolist(), strict=True))
+        self._shift = float(way.shift[np.argmax(np.abs(way.shift))])
+        self.yielding = bool(way.yields.any())
+        return np.minimum(wanted, way.speed.min())
 
     def _measure(self, cross: float, error: float) -> None:
         assert self._along is not None

@@ -232,6 +232,7 @@ class ControllerNode(LifecycleNode):
         """Stop serving actions and loading policies."""
         self._desk.close()
         self._loader.close()
+        self._guiding.close()
 
     def _publish(self, topic: Topic, message: Any) -> None:
         self._publishers_by_name[topic.name].publish(message)

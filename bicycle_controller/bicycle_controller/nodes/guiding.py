@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
 from bicycle_msgs.msg import PathStatus
 from geometry_msgs.msg import PoseStamped, Twist, TwistStamped
-from nav_msgs.msg import Odometry
 from nav_msgs.msg import Path as PathMessage
 from rclpy.node import Node
 
-from bicycle_common.geometry import heading_to_yaw, yaw_to_heading
+from bicycle_common.geometry import heading_to_yaw
 from bicycle_common.nodes import convert, topics
 from bicycle_common.nodes.topics import ODOM_FRAME, Topic, listen
 from bicycle_common.types import BicycleState, Point2D
@@ -22,13 +19,11 @@ from bicycle_controller.control import courses
 from bicycle_controller.control.courses import Course
 from bicycle_controller.control.guidance import Guidance, MakeCourse
 from bicycle_controller.control.guide import PathReport
-from bicycle_controller.control.keep_clear import Mover
 from bicycle_controller.control.path import Path
 from bicycle_controller.control.path_making import Rounding, path_through
+from bicycle_controller.nodes.neighbours import Neighbours
 from bicycle_sim.nodes.robot_model import frames_of
 
-FORGOTTEN = 2.0
-"""s after which a silent bicycle is no longer kept clear of."""
 MOST_SHOWN = 2000
 """Largest number of poses of a published path."""
 
@@ -59,30 +54,17 @@ class Guiding:
         listen(node, topics.FOLLOW_PATH, self._on_path)
         listen(node, topics.CMD_VEL, self._on_twist_stamped)
         listen(node, topics.CMD_VEL_PLAIN, self._on_twist)
-        self._heard: dict[str, float] = {}
         guidance.name = node.get_namespace().strip("/")
-        self._others = tuple(others)
-        for name in others:
-            self._watch(name)
+        self._neighbours = Neighbours(node, others, guidance.others)
 
     @property
     def unheard(self) -> list[str]:
         """Names of the bicycles to keep clear of without a received state."""
-        return [name for name in self._others if name not in self._heard]
+        return self._neighbours.unheard
 
-    def _watch(self, name: str) -> None:
-        """Keep the pose of another bicycle up to date."""
-
-        def hear(message: Odometry) -> None:
-            place, twist = message.pose.pose.position, message.twist.twist
-            heading = float(yaw_to_heading(convert.to_yaw(message.pose.pose.orientation)))
-            numbers = float(place.x), float(place.y), heading, float(twist.linear.x)
-            if all(map(math.isfinite, numbers)):
-                self.guidance.others[name] = Mover(*(np.array([value]) for value in numbers))
-                self._heard[name] = time.monotonic()
-
-        topic = f"/{name}/{topics.ODOMETRY.name}"
-        self._node.create_subscription(topics.ODOMETRY.type, topic, hear, 1)
+    def close(self) -> None:
+        """Stop watching the other bicycles."""
+        self._neighbours.close()
 
     def _on_path(self, message: PathMessage) -> None:
         try:
@@ -107,9 +89,6 @@ class Guiding:
     def after_state(self, snapshot: BicycleState) -> None:
         """Publish the guides' new reports."""
         guidance = self.guidance
-        for name, heard in list(self._heard.items()):
-            if time.monotonic() - heard > FORGOTTEN:
-                del self._heard[name], guidance.others[name]
         now = self._node.get_clock().now().nanoseconds
         path, guidance.followed = guidance.followed, None
         if path is not None:
