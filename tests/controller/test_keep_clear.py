@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bicycle_common.types import Command, InitialPose
+from bicycle_controller.control import keep_clear as rule
 from bicycle_controller.control.courses import Course
 from bicycle_controller.control.followers import make
 from bicycle_controller.control.keep_clear import Mover, Way, keep_clear
@@ -105,3 +106,47 @@ def test_two_whipple_bicycles_cross(late: float) -> None:
             simulator.step(Command(state.episode, state.step, float(torque), 0.0, float(pedal)))
             assert not simulator.snapshot.fallen
     assert least > 1.5
+
+
+def test_many_others_at_once_give_the_orders_of_one_after_another() -> None:
+    rng = np.random.default_rng(3)
+    count = 400
+    x, y = rng.uniform(-15.0, 15.0, (2, count))
+    others = Mover(x, y, rng.uniform(-np.pi, np.pi, count), rng.uniform(2.0, 4.0, count))
+    own = Mover(*(np.full(count, value) for value in (0.0, 0.0, 0.2, 3.0)))
+    later, last = rng.random(count) < 0.5, rng.choice((0.0, -1.5, 1.5), count)
+    wanted, beside = np.full(count, 3.0), np.array([0.3])
+    together = keep_clear(own, others, later, wanted, 2.0, beside, last)
+    assert 20 < int(together.yields.sum()) < 380
+    for i in range(count):
+        one = slice(i, i + 1)
+        alone = keep_clear(
+            Mover(*(value[one] for value in own)),
+            Mover(*(value[one] for value in others)),
+            later[one],
+            wanted[one],
+            2.0,
+            beside,
+            last[one],
+        )
+        np.testing.assert_allclose([v[one] for v in together], alone, rtol=0.0, atol=1e-9)
+
+
+def test_without_a_conflict_no_ways_are_tried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ten bicycles share two processors only if most steps cost little."""
+    tried: list[float] = []
+    miss = rule._miss
+
+    def counted(
+        own: Mover, other: Mover, speed: np.ndarray, aside: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        tried.append(aside)
+        return miss(own, other, speed, aside)
+
+    monkeypatch.setattr(rule, "_miss", counted)
+    own = mover(0.0, 0.0, 0.0)
+    keep_clear(own, mover(100.0, 100.0, 0.0), np.array([True]), np.array([3.0]), 2.0)
+    quiet = len(tried)
+    keep_clear(own, mover(8.0, -8.0, math.pi / 2), np.array([True]), np.array([3.0]), 2.0)
+    assert quiet == 3
+    assert len(tried) > 40
