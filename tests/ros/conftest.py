@@ -111,3 +111,12 @@ def no_new_shared_memory() -> Iterator[None]:
         yield
         after = set(folder.glob("*fastrtps*")) if folder.is_dir() else set()
     assert after <= before, f"left in /dev/shm: {sorted(str(path) for path in after - before)}"
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put files with a slow test before all others, so that no worker ends long after the rest.
+
+    pytest hands all tests of the run to this hook, not those of this folder alone.
+    """
+    slow = {item.path for item in items if item.get_closest_marker("slow")}
+    items.sort(key=lambda item: item.path not in slow)
