@@ -43,6 +43,6 @@ echo "== pytest"
 # Whole files to one worker, so that a module's nodes and bags are made once.
 status=0
 # A run under nohup ignores SIGHUP, and so would every program that a test starts.
-env --default-signal=HUP python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -q "$@" || status=$?
+env --default-signal=HUP python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -q "$@" || status=$?
 [[ -n $chromium ]] || echo "$without"
 exit "$status"
