@@ -10,7 +10,7 @@ starts are the scenario's own, `fast` starts those of the preset (near goals, ti
     ppo           stable-baselines3 PPO, stock networks, 64 bicycles, registered starts
     ppo-fast      the same on fast's starts
     ppo-tuned, ppo-short    the same on registered starts with the learning rates, gamma, lambda,
-                  steps and batches that were the quickest of 15 trials with one seed
+                  steps and batches that were the quickest of 14 trials with one seed
     td3           stable-baselines3 TD3, stock networks, 64 bicycles, registered starts
     td3-recipe    stable-baselines3 TD3 with what fast's recipe is: networks, 128 bicycles, 5-step
                   returns, tau, batch, noise, fast's starts
