@@ -39,6 +39,18 @@ def test_short_work_says_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert work(io.StringIO()) == ""
 
 
+def test_a_name_alone_is_no_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = io.StringIO()
+    with ProgressBar(total=2, unit="part", file=stream) as bar:
+        bar.set_description("reading")
+    assert stream.getvalue() == ""
+    monkeypatch.setattr(progress, "EVERY", 1e-9)
+    with ProgressBar(total=2, unit="part", file=stream) as bar:
+        bar.set_description("reading")
+        bar.update()
+    assert stream.getvalue().startswith("reading: 1 of 2 parts after")
+
+
 def test_a_terminal_gets_a_bar() -> None:
     shown = work(Terminal())
     assert "\r" in shown

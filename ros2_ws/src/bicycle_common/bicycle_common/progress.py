@@ -39,6 +39,13 @@ class ProgressBar(tqdm):  # type: ignore[misc]  # untyped
         self.fp.flush()
         return True
 
+    def set_description(self, desc: str | None = None, refresh: bool | None = True) -> None:
+        """Name what is being done; a line waits for its time."""
+        if not self._in_lines:
+            super().set_description(desc, refresh)
+        else:
+            self.desc = desc or ""
+
     def close(self) -> None:
         """End; lines leave nothing to clean up."""
         if self._in_lines and not getattr(self, "disable", True):
