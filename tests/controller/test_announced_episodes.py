@@ -1,4 +1,4 @@
-"""Which episodes are learned from, whatever order announcements and states come in."""
+"""Episodes that are learned from, whatever order announcements and states come in."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which episodes are learned from, as their announcements tell, whichever topic is quicker."""
+"""Announced episodes: which of them are learned from, whichever topic is quicker."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the other bicycles are: the newest odometry of each, looked at ten times a second."""
+"""The other bicycles: the newest odometry of each, looked at ten times a second."""
 
 from __future__ import annotations
 
