@@ -137,7 +137,7 @@ def test_it_learns_nothing_of_another_bicycle(
     start_node: StartNode, probe: Probe, tmp_path: Path
 ) -> None:
     """A policy learned on the second bicycle would claim the first one."""
-    first = start_node(SIM_NODE)
+    first = start_node(SIM_NODE, parameters(seed=7))
     first.wait_for_line("waits")
     controller = parameters(policy="lqr", exploration="ou", exploration_sigma=0.05)
     start_node(CONTROLLER_NODE, controller).wait_for_line("waits for a goal")
@@ -146,6 +146,13 @@ def test_it_learns_nothing_of_another_bicycle(
     trainer.wait_for_line("learns live in")
     probe.say(GOAL_POSE, goal(5000.0, 0.0))
     wait_for(probe, lambda message: message.transitions >= 40)
+    assert first.stop() == 0
+    # The same bicycle again, whose episode info is the same to the last field.
+    first = start_node(SIM_NODE, parameters(seed=7))
+    first.wait_for_line("waits")
+    before = probe[TRAINER][-1].transitions
+    probe.say(GOAL_POSE, goal(5000.0, 0.0))
+    wait_for(probe, lambda message: message.transitions >= before + 100)
     assert first.stop() == 0
     other = start_node(SIM_NODE, parameters(physics="corrected"))
     trainer.wait_for_line("has another ride now .*chord_follows_steering true, not false")

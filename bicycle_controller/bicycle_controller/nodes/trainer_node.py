@@ -60,7 +60,7 @@ class TrainerNode(Node):
             raise UserError("learning needs torch: run 'ros2_ws/setup.sh --with train'")
         self._announced = AnnouncedEpisodes()
         self._steps = LiveSteps(self._announced)
-        self._heard: EpisodeInfo | None = None
+        self._announced_at = 0
         self._builder: TransitionBuilder | None = None
         self._reached: dict[Reached, None] = {}
         self._policy = ""
@@ -111,11 +111,12 @@ class TrainerNode(Node):
 
     # Inputs from the simulator.
 
-    def _on_episode(self, info: EpisodeInfo) -> None:
+    def _on_episode(self, info: EpisodeInfo, facts: dict[str, Any]) -> None:
         """Start learning with the first episode's scenario and physics."""
-        if info == self._heard:
+        sent = facts["source_timestamp"]
+        if sent == self._announced_at:
             return  # delivered once more, as a latched message may be
-        self._heard = info
+        self._announced_at = sent
         try:
             scenario, plant = to_setting(info)
             order = self._settings.order(scenario, plant)
