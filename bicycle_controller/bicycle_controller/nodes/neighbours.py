@@ -47,7 +47,6 @@ class Neighbours:
             f"_{node.get_name()}_neighbours",
             namespace=node.get_namespace(),
             context=node.context,
-            use_global_arguments=False,
             enable_rosout=False,
             start_parameter_services=False,
         )
@@ -73,13 +72,16 @@ class Neighbours:
                 taken = subscription.handle.take_message(topics.ODOMETRY.type, False)
             if taken is not None:
                 self._hear(name, taken[0], now)
-            elif now - self._heard.get(name, now) > FORGOTTEN:
+            if now - self._heard.get(name, now) > FORGOTTEN:
                 del self._heard[name], self._movers[name]
 
     def _hear(self, name: str, message: Any, now: float) -> None:
         """Keep the pose and the speed of a message."""
         place, twist = message.pose.pose.position, message.twist.twist
-        heading = float(yaw_to_heading(convert.to_yaw(message.pose.pose.orientation)))
+        try:
+            heading = float(yaw_to_heading(convert.to_yaw(message.pose.pose.orientation)))
+        except ValueError:
+            return  # no orientation: it counts as silent, which diagnostics tell
         numbers = float(place.x), float(place.y), heading, float(twist.linear.x)
         if all(map(math.isfinite, numbers)):
             self._movers[name] = Mover(*(np.array([value]) for value in numbers))
