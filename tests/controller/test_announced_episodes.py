@@ -54,27 +54,50 @@ def ride(steps: LiveSteps, count: int) -> None:
 
 
 def test_states_wait_for_the_word_of_another_bicycle() -> None:
-    announced = AnnouncedEpisodes()
-    steps = LiveSteps(announced)
+    steps = LiveSteps(AnnouncedEpisodes())
     ride(steps, 5)
     assert len(steps.take()["step"]) == 0
-    announced.announce(1, True)
+    steps.announce(1, True)
     assert len(steps.take()["step"]) == 5
     ride(steps, 5)
     assert len(steps.take()["step"]) == 0, "another simulator, which has not told what it rides"
-    announced.announce(1, False)
+    steps.announce(1, False)
     assert len(steps.take()["step"]) == 0
     ride(steps, 3)
-    announced.announce(1, True)
+    steps.announce(1, True)
     assert steps.take()["step"].tolist() == [0, 1, 2]
+
+
+def test_a_simulator_that_had_not_ridden_is_not_taken_for_the_next_one() -> None:
+    """Both stand at the same first state of their first episode."""
+    steps = LiveSteps(AnnouncedEpisodes())
+    steps.announce(1, True)
+    ride(steps, 1)
+    assert len(steps.take()["step"]) == 1
+    steps.announce(1, False)
+    ride(steps, 5)
+    assert len(steps.take()["step"]) == 0
+    steps.announce(1, True)
+    ride(steps, 3)
+    found = steps.take()
+    assert found["step"].tolist() == [0, 1, 2]
+    assert len(set(found["run"])) == 1
+
+
+def test_an_announcement_that_comes_after_its_states_parts_nothing() -> None:
+    steps = LiveSteps(AnnouncedEpisodes())
+    ride(steps, 3)
+    steps.announce(1, True)
+    assert steps.take()["step"].tolist() == [0, 1, 2]
+    steps.announce(2, True)
+    assert len(steps.take()["step"]) == 0
 
 
 def test_an_episode_that_is_never_announced_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live_steps, "MOST_UNANNOUNCED", 10)
-    announced = AnnouncedEpisodes()
-    steps = LiveSteps(announced)
+    steps = LiveSteps(AnnouncedEpisodes())
     ride(steps, 12)
     assert len(steps.take()["step"]) == 0
     ride(steps, 4)
-    announced.announce(1, True)
+    steps.announce(1, True)
     assert steps.take()["step"].tolist() == [0, 1, 2, 3]

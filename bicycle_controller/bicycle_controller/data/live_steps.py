@@ -53,10 +53,21 @@ class LiveSteps:
         self._announced = announced
         self._open: tuple[int, int] | None = None
         self._wanted = announced is None
+        self._anew = False
         self._states: deque[tuple[Key, tuple[Any, ...], tuple[Any, ...] | None]] = deque()
         self._echoes: dict[Key, tuple[Any, ...]] = {}
         self._last: Key = (0, -1)
         self._run = 0
+
+    def announce(self, episode: int, learned: bool) -> None:
+        """Take in that an episode begins, and True if its bicycle is the one that is learned.
+
+        Another simulator's steps are known by their numbers, which begin again, unless the last
+        one has only stood at its start.
+        """
+        assert self._announced is not None
+        self._announced.announce(episode, learned)
+        self._anew = self._open == (self._run, episode) and self._last == (episode, 0)
 
     def add_echo(self, message: Any) -> None:
         """Take in a CommandEcho."""
@@ -80,10 +91,10 @@ class LiveSteps:
     def add_state(self, message: Any) -> None:
         """Take in a BicycleState; one that repeats the last is left out."""
         key = message.episode, message.step
-        if key == self._last:
+        if key == self._last and not self._anew:
             return
-        self._run += key < self._last
-        self._last = key
+        self._run += self._anew or key < self._last
+        self._last, self._anew = key, False
         rear, front = message.rear_contact, message.front_contact
         row = (
             self._run,

@@ -58,8 +58,7 @@ class TrainerNode(Node):
         self._settings = declare(self, TrainerSettings)
         if importlib.util.find_spec("torch") is None:
             raise UserError("learning needs torch: run 'ros2_ws/setup.sh --with train'")
-        self._announced = AnnouncedEpisodes()
-        self._steps = LiveSteps(self._announced)
+        self._steps = LiveSteps(AnnouncedEpisodes())
         self._announced_at = 0
         self._builder: TransitionBuilder | None = None
         self._reached: dict[Reached, None] = {}
@@ -122,14 +121,14 @@ class TrainerNode(Node):
             order = self._settings.order(scenario, plant)
         except (ValueError, TypeError) as error:
             self.get_logger().warning(f"episode info ignored: {error}; are both of one version?")
-            self._announced.announce(info.episode, False)
+            self._steps.announce(info.episode, False)
             return
         if self._learned is not None:
             self._compare(scenario, plant)
-            self._announced.announce(info.episode, not self._elsewhere)
+            self._steps.announce(info.episode, not self._elsewhere)
             return
         self._learned = scenario, plant
-        self._announced.announce(info.episode, True)
+        self._steps.announce(info.episode, True)
         self._builder = TransitionBuilder(scenario)
         self._start(TrainerClient(order), f"learns live in {order.folder}")
 
