@@ -85,6 +85,19 @@ def test_a_simulator_that_was_started_anew_begins_a_new_history() -> None:
     assert (frame.ride, frame.first, steps([frame])) == (before + 1, 0, [0])
 
 
+def test_another_start_at_the_same_step_is_another_ride() -> None:
+    """A ride that is set up anew before its first step begins at step 0 again."""
+    live = RideState(Clock())
+    live.add(sample(0, speed=2.8, x=math.nan))
+    live.frame()
+    before = live.hello()["ride"]
+    assert not live.add(sample(0, speed=2.8, x=math.nan, torque=1.0))
+    assert live.add(sample(0, speed=3.0, x=math.nan))
+    frame = live.frame()
+    assert frame is not None
+    assert (frame.ride, frame.first, steps([frame])) == (before + 1, 0, [0])
+
+
 def test_what_happens_is_told_with_its_place_and_counted() -> None:
     live = RideState(Clock())
     assert "x" not in live.event("info", "before the first state", kind="reset")

@@ -109,9 +109,11 @@ class RideState:
     def add(self, sample: Sample) -> bool:
         """Take in a state; return True if it is a new step, not a repeated one."""
         last = self._last
-        if last is not None and (sample.episode, sample.step) == (last.episode, last.step):
+        again = last is not None and (sample.episode, sample.step) == (last.episode, last.step)
+        if last is not None and again and sample.body == last.body:
             return False
-        if last is not None and sample.t < last.t:  # after a restart of the simulator
+        # After a restart of the simulator; one that had not begun to ride has the same first step.
+        if last is not None and (again or sample.t < last.t):
             self._ride += 1
             self._count = 0
             self._rows.clear()

@@ -70,6 +70,11 @@ class Sample(NamedTuple):
     est_steer: float = math.nan
     est_speed: float = math.nan
 
+    @property
+    def body(self) -> str:
+        """State of the bicycle as text, in which unknown values are alike."""
+        return str(self[: self._fields.index("goal_distance")])
+
 
 ESTIMATED = {
     "est_t": "header.stamp",
