@@ -59,6 +59,13 @@ def test_repeated_states_of_a_held_bicycle_count_once() -> None:
     assert list(segment) == [0, 0, 0]
 
 
+def test_another_start_at_the_same_step_begins_a_segment() -> None:
+    stood = states(1) | {"rear_contact.x": np.array([50.0])}
+    kept, segment = distinct(joined(stood, stood, states(3)))
+    assert list(kept["step"]) == [0, 0, 1, 2]
+    assert list(segment) == [0, 1, 1, 1]
+
+
 def test_a_reset_begins_a_segment_and_its_jump_is_no_path() -> None:
     log = ride(joined(states(41), states(41, episode=2)))
     assert list(np.unique(log.segment)) == [0, 1]

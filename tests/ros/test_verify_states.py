@@ -311,6 +311,19 @@ def test_a_simulator_that_was_started_again_begins_again(tmp_path: Path) -> None
     assert verdict.proved
 
 
+def test_a_simulator_that_only_stood_is_not_where_the_next_one_rode_from(tmp_path: Path) -> None:
+    """Both have step 0 of episode 1, in other places."""
+    messages = episodes(3, 4)
+    later = next(index for index, item in enumerate(messages) if item[2] >= 100 * PERIOD_NS)
+    stood = [item for item in messages[:later] if getattr(item[1], "step", 0) == 0]
+    starts = [item[1] for item in [*stood, *messages[later:]] if item[0] == STATES]
+    assert starts[0].step == starts[1].step == 0
+    assert starts[0].rear_contact != starts[1].rear_contact
+    verdict = judged(tmp_path / "bag", stood + messages[later:])
+    assert (verdict.checked, verdict.begun) == (20, 2)
+    assert verdict.proved, verdict
+
+
 def test_another_episode_begins_again(tmp_path: Path) -> None:
     rider = Rider(seed=3)
     messages = list(rider.ride(20))

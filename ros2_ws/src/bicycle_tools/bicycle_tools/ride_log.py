@@ -173,6 +173,10 @@ def no_bicycle(reader: BagReader) -> BagError:
     )
 
 
+BODY = ("rear_contact.x", "rear_contact.y", "heading", "speed")
+"""Columns that tell two starts apart."""
+
+
 def distinct(states: Columns) -> tuple[Columns, NDArray[np.intp]]:
     """Return each step once; a state is published again while the bicycle is held.
 
@@ -181,12 +185,15 @@ def distinct(states: Columns) -> tuple[Columns, NDArray[np.intp]]:
 
     Returns:
         The columns without repetitions, and for each row the number of its segment: a new one
-        begins where the episode changes or the step goes back (the simulator was started anew).
+        begins where the episode changes, the step goes back (the simulator was started anew), or
+        another place or speed has the same step (the one before had only stood at its start).
     """
     episode = states["episode"].astype(np.int64)
     step = states["step"].astype(np.int64)
     begins = np.ones(len(step), dtype=bool)
-    begins[1:] = (np.diff(episode) != 0) | (np.diff(step) < 0)
+    body = [states[name] for name in BODY if name in states]
+    moved = np.any([column[1:] != column[:-1] for column in body], axis=0) if body else False
+    begins[1:] = (np.diff(episode) != 0) | (np.diff(step) < 0) | ((np.diff(step) == 0) & moved)
     repeats = np.zeros(len(step), dtype=bool)
     repeats[1:] = ~begins[1:] & (np.diff(step) == 0)
     kept = {name: column[~repeats] for name, column in states.items()}

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -107,11 +108,11 @@ def verify(recording: Recording) -> Iterator[Verdict]:
     simulator: Simulator | None = None
     for place, data in recording.states:
         state = decoded(data, BicycleState)
-        if before is not None and (state.episode, state.step) == (before.episode, before.step):
+        if before is not None and _is_repeated(state, before):
             yield verdict  # a held bicycle's state, published again
             continue
         follows = before is not None and state.episode == before.episode
-        if before is None or simulator is None or not follows or state.step < before.step:
+        if before is None or simulator is None or not follows or state.step <= before.step:
             verdict.begun += 1
             if before is None and state.step > 0:
                 verdict.begins = _place(state)
@@ -202,6 +203,18 @@ def _restored(recording: Recording, state: BicycleState, place: int) -> Simulato
             f"episode {state.episode} is not one of this simulator's ({error}): verify it with "
             f"version {info.version}"
         ) from None
+
+
+def _is_repeated(state: BicycleState, before: BicycleState) -> bool:
+    """Return True if a state is the one before, published again.
+
+    Another one of the same step is another simulator's, which replaced one that only stood.
+    """
+    if (state.episode, state.step) != (before.episode, before.step):
+        return False
+    again = copy(state)
+    again.header = before.header
+    return bool(again == before)
 
 
 def _skip(verdict: Verdict, state: BicycleState) -> None:
