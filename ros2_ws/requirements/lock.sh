@@ -19,7 +19,7 @@ lock() { # SET ARGUMENT...
 }
 
 lock uv "$@"
-lock build "$@"
+lock build --override overrides.in "$@"
 last=build
 for set in ride foxglove train dev bench; do
   # Within what the one before has, so that one environment can hold them all.
@@ -30,9 +30,13 @@ lock torch -c dev.lock "$@"
 lock sbom -c dev.lock "$@"
 cuda='^(cuda-|nvidia-|triton)'
 awk -v cuda="$cuda" '/^[^ #]/ { inside = $0 ~ cuda } inside || /^# This file/' torch.lock >torch-cuda.lock
-awk -v cuda="$cuda" -v wheels=torch-wheels.sha256 '
+# uv keeps the hashes that the lock has already: only the others are added.
+wheels=$(grep -o '^[0-9a-f]\{64\}' torch-wheels.sha256 | while read -r sum; do
+  grep -q "$sum" torch.lock || printf '    --hash=sha256:%s \\\n' "$sum"
+done)
+wheels=$wheels awk -v cuda="$cuda" '
   /^[^ #]/ { inside = $0 ~ cuda }
   !inside
-  /^torch==/ { while ((getline line <wheels) > 0) if (line ~ /^[0-9a-f]/) printf "    --hash=sha256:%s \\\n", substr(line, 1, 64) }
+  /^torch==/ && ENVIRON["wheels"] { print ENVIRON["wheels"] }
 ' torch.lock >torch.lock.new
 mv torch.lock.new torch.lock

@@ -37,6 +37,28 @@ def test_every_package_is_pinned_with_its_hashes(lock: Path) -> None:
         assert re.search(r"--hash=sha256:[0-9a-f]{64}( |$)", line), line
 
 
+def test_nothing_installed_beside_a_build_writes_what_the_build_imports() -> None:
+    """The last set is installed while the workspace is built with the packages of the first."""
+    never = "sys_platform == 'never'"
+    sets = [
+        {
+            line.partition("==")[0].removeprefix("ros-")
+            for line in requirements(lock)
+            if never not in line
+        }
+        for lock in (REQUIREMENTS / "build.lock", REQUIREMENTS / "dev.lock")
+    ]
+    owners: dict[str, set[str]] = {}
+    for found in metadata.distributions():
+        # A wheel of ROS brings two records of its files: `ros-rclpy` and `rclpy`.
+        name = found.metadata["Name"].lower().replace("_", "-").removeprefix("ros-")
+        for file in found.files or ():
+            if file.suffix in (".py", ".so") and name in set.union(*sets):
+                owners.setdefault(str(file), set()).add(name)
+    shared = {file: names for file, names in owners.items() if len(names) > 1 and "/" in file}
+    assert {file: names for file, names in shared.items() if names & sets[0]} == {}
+
+
 def test_torch_is_locked_with_and_without_cuda() -> None:
     (torch,) = (line for line in requirements(REQUIREMENTS / "torch.lock") if "torch==" in line)
     wheels = (REQUIREMENTS / "torch-wheels.sha256").read_text()
