@@ -7,7 +7,7 @@ import platform
 from importlib import metadata
 from typing import Any
 
-from bicycle_controller.training.run_folder import processor
+from bicycle_common.origin import processor
 
 
 def machine(*packages: str) -> dict[str, Any]:

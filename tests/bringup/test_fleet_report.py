@@ -41,4 +41,5 @@ def test_a_report_tells_the_nearest_pair_and_the_latest_steps() -> None:
     found = facts(riders)
     assert (found["finished"], found["nearest_m"], found["nearest_pair"]) == (1, 2.5, ["b1", "b2"])
     assert found["bicycles"]["b1"]["lateness_p99_ms"] == pytest.approx(1.09, abs=0.1)
+    assert {"command", "commit", "processor", "dropped_steps"} <= found.keys()
     assert "1 of 2 rode their routes to the end; nearest 2.50 m (b1 and b2)" in as_text(found)

@@ -16,17 +16,13 @@ from __future__ import annotations
 import fcntl
 import json
 import os
-import platform
-import shlex
-import subprocess
-import sys
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+from bicycle_common.origin import origin as origin_of_result
 from bicycle_controller import __version__
 from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
@@ -147,43 +143,4 @@ def _lock(folder: int, path: Path) -> None:
 
 def origin() -> dict[str, Any]:
     """Return the origin of a run: command, commit, version, time and processor."""
-    return {
-        "command": shlex.join([_program(), *sys.argv[1:]]),
-        "commit": _commit(),
-        "version": __version__,
-        "started": datetime.now(timezone.utc).isoformat(timespec="seconds"),
-        "processor": processor(),
-    }
-
-
-def _program() -> str:
-    """Return the words that start this program in a shell; `python -m` names a file instead."""
-    name = Path(sys.argv[0]).name
-    return "bicycle" if name == "__main__.py" else name
-
-
-def processor() -> str:
-    """Return the processor's name, as reported by the kernel."""
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.processor()
-
-
-def _commit() -> str:
-    """Return this source tree's commit, followed by `+` if files have changed, or `unknown`."""
-    here = Path(__file__).parent
-    found = []
-    for words in (("rev-parse", "HEAD"), ("status", "--porcelain", "--untracked-files=no")):
-        try:
-            done = subprocess.run(
-                ["git", "-C", str(here), *words],
-                capture_output=True,
-                text=True,
-                timeout=10,
-                check=True,
-            )
-        except (OSError, subprocess.SubprocessError):
-            return "unknown"
-        found.append(done.stdout.strip())
-    return found[0] + ("+" if found[1] else "")
+    return {**origin_of_result(), "version": __version__}

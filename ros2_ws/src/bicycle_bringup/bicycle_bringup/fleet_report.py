@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-import shlex
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from bicycle_common.origin import origin
 
 
 @dataclass
@@ -74,14 +73,14 @@ def facts(riders: Sequence[Rider]) -> dict[str, Any]:
     every = [value for one in riders for value in one.lateness]
     answers = [value for one in riders for value in one.latency]
     return {
-        "command": shlex.join([Path(sys.argv[0]).name, *sys.argv[1:]]),
-        "processor": _processor(),
+        **origin(),
         "bicycles": {one.name: one.facts() for one in riders},
         "finished": sum(one.finished for one in riders),
         "nearest_m": None if pair is None else _plain(nearest[pair]),
         "nearest_pair": None if pair is None else list(pair),
         "lateness_p99_ms": _p99(every),
         "latency_p99_ms": _p99(answers),
+        "dropped_steps": sum(one.dropped for one in riders),
     }
 
 
@@ -100,7 +99,7 @@ def as_text(found: Mapping[str, Any]) -> str:
     lines.append(
         f"{found['finished']} of {total} rode their routes to the end; nearest {near} m ({pair}); "
         f"steps late by {_shown(found['lateness_p99_ms'], 1)} ms (p99), answered after "
-        f"{_shown(found['latency_p99_ms'], 1)} ms (p99)"
+        f"{_shown(found['latency_p99_ms'], 1)} ms (p99), {found['dropped_steps']} dropped"
     )
     return "\n".join(lines)
 
@@ -117,10 +116,3 @@ def _plain(value: float) -> float | None:
 
 def _shown(value: float | None, digits: int) -> str:
     return "–" if value is None else f"{value:.{digits}f}"
-
-
-def _processor() -> str:
-    info = Path("/proc/cpuinfo")
-    lines = info.read_text().splitlines() if info.exists() else []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else "unknown"
