@@ -6,7 +6,7 @@ natural observations, falls that end with their value and a capped cost per step
 starts are the scenario's own, `fast` starts those of the preset (near goals, tilted bicycles).
 
     fast          the preset `fast`, from nothing, no teacher
-    quick         the preset `quick`: fast with smaller critics and batches
+    quick         the preset `quick`: fast with smaller critics and batches, three updates a step
     ppo           stable-baselines3 PPO, stock networks, 64 bicycles, registered starts
     ppo-fast      the same on fast's starts
     ppo-tuned, ppo-short    the same on registered starts with the learning rates, gamma, lambda,
@@ -18,7 +18,7 @@ starts are the scenario's own, `fast` starts those of the preset (near goals, ti
     sac-recipe    stable-baselines3 SAC with the recipe
     crossq-recipe sb3-contrib CrossQ with it; tau and layer norm are not in that algorithm
     sbx-td3       SBX TD3 with the recipe and layer norm, compiling included
-    td3-quick, sbx-quick    td3-recipe and sbx-td3 with the networks and batches of quick
+    td3-quick, sbx-quick    td3-recipe and sbx-td3 with the networks, batches and updates of quick
     untuned-td3   one bicycle, frozen falls, one-step returns, no cap: what not to do
 
 Time is that of the processor, for learning and collecting; scoring is left out for all. All are
@@ -221,7 +221,7 @@ def model_of(name: str, seed: int) -> Any:
         return sb3.TD3("MlpPolicy", env, **options)
     env, taken = bicycles(128, TrainingVariant()), recipe(128)
     if name.endswith("-quick"):
-        sizes["qf"], taken["batch_size"] = [128, 128], 64
+        sizes["qf"], taken["batch_size"], taken["gradient_steps"] = [128, 128], 64, 3
     networks: dict[str, Any] = {"net_arch": sizes}
     if name in ("td3-recipe", "td3-quick"):
         td3 = {"policy_delay": 1, "target_policy_noise": 0.05, "target_noise_clip": 0.1}

@@ -1,4 +1,4 @@
-"""Where a result comes from: the command, the commit, the time and the processor that made it."""
+"""Origin of a result: the command, the commit, the time and the processor that made it."""
 
 from __future__ import annotations
 
