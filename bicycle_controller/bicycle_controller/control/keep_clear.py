@@ -15,6 +15,8 @@ import numpy as np
 
 UNHEARD = "bicycles not heard"
 """Key of a controller's diagnostics that names bicycles without a received state."""
+LOOK_PERIOD = 0.1
+"""s between two looks at the other bicycles; one rides half a metre meanwhile."""
 CLEAR = 3.0
 """Distance between two rear contacts that is kept, m."""
 HORIZON = 10.0

@@ -1,7 +1,8 @@
 """Score how bicycles keep clear of one another at crossings.
 
 Two bicycles ride straight on paths that cross at 20 to 180 degrees, at 2.5 to 4 m/s, and would be
-at the crossing within about a second of one another. The keys of the result, as
+at the crossing within about a second of one another. Each sees itself now and the other as the
+controller node does: as it was at the last look, up to a tenth of a second ago. The keys of the result, as
 `bicycle evaluate --crossings N --json` prints them:
 
     crossings, falls               of pairs of bicycles, and falls among them
@@ -22,7 +23,7 @@ import numpy as np
 from bicycle_common.geometry import wrap_angle
 from bicycle_common.validation import require
 from bicycle_controller.control import followers
-from bicycle_controller.control.keep_clear import Mover, Way, keep_clear
+from bicycle_controller.control.keep_clear import LOOK_PERIOD, Mover, Way, keep_clear
 from bicycle_controller.control.path import Paths, Place
 from bicycle_controller.control.path_follower import PathFollower
 from bicycle_controller.control.path_making import path_through
@@ -75,8 +76,12 @@ def cross(plant: Plant[Any], count: int, seed: int, rule: bool = True) -> Crosse
         states.append(plant.initial(x, y, psi[i], wanted[i]))
     least, fallen = np.full(count, np.inf), np.zeros(count, dtype=bool)
     shifts = [np.zeros(count), np.zeros(count)]
-    for _ in range(round(DURATION / plant.time_step)):
+    between = max(1, round(LOOK_PERIOD / plant.time_step))
+    seen: list[Mover] = []
+    for step in range(round(DURATION / plant.time_step)):
         movers = [Mover(s.rear_x, s.rear_y, s.heading, s.speed) for s in states]
+        if step % between == 0:
+            seen = movers
         least = np.minimum(least, np.hypot(movers[0].x - movers[1].x, movers[0].y - movers[1].y))
         for i in range(2):
             way = Way(wanted[i], np.zeros(count), np.zeros(count, dtype=bool))
@@ -84,7 +89,7 @@ def cross(plant: Plant[Any], count: int, seed: int, rule: bool = True) -> Crosse
                 later = np.full(count, i == 1)
                 beside = -movers[i].x * np.cos(psi[i]) - movers[i].y * np.sin(psi[i])
                 own = movers[i]._replace(heading=psi[i])
-                way = keep_clear(own, movers[1 - i], later, wanted[i], SLOWEST, beside, shifts[i])
+                way = keep_clear(own, seen[1 - i], later, wanted[i], SLOWEST, beside, shifts[i])
                 shifts[i] = way.shift
             states[i] = _step(plant, follower, straight, states[i], psi[i], way)
             fallen |= plant.fallen(states[i], FALL_ANGLE)
