@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+from bicycle_common import topic_names
+
 ROOT = Path(__file__).parent.parent
 SOURCES = {
     folder.name: folder
@@ -192,6 +194,34 @@ def test_the_simulator_knows_neither_goals_nor_rewards() -> None:
     }
     assert len(found) > 10
     assert [module for module, known in found.items() if known] == []
+
+
+WORDS_THAT_ARE_NOT_TOPICS = {
+    "odom": "a frame",
+    "follow_path": "the name of an action of Nav2",
+}
+"""Literals that are equal to the name of a topic by chance, and what they are."""
+
+
+def test_the_names_of_topics_stand_in_one_module() -> None:
+    home = "bicycle_common.topic_names"
+    names = {
+        value.lstrip("/")
+        for name, value in vars(topic_names).items()
+        if name.isupper() and isinstance(value, str)
+    }
+    launch_files = sorted((ROOT / "ros2_ws/src/bicycle_bringup/launch").glob("*.py"))
+    modules = [path for module, path in MODULES.items() if module != home]
+    found = {
+        f"{path.name}: {node.value}"
+        for path in [*modules, *launch_files]
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        if node.value.lstrip("/") in names - WORDS_THAT_ARE_NOT_TOPICS.keys()
+    }
+    assert len(names) > 40
+    assert len(launch_files) >= 5
+    assert found == set()
 
 
 def test_no_module_is_in_a_circle_of_imports() -> None:

@@ -13,8 +13,8 @@ from bicycle_bag.ordering import by_log_time
 from bicycle_bag.play_time import PlayTime, with_standing_clocks
 from bicycle_bag.reader import BagMessage, BagReader
 from bicycle_bag.selection import absolute, with_echoes
+from bicycle_common.topic_names import CLOCK
 
-CLOCK = "/clock"
 SLOWEST, FASTEST = 1e-4, 1e4
 """Bag seconds per second."""
 MOST_TICKS = 10_000.0

@@ -13,6 +13,7 @@ from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
+from bicycle_common.topic_names import ESTIMATE, STATE
 from launch import LaunchDescription
 
 ARGUMENTS = {
@@ -61,7 +62,7 @@ def generate_launch_description() -> LaunchDescription:
                     {"state": "estimated", "sensors": words["sensors"], "policy": words["policy"]},
                 ],
                 # Nothing else says where the bicycle is.
-                remappings=[("bicycle/estimate", "bicycle/state")],
+                remappings=[(ESTIMATE, STATE)],
                 output="screen",
             ),
         ]

@@ -7,17 +7,21 @@ from collections.abc import Iterable
 from rclpy.node import Node
 
 from bicycle_bag.selection import echo_of
-from bicycle_common.topic_names import COMMAND, STATE
-
-SHARED = (
-    "/rosout",
-    "/parameter_events",
-    "/diagnostics",
-    "/tf",
-    "/tf_static",
+from bicycle_common.topic_names import (
+    CMD_VEL,
+    COMMAND,
+    DIAGNOSTICS,
+    GOAL_PATH,
+    GOAL_POSE,
+    INITIAL_POSE,
+    STATE,
+    TF,
+    TF_STATIC,
 )
+
+SHARED = ("/rosout", "/parameter_events", DIAGNOSTICS, TF, TF_STATIC)
 """Topics that many nodes publish by convention."""
-INPUTS = ("goal_pose", "goal_path", "initialpose", "clicked_point", "joy", "cmd_vel")
+INPUTS = (GOAL_POSE, GOAL_PATH, INITIAL_POSE, "clicked_point", "joy", CMD_VEL)
 """Last parts of the names of topics by which people and tools give orders: each tool that may
 give them publishes them, so that a viewer beside a replay does."""
 

@@ -25,11 +25,12 @@ from bicycle_bag.nodes.others import (
     other_publishers,
 )
 from bicycle_bag.nodes.session import message_class, overridden_profile, publisher_profile
-from bicycle_bag.playback import CLOCK, ClockTick, Playback
+from bicycle_bag.playback import ClockTick, Playback
 from bicycle_bag.qos import QosProfile
 from bicycle_bag.reader import BagMessage, BagReader
 from bicycle_bag.tempo import SLICE, Tempo
 from bicycle_common.signals import StopRequest
+from bicycle_common.topic_names import CLOCK
 from bicycle_common.validation import one_line
 
 QUEUE = 1000
