@@ -16,11 +16,10 @@ import argparse
 import os
 import sys
 from types import ModuleType
-from typing import NoReturn
 
-from bicycle_common.command_line import FAILED, INTERRUPTED, USAGE_ERROR
+from bicycle_common.command_line import FAILED, INTERRUPTED, USAGE_ERROR, OneLineParser
 from bicycle_common.signals import importing
-from bicycle_common.validation import empty_word, nearest
+from bicycle_common.validation import nearest
 from bicycle_controller import __version__
 
 COMMANDS = {
@@ -38,28 +37,10 @@ COMMANDS = {
 }
 
 
-class Parser(argparse.ArgumentParser):
-    """Reports a mistake in one line, with the nearest option."""
-
-    def error(self, message: str) -> NoReturn:
-        """Exit with status 2."""
-        self.exit(USAGE_ERROR, f"{self.prog}: {message}; see {self.prog} --help\n")
-
-    def parse(self, arguments: list[str]) -> argparse.Namespace:
-        """Parse as `parse_args` does, but name the nearest option for an unknown one."""
-        if mistake := empty_word(arguments):
-            self.error(mistake)
-        args, unknown = self.parse_known_args(arguments)
-        if unknown:
-            hint = nearest(unknown[0].partition("=")[0], self._option_string_actions)
-            self.error(f"unknown argument {unknown[0]!r}{hint}")
-        return args
-
-
-def overview() -> Parser:
+def overview() -> OneLineParser:
     """Return the parser of `bicycle` without a subcommand."""
     lines = [f"  {name:10} {text}" for name, text in COMMANDS.items()]
-    parser = Parser(
+    parser = OneLineParser(
         prog="bicycle",
         usage="bicycle COMMAND [OPTIONS]",
         description="Train, score and export controllers of the simulated bicycle.",
@@ -83,7 +64,7 @@ def main(argv: list[str] | None = None) -> int:
     name = arguments[0] if arguments else "--help"
     try:
         if name.startswith("-"):
-            overview().parse([name])
+            overview().parse_with_hint([name])
         if name not in COMMANDS:
             overview().error(f"unknown command {name!r}{nearest(name, COMMANDS)}")
         return _run(name, arguments[1:])
@@ -155,15 +136,16 @@ def _run(name: str, arguments: list[str]) -> int:
     """Run the command of that name."""
     with importing():
         module = _module(name)
-    parser = Parser(
+    parser = OneLineParser(
         prog=f"bicycle {name}",
         description=f"{COMMANDS[name].capitalize()}.",
         epilog=getattr(module, "EPILOG", None),
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
+    parser.helper = parser.prog
     module.add_arguments(parser)
-    status: int = module.run_command(parser.parse(arguments))
+    status: int = module.run_command(parser.parse_with_hint(arguments))
     sys.stdout.flush()
     return status
 

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from typing import Any, NoReturn
 
-from bicycle_common.validation import empty_word
+from bicycle_common.validation import empty_word, nearest
 
 FAILED = 1
 """Exit status of a failure."""
@@ -24,12 +24,20 @@ _RULE = re.compile(r"(__[a-z]+|[A-Za-z_/~][\w/~.]*):=\S*")
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """Parser of a program that prints its own `--help`."""
+    """Parser that reports a user's mistake in one line.
+
+    Attributes:
+        helper: Command whose `--help` a mistake's line names.
+    """
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.helper = self.prog.split()[0]
 
     def error(self, message: str) -> NoReturn:
         """End the program with status 2 and one line, without the usage."""
-        print(f"{self.prog}: {message}; see {self.prog.split()[0]} --help", file=sys.stderr)
-        raise SystemExit(2)
+        print(f"{self.prog}: {message}; see {self.helper} --help", file=sys.stderr)
+        raise SystemExit(USAGE_ERROR)
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse as `argparse` does, but refuse an empty word."""
@@ -37,6 +45,14 @@ class OneLineParser(argparse.ArgumentParser):
         if mistake := empty_word(words):
             self.error(mistake)
         return super().parse_known_args(words, namespace)
+
+    def parse_with_hint(self, words: Sequence[str]) -> argparse.Namespace:
+        """Parse as `parse_args` does, but name the nearest option for an unknown one."""
+        args, unknown = self.parse_known_args(words)
+        if unknown:
+            hint = nearest(unknown[0].partition("=")[0], self._option_string_actions)
+            self.error(f"unknown argument {unknown[0]!r}{hint}")
+        return args
 
     def parse_with_ros(self, words: Sequence[str]) -> tuple[argparse.Namespace, list[str]]:
         """Parse a command line that may hold `__ns:=/name`, `/from:=/to` and `--ros-args ...`.
