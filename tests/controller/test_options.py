@@ -3,13 +3,45 @@
 from __future__ import annotations
 
 import argparse
+import ast
 from collections import defaultdict
+from pathlib import Path
 
 import pytest
 
-from bicycle_controller.cli import evaluate, export, info, learn, options, reproduce, sweep, train
+from bicycle_controller.cli import (
+    evaluate,
+    export,
+    identify,
+    import_policy,
+    info,
+    learn,
+    options,
+    plot,
+    reproduce,
+    sensing,
+    sweep,
+    train,
+)
 
-COMMANDS = (train, learn, evaluate, sweep, reproduce, export, info)
+COMMANDS = (
+    train,
+    learn,
+    evaluate,
+    sweep,
+    reproduce,
+    export,
+    info,
+    identify,
+    import_policy,
+    plot,
+    sensing,
+)
+TWO_MEANINGS = {
+    "--to": "a folder, but of `bicycle info` the highest speed",
+    "--speeds": "of `bicycle identify` a list, of `bicycle sensing` bounds",
+}
+"""Options of several commands that are not the same, and what they mean."""
 
 
 def test_an_option_of_two_commands_has_one_definition() -> None:
@@ -21,8 +53,26 @@ def test_an_option_of_two_commands_has_one_definition() -> None:
         for action in parser._actions:
             for name in action.option_strings:
                 found[name].add((type(action), action.type, action.dest, action.nargs))
-    shared = ("--set", "--seed", "--device", "--json", "--quiet", "--out", "--resume", "--steps")
-    assert {name: len(found[name]) for name in shared} == dict.fromkeys(shared, 1)
+    several = {name for name, kinds in found.items() if len(kinds) > 1}
+    assert several == set(TWO_MEANINGS)
+
+
+def test_shared_options_are_declared_in_one_module() -> None:
+    def declared(path: Path) -> set[str]:
+        return {
+            word.value
+            for node in ast.walk(ast.parse(path.read_text()))
+            if isinstance(node, ast.Call)
+            for word in node.args
+            if isinstance(word, ast.Constant) and str(word.value).startswith("--")
+        }
+
+    home = Path(options.__file__)
+    shared = declared(home)
+    assert {"--plant", "--bicycle", "--scenario", "--out", "--parallel", "--seed"} <= shared
+    others = {path.name: declared(path) & shared for path in home.parent.glob("*.py")}
+    del others[home.name]
+    assert {name: again for name, again in others.items() if again} == {}
 
 
 @pytest.mark.parametrize(

@@ -87,16 +87,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--crossings", type=int, metavar="N", help=text)
     add("--picture", type=Path, metavar="FILE", help="with --course, draw the rides, PNG")
     add("--against", metavar="CONTROLLER", help="compare with this one on the same starts")
-    add("--scenario", metavar="NAME", help="a scenario (default: the one it was trained on)")
+    options.add_scenario(parser, "a scenario (default: the one it was trained on)")
     what = "change one field of the scenario, as"
     options.add_overrides(parser, "max_steps=400", what)
-    add("--plant", metavar="NAME", help="choi, whipple or mujoco (default: as trained on)")
-    add("--bicycle", metavar="NAME|FILE", help="of whipple or mujoco, see bicycle info")
-    add(
-        "--physics",
-        metavar="MODE",
-        help="of the plant choi, faithful or corrected (default: so)",
-    )
+    options.add_plant(parser, "as trained on", "as trained on")
     add(
         "--kicks",
         choices=("none", "own", "best"),

@@ -34,12 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `bicycle identify`."""
     add = parser.add_argument
     add("logs", nargs="+", metavar="LOG", help="CSV files and bags that are fitted")
-    add(
-        "--bicycle",
-        default="browser",
-        metavar="BICYCLE",
-        help="a bicycle that is alike: a name or a YAML file (default: %(default)s)",
-    )
+    text = "a bicycle that is alike: a name or a YAML file (default: %(default)s)"
+    options.add_bicycle(parser, text, default="browser")
     add(
         "--trust",
         type=float,
@@ -68,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("--speeds", default="", metavar="M_S,...", help="tell the modes at these speeds, too")
     add("--plot", type=Path, metavar="FILE", help="draw the weave over speed there (PNG, SVG)")
-    add("--out", type=Path, metavar="FILE", help="write the bicycle there (YAML)")
+    options.add_out(parser, "write the bicycle there (YAML)", metavar="FILE")
     options.add_json(parser)
 
 

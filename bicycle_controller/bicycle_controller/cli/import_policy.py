@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments of `bicycle import`."""
     add = parser.add_argument
     add("file", type=Path, metavar="FILE", help="what to read")
-    add("--scenario", required=True, metavar="NAME", help="what it was trained on")
+    options.add_scenario(parser, "what it was trained on", required=True)
     add(
         "--observation-scale",
         default="si",
@@ -51,10 +51,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--name", metavar="NAME", help="the policy's name (default: the file's)")
     add("--hidden", metavar="KIND", help="relu or tanh, where the file does not say (relu)")
     add("--output", metavar="KIND", help="tanh or clip, where the file does not say (tanh)")
-    text = "choi, whipple or mujoco, as the environment had it (choi, or whipple with --bicycle)"
-    add("--plant", metavar="NAME", help=text)
-    add("--bicycle", metavar="NAME|FILE", help="of whipple or mujoco, see bicycle info")
-    add("--physics", metavar="NAME", help="of the plant choi, faithful or corrected (faithful)")
+    which = ", as the environment had it"
+    options.add_plant(parser, "choi, or whipple with --bicycle", "faithful", which)
     options.add_json(parser)
 
 

@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     options.add_run_folder(parser, "with its own bags", required=False)
     add("--report", action="store_true", help="only describe the data")
     options.add_configuration(parser, f"{presets}, or any other", "offline")
-    add("--scenario", metavar="NAME", help="what was ridden, for bags that do not say")
+    options.add_scenario(parser, "what was ridden, for bags that do not say")
     add("--least", type=int, default=dataset.LEAST, metavar="N", help="refuse fewer transitions")
     options.add_seed(parser)
     options.add_device(parser)

@@ -73,6 +73,45 @@ def add_overrides(
     )
 
 
+def add_scenario(parser: argparse.ArgumentParser, text: str, required: bool = False) -> None:
+    """Declare `--scenario`, a name that is checked where the scenario is taken."""
+    parser.add_argument("--scenario", required=required, metavar="NAME", help=text)
+
+
+def add_plant(
+    parser: argparse.ArgumentParser, default: str, physics_default: str, which: str = ""
+) -> None:
+    """Declare `--plant`, `--bicycle` and `--physics`, which `named_plant` reads.
+
+    Args:
+        parser: gets them.
+        default: what holds without `--plant`, in words.
+        physics_default: what holds without `--physics`, in words.
+        which: addition to the help of `--plant`.
+    """
+    text = f"choi, whipple or mujoco{which} (default: {default})"
+    parser.add_argument("--plant", metavar="NAME", help=text)
+    add_bicycle(parser, "of whipple or mujoco, see bicycle info")
+    add_physics(parser, f"of the plant choi, faithful or corrected (default: {physics_default})")
+
+
+def add_bicycle(parser: argparse.ArgumentParser, text: str, default: str | None = None) -> None:
+    """Declare `--bicycle`, a name of the catalogue or a YAML file."""
+    parser.add_argument("--bicycle", default=default, metavar="NAME|FILE", help=text)
+
+
+def add_physics(parser: argparse.ArgumentParser, text: str) -> None:
+    """Declare `--physics`, the paper's printed or its corrected equations."""
+    parser.add_argument("--physics", metavar="MODE", help=text)
+
+
+def add_parallel(parser: argparse.ArgumentParser, text: str, default: int | None = None) -> None:
+    """Declare `--parallel` and `--ray-address`: how many runs at once, and where."""
+    add = parser.add_argument
+    add("--parallel", type=int, default=default, metavar="N", help=text)
+    add("--ray-address", metavar="ADDRESS", help="HOST:PORT of a Ray cluster, or auto")
+
+
 def add_json(parser: argparse.ArgumentParser, text: str = "print the result as JSON") -> None:
     """Declare `--json`."""
     parser.add_argument("--json", action="store_true", help=text)

@@ -47,8 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     what = "change one value in all runs, for instance"
     options.add_overrides(parser, "ddpg.tau=0.01", what)
     add("--episodes", type=int, default=1000, metavar="N", help="rides of each final score")
-    add("--parallel", type=int, metavar="N", help="processors to use (default: all)")
-    add("--ray-address", metavar="ADDRESS", help="HOST:PORT of a Ray cluster, or auto")
+    options.add_parallel(parser, "processors to use (default: all)")
     options.add_json(parser)
     options.add_quiet(parser)
 

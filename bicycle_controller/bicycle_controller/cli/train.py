@@ -55,8 +55,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="TASK",
         help=f"goals, or {PATHS}: to follow random roads (default: goals)",
     )
-    add("--bicycle", metavar="NAME|FILE", help=f"of {PATHS} (default: browser-rider)")
-    add("--scenario", metavar="NAME", help="where from and where to (default: the preset's)")
+    options.add_bicycle(parser, f"of {PATHS} (default: browser-rider)")
+    options.add_scenario(parser, "where from and where to (default: the preset's)")
     options.add_seed(parser)
     options.add_device(parser)
     add(
