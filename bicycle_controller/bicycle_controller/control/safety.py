@@ -36,7 +36,7 @@ TORQUE_SHARE = 0.35
 STEERING = 0.5
 """rad, the turn of the handlebar that may be needed, elsewhere."""
 LARGEST = 0.5
-"""rad of extrapolated lean, where the bicycle lies at 0.524 rad."""
+"""rad of extrapolated lean, where the bicycle lies at `base.FALL_ANGLE`, 0.524 rad."""
 TORQUE_LIMIT = 2.0
 """N m of a bicycle that names none, as in the scenarios."""
 

@@ -14,12 +14,10 @@ import numpy as np
 from bicycle_common.geometry import wrap_angle
 from bicycle_controller.control.path import Path, Paths, Place
 from bicycle_controller.control.speed_profile import speed_profile
-from bicycle_sim.plants.base import Plant, take
+from bicycle_sim.plants.base import FALL_ANGLE, Plant, take
 
 SLOWEST = 2.0
 """m/s, the lowest speed of a profile."""
-FALL_ANGLE = np.pi / 6
-"""Lean beyond which a bicycle has fallen, rad (eq. 20)."""
 END = 0.3
 """m before the end of a path at which it counts as ridden."""
 LOST = 50.0

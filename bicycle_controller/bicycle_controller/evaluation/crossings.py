@@ -27,7 +27,7 @@ from bicycle_controller.control.keep_clear import LOOK_PERIOD, Mover, Way, keep_
 from bicycle_controller.control.path import Paths, Place
 from bicycle_controller.control.path_follower import PathFollower
 from bicycle_controller.control.path_making import path_through
-from bicycle_sim.plants.base import Plant
+from bicycle_sim.plants.base import FALL_ANGLE, Plant
 
 TOUCH = 1.0
 """m between two rear contacts below which bicycles are taken to touch."""
@@ -35,8 +35,6 @@ SLOWEST = 2.0
 """m/s."""
 DURATION = 25.0
 """s."""
-FALL_ANGLE = np.pi / 6
-"""rad."""
 SPEED_LIMITS = (1.0, 8.0)
 """m/s."""
 

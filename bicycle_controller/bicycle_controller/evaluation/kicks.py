@@ -29,7 +29,7 @@ from bicycle_common.observation import ACTION_FIELDS
 from bicycle_common.validation import require
 from bicycle_controller.control.riding import Riding
 from bicycle_sim.plants import base
-from bicycle_sim.plants.base import Plant
+from bicycle_sim.plants.base import FALL_ANGLE, Plant
 
 if TYPE_CHECKING:
     from bicycle_controller.control.controller import Controller
@@ -56,7 +56,7 @@ class Trial:
     """s of riding before the kick."""
     after: float = 6.0
     """s of riding after it."""
-    lean: float = math.pi / 6
+    lean: float = FALL_ANGLE
     """rad, largest lean of a bicycle that is upright."""
     steer: float = math.pi / 3
     """rad, largest steering."""

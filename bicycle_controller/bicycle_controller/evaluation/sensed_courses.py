@@ -17,7 +17,6 @@ from bicycle_controller.estimation.kalman import Filter
 from bicycle_controller.estimation.queue import Arrivals
 from bicycle_controller.evaluation.course_rides import (
     END,
-    FALL_ANGLE,
     LOST,
     PATIENCE,
     SLOWEST,
@@ -25,7 +24,7 @@ from bicycle_controller.evaluation.course_rides import (
     Follower,
     Trace,
 )
-from bicycle_sim.plants.base import Plant
+from bicycle_sim.plants.base import FALL_ANGLE, Plant
 from bicycle_sim.sensors.settings import SensorSettings
 from bicycle_sim.sensors.suite import SensorSuite
 

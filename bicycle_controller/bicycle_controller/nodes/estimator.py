@@ -23,12 +23,9 @@ from bicycle_controller.estimation.states import LEAN, LEAN_RATE, SPEED, YAW_BIA
 from bicycle_controller.estimation.steps import StepEstimator
 from bicycle_sim.nodes import sensor_messages
 from bicycle_sim.nodes.robot_model import frames_of
-from bicycle_sim.plants.base import Plant
+from bicycle_sim.plants.base import FALL_ANGLE, Plant
 from bicycle_sim.sensors.reading import Reading
 from bicycle_sim.sensors.settings import SensorSettings
-
-FALLEN = math.pi / 6
-"""rad of estimated lean at which the bicycle is taken for fallen."""
 
 MOST_EARLY = 20_000
 """Readings that are kept while the bicycle is not known."""
@@ -214,7 +211,7 @@ def as_state(
         **{name: float(getattr(body, name)[0]) for name in names},
         yaw_rate=float(estimate.yaw_rate[0]),
         pitch=float(getattr(body, "pitch", np.zeros(1))[0]),
-        fallen=abs(float(body.lean_angle[0])) > FALLEN,
+        fallen=abs(float(body.lean_angle[0])) > FALL_ANGLE,
         plant_state=tuple(used),
         estimated=True,
     )

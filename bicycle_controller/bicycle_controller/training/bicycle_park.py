@@ -15,7 +15,7 @@ from bicycle_controller.config.imitation import ImitationConfig
 from bicycle_controller.control.past import Past
 from bicycle_controller.training.teachers import COMMANDS, Teachers
 from bicycle_sim.plants import base
-from bicycle_sim.plants.base import Loads
+from bicycle_sim.plants.base import FALL_ANGLE, Loads
 from bicycle_sim.plants.whipple import random_bicycles
 from bicycle_sim.plants.whipple.plant import WhipplePlant
 
@@ -33,7 +33,7 @@ SETTLING, TURNING, CATCHING = 10, 120, 110
 """Control periods straight on or in a turn before a kick that weights are judged by, and after."""
 TURN_LEAN, TURN_RADIUS = 0.1, 5.0
 """rad of lean and least radius in m of the turn in which weights are judged."""
-LEAN, STEER = np.pi / 6, np.pi / 3
+LARGEST_STEER = np.pi / 3
 """rad, beyond which a ride has ended."""
 GUST_TIME = 0.5
 """s in which gusts change."""
@@ -179,7 +179,8 @@ class Park:
         loads = Loads(lateral_force=self._gust)
         self.state = self.plant.step(self.state, torque, self._zero, self._zero, loads=loads)
         state, period = self.state, self.plant.time_step
-        fell = (np.abs(state.lean_angle) > LEAN) | (np.abs(state.steer_angle) > STEER)
+        fell = np.abs(state.lean_angle) > FALL_ANGLE
+        fell |= np.abs(state.steer_angle) > LARGEST_STEER
         fell |= state.stopped != 0.0
         self.falls += int(fell.sum())
         over = self.rng.uniform(size=len(fell)) < period / self.riding.seconds
@@ -261,7 +262,8 @@ class _Trial:
             commands = np.column_stack([torque, commands[:, :-1]])
             state = self._plant.step(state, torque, zero, zero)
             wanted = wanted + (self._yaw_rate or 0.0) * self._plant.time_step
-            good &= (np.abs(state.lean_angle) < LEAN) & (np.abs(state.steer_angle) < STEER)
+            good &= np.abs(state.lean_angle) < FALL_ANGLE
+            good &= np.abs(state.steer_angle) < LARGEST_STEER
         return (state, wanted, commands), good
 
 

@@ -12,9 +12,9 @@ from bicycle_controller.control.learned_follower import ALONG, NEAR, observe
 from bicycle_controller.control.path import Paths
 from bicycle_controller.control.path_follower import PathFollower
 from bicycle_controller.control.speed_profile import speed_profile
-from bicycle_controller.evaluation.course_rides import FALL_ANGLE, SLOWEST
+from bicycle_controller.evaluation.course_rides import SLOWEST
 from bicycle_controller.evaluation.course_score import random_road
-from bicycle_sim.plants.base import Plant, put
+from bicycle_sim.plants.base import FALL_ANGLE, Plant, put
 
 LONGEST = 400
 """Steps of an episode."""

@@ -7,6 +7,7 @@ paper's: lean and steering are positive to the left, the heading is counter-cloc
 from __future__ import annotations
 
 import json
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
@@ -17,6 +18,8 @@ import numpy as np
 Array = Any
 """A float or an array of shape (N,)."""
 
+FALL_ANGLE = math.pi / 6
+"""Lean beyond which a bicycle has fallen, rad (eq. 20)."""
 
 SteadyLean = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """(N,) rad of lean from (N,) rad of steering and (N,) m/s."""

@@ -17,6 +17,7 @@ import numpy as np
 from bicycle_common import json_input
 from bicycle_common.observation import ACTION_FIELDS
 from bicycle_common.validation import as_pair, nearest, reject_unknown, require
+from bicycle_sim.plants.base import FALL_ANGLE
 from bicycle_sim.task.reward import RewardWeights
 
 TEN_KM_H = 10.0 / 3.6
@@ -82,7 +83,7 @@ class Scenario:
     silence_gain: float = 0.0
     """N m per rad/s and m/s: without a command the handlebar steers into the lean, see
     `bicycle_common.steer_into_lean`; zero leaves it without torque."""
-    fall_angle: float = math.pi / 6
+    fall_angle: float = FALL_ANGLE
     """Lean beyond which a bicycle has fallen, rad (eq. 20)."""
     reward: RewardWeights = field(default_factory=RewardWeights)
 

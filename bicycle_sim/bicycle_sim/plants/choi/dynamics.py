@@ -6,14 +6,13 @@ heading psi counter-clockwise from +y. `xp` is numpy, or torch for tensors on an
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from types import ModuleType
 
 import numpy as np
 
 from bicycle_common.geometry import Array, heading_between
-from bicycle_sim.plants.base import BodyState
+from bicycle_sim.plants.base import FALL_ANGLE, BodyState
 from bicycle_sim.plants.choi.parameters import Constants, Physics
 
 State = BodyState
@@ -199,6 +198,6 @@ def _half_chord(half_travel: Array, curvature: Array, xp: ModuleType) -> Array:
     return xp.arcsin(xp.clip(half_travel * curvature, -1.0, 1.0))
 
 
-def fallen(lean_angle: Array, limit: float = math.pi / 6, xp: ModuleType = np) -> Array:
-    """Return True if a bicycle has fallen: |omega| > pi/6 (eq. 20, row 24)."""
+def fallen(lean_angle: Array, limit: float = FALL_ANGLE, xp: ModuleType = np) -> Array:
+    """Return True if a bicycle has fallen: |omega| > `limit`, by default pi/6 (eq. 20, row 24)."""
     return xp.abs(lean_angle) > limit
