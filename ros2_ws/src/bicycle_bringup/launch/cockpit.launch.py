@@ -5,27 +5,26 @@
 With `ride:=false` it shows what runs already. `ros2_ws/cockpit.sh` does the same without launch.
 """
 
-from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription
+from launch.actions import IncludeLaunchDescription
 from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
+from bicycle_bringup.launch_parts import declared, shared
 from launch import LaunchDescription
+
+PASSED = shared(
+    "namespace", "plant", "bicycle", scenario="random-start-random-goal", policy="fixed-speed"
+)
+"""Default and meaning of the arguments of ride.launch.py."""
 
 ARGUMENTS = {
     "ride": ("true", "start simulator and controller, too"),
     "port": ("8765", "of the page; 0 takes a free one"),
     "bags": ("runs", "folder of bags to look at, and of new ones"),
-    "namespace": ("", "of the bicycle, such as b1"),
-    "scenario": ("random-start-random-goal", "limits, start speed and goal radius"),
-    "plant": ("choi", "choi, whipple or mujoco"),
-    "bicycle": ("", "of whipple or mujoco; empty is the benchmark"),
-    "policy": ("fixed-speed", "what rides: a policy's file or name, or an LQR"),
-}
+} | PASSED
 """Default and meaning of each argument."""
-PASSED = ("namespace", "scenario", "plant", "bicycle", "policy")
-"""Arguments of ride.launch.py."""
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -35,10 +34,7 @@ def generate_launch_description() -> LaunchDescription:
     passed = {name: given[name] for name in PASSED} | {"record": "false"}
     return LaunchDescription(
         [
-            *(
-                DeclareLaunchArgument(name, default_value=value, description=text)
-                for name, (value, text) in ARGUMENTS.items()
-            ),
+            *declared(ARGUMENTS),
             IncludeLaunchDescription(
                 PathJoinSubstitution([launch, "ride.launch.py"]),
                 launch_arguments=passed.items(),

@@ -6,69 +6,60 @@
 launch, as with ROS 2 from PyPI, `ros2_ws/ride.sh` does the same.
 """
 
-from launch.actions import DeclareLaunchArgument, ExecuteProcess
+from launch.actions import OpaqueFunction
 from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution, PythonExpression
+from launch.launch_context import LaunchContext
+from launch.substitutions import LaunchConfiguration, PythonExpression
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
 
+from bicycle_bringup.launch_parts import (
+    RESPAWN,
+    SHARED,
+    controller,
+    declared,
+    given_words,
+    recorder,
+    shared,
+    simulator,
+    words,
+)
 from launch import LaunchDescription
 
-ARGUMENTS = {
-    "namespace": ("", "of the bicycle, such as b1"),
-    "record": ("true", "record a bag of all topics"),
-    "scenario": ("learned-speed", "limits, start speed and goal radius"),
-    "plant": ("choi", "choi, whipple or mujoco"),
-    "bicycle": ("", "of whipple or mujoco; empty is the benchmark"),
+ARGUMENTS = shared(*SHARED) | {
     "pace": ("realtime", "realtime or lockstep"),
-    "policy": ("lqr-pedal", "what rides: a policy's file or name, or an LQR"),
     "course": ("", "a course to follow, by name or file; empty waits for goals"),
+    "state": ("", "truth or estimated; empty as in controller.yaml"),
+    "sensors": ("", "of simulator and estimator: a preset or YAML file; empty as in theirs"),
+    "keep_clear": ("", "namespaces of other bicycles, as b2,b3; empty as in controller.yaml"),
+    "after_goal": ("", "hold, circle or slow; empty as in controller.yaml"),
 }
 """Default and meaning of each argument."""
 
 
+def nodes(context: LaunchContext) -> list[Node]:
+    """Return simulator and controller."""
+    namespace = LaunchConfiguration("namespace")
+    simulated = words("scenario", "plant", "bicycle", "pace") | given_words(context, "sensors")
+    asked = given_words(context, "state", "sensors", "keep_clear", "after_goal")
+    return [
+        simulator(namespace, simulated),
+        controller(namespace, words("policy") | asked, **RESPAWN),
+    ]
+
+
 def generate_launch_description() -> LaunchDescription:
     """Describe the processes."""
-    config = PathJoinSubstitution([FindPackageShare("bicycle_bringup"), "config"])
-    given = {name: LaunchConfiguration(name) for name in ARGUMENTS}
-    words = {name: ParameterValue(value, value_type=str) for name, value in given.items()}
-    simulated = {name: words[name] for name in ("scenario", "plant", "bicycle", "pace")}
+    course, namespace = LaunchConfiguration("course"), LaunchConfiguration("namespace")
     return LaunchDescription(
         [
-            *(
-                DeclareLaunchArgument(name, default_value=value, description=text)
-                for name, (value, text) in ARGUMENTS.items()
-            ),
-            ExecuteProcess(
-                cmd=["ros2", "bag", "record", "--all"],
-                condition=IfCondition(given["record"]),
-                sigterm_timeout="10",
-            ),
-            Node(
-                package="bicycle_sim",
-                executable="bicycle_sim",
-                namespace=given["namespace"],
-                parameters=[PathJoinSubstitution([config, "simulator.yaml"]), simulated],
-                output="screen",
-            ),
-            Node(
-                package="bicycle_controller",
-                executable="bicycle_controller",
-                namespace=given["namespace"],
-                parameters=[
-                    PathJoinSubstitution([config, "controller.yaml"]),
-                    {"policy": words["policy"]},
-                ],
-                output="screen",
-                respawn=True,
-                respawn_delay=1.0,
-            ),
+            *declared(ARGUMENTS),
+            recorder(),
+            OpaqueFunction(function=nodes),
             Node(
                 package="bicycle_tools",
                 executable="bicycle_path",
-                arguments=[given["course"], "--namespace", ["/", given["namespace"]]],
-                condition=IfCondition(PythonExpression(["'", given["course"], "' != ''"])),
+                arguments=[course, "--namespace", ["/", namespace]],
+                condition=IfCondition(PythonExpression(["'", course, "' != ''"])),
                 output="screen",
             ),
         ]

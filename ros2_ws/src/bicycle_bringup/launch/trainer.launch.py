@@ -6,15 +6,14 @@ To ride beside it: `ros2 launch bicycle_bringup ride.launch.py`. `ros2_ws/traine
 without launch.
 """
 
-from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
+from bicycle_bringup.launch_parts import declared, shared, words
 from launch import LaunchDescription
 
-ARGUMENTS = {
-    "namespace": ("", "of the bicycle, such as b1"),
+ARGUMENTS = shared("namespace") | {
     "mode": ("live", "live learns beside a ride, bags from recorded ones"),
     "bags": ("", "of mode bags: folder or bag"),
     "out": ("runs/trainer", "folder of the run"),
@@ -25,19 +24,15 @@ ARGUMENTS = {
 
 def generate_launch_description() -> LaunchDescription:
     """Describe the process."""
-    given = {name: LaunchConfiguration(name) for name in ARGUMENTS}
-    words = {name: ParameterValue(given[name], value_type=str) for name in ("mode", "bags", "out")}
+    resume = ParameterValue(LaunchConfiguration("resume"), value_type=bool)
     return LaunchDescription(
         [
-            *(
-                DeclareLaunchArgument(name, default_value=value, description=text)
-                for name, (value, text) in ARGUMENTS.items()
-            ),
+            *declared(ARGUMENTS),
             Node(
                 package="bicycle_controller",
                 executable="bicycle_trainer",
-                namespace=given["namespace"],
-                parameters=[{**words, "resume": ParameterValue(given["resume"], value_type=bool)}],
+                namespace=LaunchConfiguration("namespace"),
+                parameters=[words("mode", "bags", "out") | {"resume": resume}],
                 output="screen",
             ),
         ]
