@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import ast
+import importlib.metadata
+import json
 import os
 import re
 import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+from test_boundaries import MODULES, imported, library
+from training_maker import SMALL
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = {
@@ -20,8 +25,16 @@ PACKAGES = {
     for folder in sorted(place.glob("bicycle_*"))
     if (folder / "setup.py").is_file() and not folder.is_symlink()
 }
-STARTED = {"bicycle_bringup": {"bicycle_sim", "bicycle_hardware"}}
-"""Packages whose programs are started, not imported."""
+STARTED = {
+    "bicycle_bringup": {
+        "bicycle_sim",
+        "bicycle_hardware",
+        "bicycle_cockpit",
+        "ros2bag",
+        "rosbag2_storage_mcap",
+    }
+}
+"""Packages whose programs are started, not imported; `ros2 bag` writes MCAP by the last."""
 
 ROSDEP = {
     name: f"python3-{name}"
@@ -41,6 +54,7 @@ ON_PYPI = {
     "stable_baselines3": "stable-baselines3",
     "foxglove": "foxglove-sdk",
     "mujoco": "mujoco",
+    "imageio_ffmpeg": "imageio-ffmpeg",
 }
 """Names on PyPI of what has no key of rosdep."""
 
@@ -154,12 +168,15 @@ assert load() is not None, "the library is not built"
 """
 
 
-@pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the simulator as pip installs it, without its dependencies, which are here."""
-    target = tmp_path_factory.mktemp("site")
-    sources = tmp_path_factory.mktemp("sources")  # pip builds in the folder itself
-    folders = [sources / name for name in ("bicycle_common", "bicycle_sim")]
+def install(target: Path, sources: Path, *names: str) -> None:
+    """Install packages as pip does, without their dependencies, which are here.
+
+    Args:
+        target: folder to install to.
+        sources: folder for copies of the sources, for pip builds in the folder itself.
+        names: of the packages.
+    """
+    folders = [sources / name for name in names]
     for folder in folders:
         shutil.copytree(PACKAGES[folder.name], folder)
     words = ["pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
@@ -170,6 +187,21 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
         env={**os.environ, "PYTHONPATH": ""},
     )
     assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of the installed simulator."""
+    target = tmp_path_factory.mktemp("site")
+    install(target, tmp_path_factory.mktemp("sources"), "bicycle_common", "bicycle_sim")
+    return target
+
+
+@pytest.fixture(scope="module")
+def trainer(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of what `pip install ./bicycle_controller[train]` installs of ours."""
+    target = tmp_path_factory.mktemp("site")
+    install(target, tmp_path_factory.mktemp("sources"), *TRAINER)
     return target
 
 
@@ -184,6 +216,77 @@ def test_the_environment_works_without_ros(installed: Path, tmp_path: Path) -> N
     )
     assert done.returncode == 0, done.stderr
     assert all(word.startswith(str(installed)) for word in done.stdout.split())
+
+
+TRAINER = ("bicycle_common", "bicycle_sim", "bicycle_bag", "bicycle_controller")
+OTHER_EXTRAS = {"mujoco": "plant=mujoco", "onnxruntime": "policies that are ONNX files"}
+"""Libraries that training loads only if it is asked for something, and for what."""
+
+TRAIN_WITHOUT_ROS = """
+import sys
+for name in ("rclpy", "bicycle_msgs", "rosidl_parser"):
+    sys.modules[name] = None
+from bicycle_controller.cli.main import main
+import bicycle_common
+print(bicycle_common.__file__, sys.modules["bicycle_controller"].__file__)
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+def libraries_of(start: str) -> set[str]:
+    """Return the libraries that a module imports, itself or through other modules of ours."""
+    modules, libraries, seen = [start], set[str](), set[str]()
+    while modules:
+        module = modules.pop()
+        if module in seen:
+            continue
+        seen.add(module)
+        for name in imported(MODULES[module]):
+            if name in MODULES:
+                modules.append(name)
+            elif theirs := library(name):
+                libraries.add(theirs)
+    return libraries
+
+
+def required(target: Path, names: Sequence[str], extra: str) -> set[str]:
+    """Return the requirements of installed packages, those of the last with an extra."""
+    found = set()
+    for name in names:
+        (package,) = importlib.metadata.distributions(name=name, path=[str(target)])
+        for text in package.requires or []:
+            condition = re.search(r"extra == ['\"](\w+)['\"]", text)
+            if condition is None or (name == names[-1] and condition[1] == extra):
+                found.add(re.split(r"[^\w.-]", text)[0])
+    return found
+
+
+@pytest.mark.slow
+def test_the_extra_train_names_what_training_imports(trainer: Path) -> None:
+    named = {name.replace("-", "_").lower() for name in required(trainer, TRAINER, "train")}
+    assert "bicycle_sim" in named
+    used = libraries_of("bicycle_controller.cli.train") - OTHER_EXTRAS.keys()
+    assert {"torch", "numpy", "tqdm"} <= used
+    pip_names = {"yaml": "pyyaml", **ON_PYPI}
+    assert {pip_names.get(name, name) for name in used} - named == set()
+
+
+@pytest.mark.slow
+def test_training_works_without_ros(trainer: Path, tmp_path: Path) -> None:
+    command = ["train", "--preset", "paper", "--out", "run", "--quiet", "--json"]
+    for change in (*SMALL, "steps=400"):
+        command += ["--set", change]
+    done = subprocess.run(
+        [sys.executable, "-c", TRAIN_WITHOUT_ROS, *command],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(trainer)},
+    )
+    assert done.returncode == 0, done.stderr
+    places, result = done.stdout.splitlines()
+    assert all(word.startswith(str(trainer)) for word in places.split())
+    assert json.loads(result)["out"] == "run"
 
 
 def test_the_long_name_works_from_sources() -> None:

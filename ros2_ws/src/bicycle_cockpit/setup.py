@@ -32,7 +32,7 @@ setup(
         "numpy",
         "pillow",
     ],
-    extras_require={"test": ["pytest"]},
+    extras_require={"film": ["imageio-ffmpeg"], "test": ["pytest"]},
     python_requires=">=3.10",
     zip_safe=False,
     maintainer="Self-driving bicycle maintainers",

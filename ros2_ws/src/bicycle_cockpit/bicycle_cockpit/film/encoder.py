@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib
 import io
 import os
 import shutil
@@ -44,7 +43,9 @@ def find_ffmpeg() -> str:
         return found
     with contextlib.suppress(ImportError, RuntimeError):
         # Optional: with this package no ffmpeg program is needed.
-        return str(importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe())
+        import imageio_ffmpeg
+
+        return str(imageio_ffmpeg.get_ffmpeg_exe())
     raise EncoderError(
         "MP4 and WebM need ffmpeg: sudo apt install ffmpeg, pip install imageio-ffmpeg, "
         f"or name one in {NAMED}; .gif and .webp need none"
