@@ -1,4 +1,4 @@
-"""Tests are named after a module, or stand in the table of CONTRIBUTING.md."""
+"""Tests stand in their package's folder, named after a module, or in CONTRIBUTING.md's table."""
 
 from __future__ import annotations
 
@@ -20,12 +20,37 @@ def table() -> dict[str, list[str]]:
     return {room.strip("`"): re.findall(r"`([\w/]+\.py)`", files) for room, files in rows}
 
 
+FOLDERS = {"tools_package": "bicycle_tools"}
+"""Folders that are not called like their package: `tests/tools` holds programs, not tests."""
+
+
+def at_home(name: str) -> bool:
+    """Return True if a file `FOLDER/test_MODULE.py` tests a module of the folder's package."""
+    folder, _, file = name.rpartition("/")
+    module = file.removeprefix("test_").removesuffix(".py")
+    packages = {
+        full.partition(".")[0]
+        for full in test_boundaries.MODULES
+        if full.rpartition(".")[2] == module
+    }
+    return bool(packages) and (
+        folder == "ros" or FOLDERS.get(folder, f"bicycle_{folder}") in packages
+    )
+
+
 def test_every_test_can_be_found() -> None:
-    modules = {module.rpartition(".")[2] for module in test_boundaries.MODULES}
     named = {name for names in table().values() for name in names}
-    lost = {name for name in FILES - named if Path(name).stem.removeprefix("test_") not in modules}
-    assert lost == set(), "name it after a module, or in the table"
+    lost = {name for name in FILES - named if not at_home(name)}
+    assert lost == set(), "put it into its package's folder, named after a module, or in the table"
     assert named - FILES == set()
+
+
+def test_a_test_in_the_folder_of_another_package_is_lost() -> None:
+    assert at_home("common/test_angles.py")
+    assert at_home("tools_package/test_summary.py")
+    assert at_home("ros/test_controller_node.py")
+    assert not at_home("bringup/test_angles.py")
+    assert not at_home("ros/test_nothing_of_that_name.py")
 
 
 def test_the_table_names_rooms_of_the_architecture() -> None:
@@ -37,7 +62,7 @@ PAGES = sorted((TESTS.parent / "docs").rglob("*.md"))
 
 
 def test_tests_that_a_page_names_exist() -> None:
-    files = {Path(name).name for name in FILES}
+    places = FILES | {Path(name).name for name in FILES}
     functions = {
         name
         for path in TESTS.rglob("test_*.py")
@@ -46,8 +71,8 @@ def test_tests_that_a_page_names_exist() -> None:
     lost = []
     for page in PAGES:
         text = page.read_text()
-        named = re.findall(r"`(?:[\w/]+/)?(test_\w+\.py)`", text)
-        lost += [f"{page.name}: {name}" for name in named if name not in files]
+        named = re.findall(r"`(?:tests/)?((?:\w+/)*test_\w+\.py)`", text)
+        lost += [f"{page.name}: {name}" for name in named if name not in places]
         for name, cut in re.findall(r"`(test_\w+)(…?)`", text):
             if not any(one == name or (cut and one.startswith(name)) for one in functions):
                 lost.append(f"{page.name}: {name}")

@@ -47,7 +47,7 @@ ELSEWHERE: tuple[tuple[str, str], ...] = (
     (r"bicycle learn", "tests/controller/test_learn.py"),
     (r"bicycle reproduce", "tests/controller/test_reproduce.py"),
     (r"\./ros2_ws/trainer\.sh", "tests/ros/test_trainer_node.py"),
-    (r"\./ros2_ws/record_and_learn\.sh", "tests/bringup/test_record_and_learn.py"),
+    (r"\./ros2_ws/record_and_learn\.sh", "tests/tools_package/test_record_and_learn.py"),
     (r"\./ros2_ws/setup\.sh", "tests/bringup/test_shell.py"),
     (r"\. tests/env\.sh", "tests/run.sh"),
     (r"L=tests/data/real_bicycles$", "tests/controller/test_identify.py"),
