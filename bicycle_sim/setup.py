@@ -27,6 +27,8 @@ setup(
     packages=find_packages(),
     package_data={
         NAME: ["py.typed"],
+        f"{NAME}.plants": ["*.h"],
+        f"{NAME}.plants.choi": ["*.h"],
         f"{NAME}.plants.whipple": ["*.cpp", "*.h", "bicycles/*.yaml", "bicycles/licences/*.txt"],
         f"{NAME}.sensors": ["presets/*.yaml"],
     },
@@ -36,6 +38,7 @@ setup(
         Extension(
             f"{NAME}.task._native_task",
             [f"{NAME}/task/native_task.cpp"],
+            depends=[f"{NAME}/plants/compiled.h", f"{NAME}/plants/choi/step.h"],
             extra_compile_args=["-O3", "-ffp-contract=off", "-std=c++17"],
             optional=True,
         ),

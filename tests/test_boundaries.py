@@ -7,12 +7,15 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import pytest
 
 from bicycle_common import topic_names
+from bicycle_sim.plants.base import Geometry, Plant
+from bicycle_sim.plants.choi.compiled import NAMES, SWITCHES
+from bicycle_sim.plants.choi.parameters import Constants, Physics
 
 ROOT = Path(__file__).parent.parent
 SOURCES = {
@@ -181,6 +184,48 @@ def test_table_1_is_known_to_the_papers_plant_alone() -> None:
         if room_of(module) != "bicycle_sim.plants" and words.search(path.read_text())
     ]
     assert found == []
+
+
+NAMES_OF_TABLE_1 = {
+    "bicycle_sim/nodes/sim_settings.py": "its switches are ROS parameters, which must stay",
+}
+"""Sources outside of the plants that may name a number of the paper's bicycle, and why."""
+
+COMPILED = {"bicycle_sim/task/native_task.cpp": "../plants/choi/step.h"}
+"""The one line of each C++ source that says which plant it is compiled for."""
+
+
+def outside_the_plants() -> dict[str, str]:
+    """Return the text of all sources in Python, C++ and JavaScript but the plants'."""
+    plants = SOURCES["bicycle_sim"] / "plants"
+    return {
+        f"{package}/{path.relative_to(folder)}": path.read_text()
+        for package, folder in SOURCES.items()
+        for path in sorted(folder.rglob("*"))
+        if path.suffix in (".py", ".cpp", ".h", ".js")
+        and plants not in path.parents
+        and "vendor" not in path.parts
+    }
+
+
+def test_the_names_of_table_1_stand_in_the_papers_plant_alone() -> None:
+    own = {item.name for kind in (Constants, Physics) for item in fields(kind)}
+    own |= {name for name, value in vars(Constants).items() if isinstance(value, property)}
+    own |= {*NAMES, *SWITCHES}
+    own -= {item.name for item in fields(Geometry)} | set(dir(Plant))
+    words = re.compile(rf"\b({'|'.join(name for name in sorted(own) if '_' in name)})\b")
+    sources = outside_the_plants()
+    assert {Path(name).suffix for name in sources} == {".py", ".cpp", ".h", ".js"}
+    assert {name for name, text in sources.items() if words.search(text)} == set(NAMES_OF_TABLE_1)
+
+
+def test_compiled_code_names_its_plant_once() -> None:
+    for name, text in outside_the_plants().items():
+        if name.endswith((".cpp", ".h")):
+            lines = [line for line in text.splitlines() if re.search("choi|whipple", line)]
+            header = COMPILED.get(name)
+            wanted = [f'#include "{header}"', "using Plant = choi::Step;"] if header else []
+            assert [line.partition("  //")[0] for line in lines] == wanted, name
 
 
 def test_the_simulator_knows_neither_goals_nor_rewards() -> None:

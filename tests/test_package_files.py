@@ -137,6 +137,52 @@ def test_every_setup_py_finds_its_siblings_alike() -> None:
     assert len(set(bodies.values())) == 1
 
 
+@pytest.mark.parametrize(
+    "package", [name for name, folder in PACKAGES.items() if [*folder.rglob("*.cpp")]]
+)
+def test_setup_py_names_the_headers_of_each_library(package: str) -> None:
+    """A changed header must build the library anew, and a copy of the package must hold it."""
+    folder = PACKAGES[package]
+    done = subprocess.run(
+        [sys.executable, "-c", PRINT_SOURCES],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    given = json.loads(done.stdout)
+    data = {
+        path
+        for name, patterns in given["data"].items()
+        for pattern in patterns
+        for path in folder.joinpath(*name.split(".")).glob(pattern)
+    }
+    assert len(given["libraries"]) == len({library["name"] for library in given["libraries"]}) > 0
+    for library in given["libraries"]:
+        wanted = {header for source in library["sources"] for header in headers(folder / source)}
+        assert {folder / name for name in library["depends"]} == wanted, library["name"]
+        assert wanted <= data, library["name"]
+
+
+def headers(source: Path) -> set[Path]:
+    """Return all own headers that a C++ source includes, by others too."""
+    named = re.findall(r'^#include "(.+)"$', source.read_text(), re.MULTILINE)
+    found = {Path(os.path.normpath(source.parent / name)) for name in named}
+    return found.union(*map(headers, found))
+
+
+PRINT_SOURCES = """
+import json, runpy, setuptools
+def show(**given):
+    libraries = [
+        {"name": it.name, "sources": it.sources, "depends": it.depends}
+        for it in given.get("ext_modules", [])
+    ]
+    print(json.dumps({"libraries": libraries, "data": given["package_data"]}))
+setuptools.setup = show
+runpy.run_path("setup.py")
+"""
+
 PRINT_REQUIREMENTS = """
 import re, runpy, setuptools
 def show(**given):

@@ -12,6 +12,7 @@ import pytest
 from state_maker import rows
 
 from bicycle_common import native_library
+from bicycle_sim.plants.choi.compiled import Numbers
 from bicycle_sim.plants.choi.parameters import Constants, Physics
 from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task import native_task
@@ -194,7 +195,7 @@ def test_without_the_library_the_task_steps_in_numpy(monkeypatch: pytest.MonkeyP
     assert without._native is None
     ride([with_it, without], 50)
     with pytest.raises(RuntimeError, match=r"not built: call ros2_ws/setup\.sh"):
-        NativeStep(without.scenario, {})
+        NativeStep(without.scenario, Numbers())
 
 
 @pytest.mark.parametrize("name", ["_no_such_library", "native_task"])

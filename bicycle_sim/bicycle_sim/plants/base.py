@@ -6,6 +6,7 @@ paper's: lean and steering are positive to the left, the heading is counter-cloc
 
 from __future__ import annotations
 
+import ctypes
 import json
 import math
 from abc import ABC, abstractmethod
@@ -229,11 +230,8 @@ class Plant(ABC, Generic[State]):
         raise ValueError(f"{self.label} is stepped on the processor only: use device=cpu")
 
     @property
-    def compiled_numbers(self) -> Mapping[str, float] | None:
-        """Numbers of the equations that `task/native_task.cpp` steps, by its names.
-
-        None for a plant with other equations.
-        """
+    def compiled_numbers(self) -> ctypes.Structure | None:
+        """Numbers for the plant's compiled step, a `Block` of `compiled.h`; None without one."""
         return None
 
     @abstractmethod

@@ -1,33 +1,25 @@
 // One step of `BicycleTask` for N bicycles; `native_task.py` prepares what it takes.
 //
-// The same bits as dynamics.py, geometry.py, reward.py and task.py give in numpy: every operation
-// stands in their order, none is contracted, and what IEEE 754 leaves open (sine, arc tangent,
-// the sign of a zero that a maximum returns) is left to numpy's own inner loops. The equations and
-// rows named here are those that the numpy code names.
+// The same bits as the plant, reward.py and task.py give in numpy, see ../plants/compiled.h. The
+// bicycle is stepped by the plant's own compiled step.
 
 #include <cmath>
 #include <cstdint>
+#include <cstring>
 
-#if defined(__x86_64__) && defined(__gnu_linux__)
-#define WIDEST __attribute__((target_clones("avx512f", "avx2", "default")))
-#else
-#define WIDEST
-#endif
+#include "../plants/choi/step.h"
+
+using Plant = choi::Step;  // the one that moves the bicycles
 
 extern "C" {
 
-struct Loop {  // of a ufunc, for doubles
-  void (*call)(char** arrays, const intptr_t* count, const intptr_t* strides, void* data);
-  void* data;
-};
-
 struct Model {
-  Loop sin, cos, arctan, arcsin, arctan2, maximum, minimum;
+  Loops loops;
+  SpeedLimits speed_limits;
+  const Plant::Numbers* plant;
   double lowest[3], highest[3];  // T, d, F
-  double time_step, pedal, mass_height, tyre_radius, tyre_spin, wheelbase, mass_offset, tyres;
-  double turning, gravity, lean_inertia, coupling, steer_inertia, steer_stop, drift;
-  double speed_low, speed_high, fall_angle, goal_radius, weights[4];
-  int64_t most_steps, limit_speed, chord_follows_steering, stop_absorbs_steering;
+  double fall_angle, goal_radius, weights[4];
+  int64_t most_steps;
 };
 
 struct Arrays {  // rows of N; the states in the order of State's fields
@@ -51,128 +43,25 @@ struct Face {  // how an environment scales
 
 namespace {
 
-constexpr long BLOCK = 128;  // bicycles whose numbers stay in the first cache together
 constexpr double TURN = 2.0 * 3.141592653589793;
 
-enum { LEAN, LEAN_RATE, LEAN_ACCELERATION, STEER, STEER_RATE, HEADING, FRONT_X, FRONT_Y, REAR_X, REAR_Y, SPEED, STATES };
 enum { OBSERVED = STATES, REWARD = OBSERVED + 6, TERMS, DISTANCE = TERMS + 4, STEPS };
 
-struct alignas(64) Row {
-  double at[BLOCK];
-};
-
-void one(const Loop& loop, const double* from, Row& to, long n) {
-  char* arrays[] = {(char*)from, (char*)to.at};
-  const intptr_t count = n, strides[] = {8, 8};
-  loop.call(arrays, &count, strides, loop.data);
-}
-
-void two(const Loop& loop, const double* left, intptr_t step, const double* right, intptr_t other, double* to, long n) {
-  char* arrays[] = {(char*)left, (char*)right, (char*)to};
-  const intptr_t count = n, strides[] = {step, other, 8};
-  loop.call(arrays, &count, strides, loop.data);
-}
-
-template <typename Number>
-inline Number clipped(Number value, Number low, Number high) {
-  return value < low ? low : value > high ? high : value;
-}
-inline double sign(double value) { return value > 0.0 ? 1.0 : value < 0.0 ? -1.0 : value == 0.0 ? 0.0 : value; }
-
-struct Bicycles {  // up to BLOCK of them, from number `first` on
+struct Bicycles : Plant {  // up to BLOCK of them, from number `first` on
   const Model& m;
   const Arrays& a;
-  const long all, first, n;
-  Row torque, displacement, pedal, front, rear, mass, tilt;
-  Row next[STATES], &speed = next[SPEED];  // after the step, whether it lay or not
-  Row ahead, behind, p, q, r, s;
+  const long first;
 
   Bicycles(const Model& model, const Arrays& arrays, long all, long first)
-      : m(model), a(arrays), all(all), first(first), n(all - first < BLOCK ? all - first : BLOCK) {}
+      : Plant(*model.plant, model.loops, model.speed_limits, arrays.state + first, all, all - first < BLOCK ? all - first : BLOCK),
+        m(model), a(arrays), first(first) {}
 
-  const double* old(int row) const { return a.state + row * all + first; }
   double* out(int row) const { return a.result + row * all + first; }
 
   void wanted(int which, Row& to) {
     const double* from = a.action + 3 * first + which;
-    two(m.maximum, from, 24, &m.lowest[which], 0, p.at, n);
-    two(m.minimum, p.at, 8, &m.highest[which], 0, to.at, n);
-  }
-
-  WIDEST void accelerate() {  // equations 11 to 13
-    const double* before = old(SPEED);
-    for (long i = 0; i < n; i++) {
-      const double faster = before[i] + m.time_step * (pedal.at[i] * m.pedal);
-      speed.at[i] = m.limit_speed ? clipped(faster, m.speed_low, m.speed_high) : faster;
-      q.at[i] = displacement.at[i] / m.mass_height;
-    }
-  }
-
-  WIDEST void curvatures() {  // equations 3 and 4; p and q hold the steering's sine and cosine
-    const double* lean = old(LEAN);
-    for (long i = 0; i < n; i++) {
-      const double sine = std::fabs(p.at[i]);
-      front.at[i] = sine / m.wheelbase;
-      rear.at[i] = sine / (m.wheelbase * q.at[i]);
-      const double offset = m.mass_offset * rear.at[i];
-      mass.at[i] = rear.at[i] / std::sqrt(1.0 + offset * offset);
-      tilt.at[i] = lean[i] + tilt.at[i];  // equation 6
-    }
-  }
-
-  WIDEST void turn() {  // equations 5 and 7; p and q hold the tilt's sine and cosine
-    const double *lean = old(LEAN), *lean_rate = old(LEAN_RATE), *steer = old(STEER), *steer_rate = old(STEER_RATE);
-    const double* heading = old(HEADING);
-    for (long i = 0; i < n; i++) {
-      const double wheel_rate = speed.at[i] / m.tyre_radius;
-      const double turning = m.tyres * (front.at[i] + rear.at[i]) + m.turning * mass.at[i];
-      const double centrifugal = sign(steer[i]) * speed.at[i] * speed.at[i] * turning;
-      const double gyroscopic = m.tyre_spin * wheel_rate * steer_rate[i];
-      const double acceleration = (m.gravity * p.at[i] - q.at[i] * (gyroscopic + centrifugal)) / m.lean_inertia;
-      const double steering = (torque.at[i] + m.coupling * wheel_rate * lean_rate[i]) / m.steer_inertia;
-      next[LEAN_ACCELERATION].at[i] = acceleration;
-      next[LEAN_RATE].at[i] = lean_rate[i] + acceleration * m.time_step;
-      next[LEAN].at[i] = lean[i] + next[LEAN_RATE].at[i] * m.time_step;
-      const double rate = steer_rate[i] + steering * m.time_step;
-      const double free_angle = steer[i] + rate * m.time_step;
-      const double angle = clipped(free_angle, -m.steer_stop, m.steer_stop);
-      next[STEER].at[i] = angle;
-      next[STEER_RATE].at[i] = m.stop_absorbs_steering && free_angle != angle ? 0.0 : rate;
-      const double half = 0.5 * (speed.at[i] * m.time_step);
-      r.at[i] = clipped(half * front.at[i], -1.0, 1.0);
-      s.at[i] = clipped(half * rear.at[i], -1.0, 1.0);
-      ahead.at[i] = heading[i] + angle;
-    }
-  }
-
-  WIDEST void point() {  // the chords' directions; p and q hold their half angles
-    const double* heading = old(HEADING);
-    for (long i = 0; i < n; i++) {
-      const double pointing = ahead.at[i], steer = next[STEER].at[i];
-      const double front_side = sign(m.chord_follows_steering ? steer : pointing);
-      const double rear_side = sign(m.chord_follows_steering ? steer : heading[i]);
-      ahead.at[i] = pointing + front_side * p.at[i];
-      behind.at[i] = heading[i] + rear_side * q.at[i];
-    }
-  }
-
-  WIDEST void roll() {  // equations 1 and 2; p, q, r, s: sine and cosine ahead and behind
-    const double *front_x = old(FRONT_X), *front_y = old(FRONT_Y), *rear_x = old(REAR_X), *rear_y = old(REAR_Y);
-    for (long i = 0; i < n; i++) {
-      const double travel = speed.at[i] * m.time_step;
-      const double fx = front_x[i] - travel * p.at[i], fy = front_y[i] + travel * q.at[i];
-      const double rx = rear_x[i] - travel * r.at[i], ry = rear_y[i] + travel * s.at[i];
-      const double along_x = rx - fx, along_y = ry - fy;
-      const double distance = std::sqrt(along_x * along_x + along_y * along_y);
-      const double drifted = (m.wheelbase - distance) / distance;
-      const double stretch = std::fabs(distance - m.wheelbase) > m.drift ? drifted : 0.0;
-      next[FRONT_X].at[i] = fx;
-      next[FRONT_Y].at[i] = fy;
-      next[REAR_X].at[i] = rx + along_x * stretch;
-      next[REAR_Y].at[i] = ry + along_y * stretch;
-      p.at[i] = next[REAR_X].at[i] - fx;
-      q.at[i] = fy - next[REAR_Y].at[i];
-    }
+    two(loops.maximum, from, 24, &m.lowest[which], 0, p.at, n);
+    two(loops.minimum, p.at, 8, &m.highest[which], 0, to.at, n);
   }
 
   WIDEST void keep() {  // a fallen bicycle stays as it was; then the way to the goal
@@ -233,25 +122,9 @@ struct Bicycles {  // up to BLOCK of them, from number `first` on
     wanted(1, displacement);
     wanted(2, pedal);
     for (long i = 0; a.noise && i < n; i++) displacement.at[i] += a.noise[first + i];
-    accelerate();
-    one(m.arctan, q.at, tilt, n);
-    one(m.sin, old(STEER), p, n);
-    one(m.cos, old(STEER), q, n);
-    curvatures();
-    one(m.sin, tilt.at, p, n);
-    one(m.cos, tilt.at, q, n);
-    turn();
-    one(m.arcsin, r.at, p, n);
-    one(m.arcsin, s.at, q, n);
-    point();
-    one(m.sin, ahead.at, p, n);
-    one(m.cos, ahead.at, q, n);
-    one(m.sin, behind.at, r, n);
-    one(m.cos, behind.at, s, n);
-    roll();
-    two(m.arctan2, p.at, 8, q.at, 8, next[HEADING].at, n);
+    make();
     keep();
-    two(m.arctan2, p.at, 8, q.at, 8, r.at, n);
+    two(loops.arctan2, p.at, 8, q.at, 8, r.at, n);
     outcome();
   }
 };
@@ -259,6 +132,11 @@ struct Bicycles {  // up to BLOCK of them, from number `first` on
 }  // namespace
 
 extern "C" {
+
+// True if this library steps that plant, and both sides mean the same memory.
+bool task_fits(const char* plant, const long* model, const long* numbers) {
+  return !std::strcmp(plant, Plant::NAME) && *model == sizeof(Model) && *numbers == sizeof(Plant::Numbers);
+}
 
 // 1 where an action is not finite; nothing is written then.
 int task_step(const Model* model, const Arrays* arrays, const long* count) {

@@ -12,7 +12,7 @@ from __future__ import annotations
 import ctypes
 import functools
 import operator
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -69,18 +69,15 @@ class _Ufunc(ctypes.Structure):
 
 
 class _Loop(ctypes.Structure):
-    """`Loop` of native_task.cpp."""
+    """`Loop` of plants/compiled.h."""
 
     _fields_ = (("call", ctypes.c_void_p), ("data", ctypes.c_void_p))
 
 
-_NUMBERS = (
-    *("time_step", "pedal", "mass_height", "tyre_radius", "tyre_spin", "wheelbase"),
-    *("mass_offset", "tyres", "turning", "gravity", "lean_inertia", "coupling"),
-    *("steer_inertia", "steer_stop", "drift", "speed_low", "speed_high", "fall_angle"),
-    "goal_radius",
-)
-_SWITCHES = ("most_steps", "limit_speed", "chord_follows_steering", "stop_absorbs_steering")
+class _SpeedLimits(ctypes.Structure):
+    """`SpeedLimits` of plants/compiled.h."""
+
+    _fields_ = (("low", ctypes.c_double), ("high", ctypes.c_double), ("given", ctypes.c_int64))
 
 
 class _Model(ctypes.Structure):
@@ -88,11 +85,14 @@ class _Model(ctypes.Structure):
 
     _fields_ = (
         *((name, _Loop) for name in LOOPS),
+        ("speed_limits", _SpeedLimits),
+        ("plant", ctypes.c_void_p),
         ("lowest", ctypes.c_double * 3),
         ("highest", ctypes.c_double * 3),
-        *((name, ctypes.c_double) for name in _NUMBERS),
+        ("fall_angle", ctypes.c_double),
+        ("goal_radius", ctypes.c_double),
         ("weights", ctypes.c_double * 4),
-        *((name, ctypes.c_int64) for name in _SWITCHES),
+        ("most_steps", ctypes.c_int64),
     )
 
 
@@ -161,7 +161,7 @@ class NativeStep:
     """
 
     def __init__(
-        self, scenario: Scenario, numbers: Mapping[str, float], face: Face | None = None
+        self, scenario: Scenario, numbers: ctypes.Structure, face: Face | None = None
     ) -> None:
         """Prepare the values that stay constant from step to step.
 
@@ -330,13 +330,16 @@ class NativeStep:
 
 def stepper(scenario: Scenario, plant: Plant[Any], face: Face | None = None) -> NativeStep | None:
     """Return a stepper for such bicycles in one call; None if none is available."""
-    numbers = plant.compiled_numbers
-    if numbers is None or load() is None:
+    numbers, library = plant.compiled_numbers, load()
+    if numbers is None or library is None:
+        return None
+    sizes = (ctypes.c_long(ctypes.sizeof(kind)) for kind in (_Model, type(numbers)))
+    if not library.task_fits(plant.name.encode(), *map(ctypes.byref, sizes)):
         return None
     return NativeStep(scenario, numbers, face)
 
 
-def _remade(scenario: Scenario, numbers: Mapping[str, float], face: bytes | None) -> NativeStep:
+def _remade(scenario: Scenario, numbers: ctypes.Structure, face: bytes | None) -> NativeStep:
     """Return the stepper that was pickled."""
     return NativeStep(scenario, numbers, None if face is None else Face.from_buffer_copy(face))
 
@@ -345,24 +348,25 @@ def _address(array: np.ndarray) -> int:
     return int(array.__array_interface__["data"][0])
 
 
-def _model(scenario: Scenario, numbers: Mapping[str, float]) -> _Model:
-    """Return all numbers, those of the reward and the ends as in reward.py and task.py."""
+def _model(scenario: Scenario, numbers: ctypes.Structure) -> _Model:
+    """Return all numbers, those of the reward and the ends as in reward.py and task.py.
+
+    The plant's stay where they are: the caller keeps them.
+    """
     weights, limits = scenario.reward, scenario.action_limits.tolist()
     low, high = scenario.speed_limits or (0.0, 0.0)
     return _Model(
         **_loops(),
-        **numbers,
+        speed_limits=_SpeedLimits(low, high, scenario.speed_limits is not None),
+        plant=ctypes.addressof(numbers),
         lowest=(ctypes.c_double * 3)(*(-limit for limit in limits)),
         highest=(ctypes.c_double * 3)(*limits),
-        speed_low=low,
-        speed_high=high,
         fall_angle=scenario.fall_angle,
         goal_radius=scenario.goal_radius,
         weights=(ctypes.c_double * 4)(
             weights.lean_angle, weights.lean_rate, weights.lean_acceleration, weights.heading_error
         ),
         most_steps=scenario.max_steps,
-        limit_speed=scenario.speed_limits is not None,
     )
 
 
@@ -392,6 +396,7 @@ def load() -> ctypes.PyDLL | None:
     try:
         _loops()
         # PyDLL keeps the interpreter's lock: to reacquire it would cost more than the call.
-        return load_built(Path(__file__).parent, LIBRARY, lambda path: ctypes.PyDLL(str(path)))
+        library = load_built(Path(__file__).parent, LIBRARY, lambda path: ctypes.PyDLL(str(path)))
     except (OSError, LookupError, ValueError):
         return None
+    return library if hasattr(library, "task_fits") else None  # else it was built before

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, replace
@@ -10,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from bicycle_sim.plants.base import Array, BodyState, Geometry, Linear, Loads, Plant
-from bicycle_sim.plants.choi import dynamics
+from bicycle_sim.plants.choi import compiled, dynamics
 from bicycle_sim.plants.choi.linear import (
     INPUT_FIELDS,
     STATE_FIELDS,
@@ -107,31 +108,11 @@ class ChoiPlant(Plant[BodyState]):
         return type(self)(self.physics, device)
 
     @property
-    def compiled_numbers(self) -> Mapping[str, float] | None:
-        """Numbers computed as in `dynamics`; None on a device, or for a subclass."""
+    def compiled_numbers(self) -> ctypes.Structure | None:
+        """Numbers for `step.h`; None on a device, or for a subclass."""
         if type(self) is not ChoiPlant or self.device is not None:
             return None
-        k, physics = self.physics.constants, self.physics
-        gyroscopic = physics.gyroscopic_correction
-        return {
-            "time_step": k.time_step,
-            "pedal": k.pedal_gain / k.driven_mass,
-            "mass_height": k.mass_height,
-            "tyre_radius": k.tyre_radius,
-            "tyre_spin": k.tyre_spin_inertia,
-            "wheelbase": k.wheelbase,
-            "mass_offset": k.wheelbase - k.front_to_mass,
-            "tyres": k.tyre_mass * k.tyre_radius,
-            "turning": k.mass * k.mass_height,
-            "gravity": k.mass * k.mass_height * k.gravity,
-            "lean_inertia": k.lean_inertia,
-            "coupling": k.tyre_spin_inertia if gyroscopic else -k.tyre_lean_inertia,
-            "steer_inertia": k.tyre_steer_inertia,
-            "steer_stop": k.steer_stop,
-            "drift": k.wheelbase_tolerance,
-            "chord_follows_steering": physics.chord_follows_steering,
-            "stop_absorbs_steering": physics.stop_absorbs_steering,
-        }
+        return compiled.numbers(self.physics)
 
     def initial(
         self, rear_x: np.ndarray, rear_y: np.ndarray, heading: np.ndarray, speed: np.ndarray
