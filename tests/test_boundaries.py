@@ -219,6 +219,21 @@ def test_the_names_of_table_1_stand_in_the_papers_plant_alone() -> None:
     assert {name for name, text in sources.items() if words.search(text)} == set(NAMES_OF_TABLE_1)
 
 
+ASKED_FOR_BY_NAME = {
+    "bicycle_controller/config/loading.py": "the plant of a configuration that names none",
+    "bicycle_cockpit/ride_setup.py": "the plant that is chosen at first",
+    "bicycle_cockpit/web/panels.js": "its label, faithful or corrected, needs the word paper's",
+}
+"""Sources that may use the default plant's name, and for what."""
+
+
+def test_no_plant_is_treated_apart_by_its_name() -> None:
+    name = re.compile(r"default\(\)\.name|ChoiPlant|[\"']choi[\"'] [!=]=|[!=]= [\"']choi[\"']")
+    sources = outside_the_plants()
+    found = {source for source, text in sources.items() if name.search(text)}
+    assert found == set(ASKED_FOR_BY_NAME)
+
+
 def test_compiled_code_names_its_plant_once() -> None:
     for name, text in outside_the_plants().items():
         if name.endswith((".cpp", ".h")):

@@ -22,7 +22,7 @@ from machine import machine
 from tqdm import tqdm
 
 from bicycle_controller.control.lqr import fitting
-from bicycle_controller.control.safety import ENVELOPE, ENVELOPE_SPEEDS, Safety
+from bicycle_controller.control.safety import Safety, envelope
 from bicycle_controller.evaluation.evaluate import wilson
 from bicycle_controller.policy.policy import load_controller
 from bicycle_controller.training.run_folder import origin
@@ -40,6 +40,8 @@ SHIPPED = {
 """Actors and the scenarios that they ride in."""
 NEAR = Region((0.0, 0.0), (60.0, 60.0))
 """m, where faulty rides start and end: less than the paper's field, to be done sooner."""
+SPEEDS, LEANS = (values.tolist() for values in envelope(ChoiPlant()))
+"""m/s and rad, the limit that was measured."""
 STEPS = 1500
 """37.5 s, within which a faulty ride must reach its goal."""
 
@@ -86,7 +88,7 @@ def ordinary(actor: str, scenario: Scenario, count: int) -> dict[str, Any]:
     layer, seen, last = Safety(count=count), task.observation(), None
     names = ("lean", "lean_rate", "slowest", "fastest", "torque", "displacement", "pedal_force")
     peaks = {name: np.zeros(count) for name in names}
-    share = np.zeros((len(ENVELOPE_SPEEDS), count))
+    share = np.zeros((len(SPEEDS), count))
     over = np.zeros(count, dtype=bool)
     fallen = np.zeros(count, dtype=bool)
     peaks["slowest"] += np.inf
@@ -103,8 +105,8 @@ def ordinary(actor: str, scenario: Scenario, count: int) -> dict[str, Any]:
             )
             peaks[name] = np.where(over, peaks[name], new)
         extrapolated = layer.extrapolated_lean(seen, speed)
-        nearest = np.abs(speed[:, None] - np.array(ENVELOPE_SPEEDS)).argmin(axis=1)
-        for index in range(len(ENVELOPE_SPEEDS)):
+        nearest = np.abs(speed[:, None] - np.array(SPEEDS)).argmin(axis=1)
+        for index in range(len(SPEEDS)):
             here = (nearest == index) & ~over
             share[index] = np.where(here, np.maximum(share[index], extrapolated), share[index])
         last = action
@@ -120,7 +122,7 @@ def ordinary(actor: str, scenario: Scenario, count: int) -> dict[str, Any]:
         found[label] = round(float(extreme(peaks[name][sound])), 5)
     found["extrapolated_lean_by_nearest_speed"] = {
         f"{at:g}": round(float(row[sound].max()), 4)
-        for at, row in zip(ENVELOPE_SPEEDS, share, strict=True)
+        for at, row in zip(SPEEDS, share, strict=True)
         if row.any()
     }
     return found
@@ -133,7 +135,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=RESULTS)
     args = parser.parse_args()
     result: dict[str, Any] = {**origin(), "machine": machine(), "seed": SEED, "rides": args.rides}
-    result["envelope"] = dict(zip(map(str, ENVELOPE_SPEEDS), ENVELOPE, strict=True))
+    result["envelope"] = dict(zip(map(str, SPEEDS), LEANS, strict=True))
     result["faults"], result["ordinary"] = {}, {}
     with tqdm(total=len(SHIPPED) * (len(FAULTS) + 1), unit="part") as bar:
         for actor, name in SHIPPED.items():

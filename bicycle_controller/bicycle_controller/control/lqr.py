@@ -136,8 +136,8 @@ REAL: dict[str, Any] = {
     "torque_weight": 0.1,
     "lean_lead": 5.0,
 }
-"""Tuning of other bicycles than the paper's, which has neither trail nor delay: these
-weights catch larger kicks, above all under a long delay."""
+"""Tuning of bicycles for which those by name were not made, with trail and perhaps a delay:
+these weights catch larger kicks, above all under a long delay."""
 
 
 def tuned(name: str, plant: Plant[Any], torque_limit: float | None = None) -> LqrConfig:
@@ -149,7 +149,7 @@ def tuned(name: str, plant: Plant[Any], torque_limit: float | None = None) -> Lq
         torque_limit: N m; the motor's by default, or the tuning's if the plant has none.
     """
     config = TUNED[name]
-    if plant.name == registry.default().name:
+    if plant.fits_named_tunings:
         return config
     limit = torque_limit or plant.torque_limit or config.torque_limit
     return replace(config, **REAL, torque_limit=limit)
@@ -157,13 +157,10 @@ def tuned(name: str, plant: Plant[Any], torque_limit: float | None = None) -> Lq
 
 def tuning_id(config: LqrConfig, plant: Plant[Any]) -> str:
     """Return `lqr-` and a digest of tuning and plant: the controller's `policy_id`."""
-    bicycle = json.loads(plant.to_json())
-    if bicycle["plant"] == registry.default().name:
-        del bicycle["plant"]  # ids from before there were others stay as they were
     values = asdict(config)
     if values["hold_share"] == LqrConfig.hold_share:
-        del values["hold_share"]  # likewise
-    tuning = json.dumps([values, bicycle])
+        del values["hold_share"]  # ids from before there was one stay as they were
+    tuning = json.dumps([values, registry.to_dict(plant)])
     return "lqr-" + hashlib.sha256(tuning.encode()).hexdigest()[:8]
 
 

@@ -4,9 +4,8 @@ The layer watches above all the extrapolated lean: the lean at which a bicycle w
 and a straight handlebar would fall in the same way. It is the state's share in the unstable mode
 of the linearised bicycle, like the extrapolated centre of mass (Hof et al. 2005) of a walker.
 Steering increases it too, so it warns before the lean itself does. The bicycle determines its
-limit: how far torque limit and handlebar can bring the unstable mode back (`recoverable`). For the
-paper's bicycle the limit was measured: at every speed `ENVELOPE` lies between the largest value in
-ordinary rides of the shipped actors and the largest from which the LQR recovers.
+limit: how far torque limit and handlebar can bring the unstable mode back (`recoverable`). A plant
+whose limit was measured has it in its `safety_envelope`.
 
 All functions take N bicycles at once: the same code runs in the node and is measured over
 thousands of rides (`tests/benchmarks/bench_safety.py`).
@@ -27,14 +26,10 @@ from bicycle_controller.control.unseen import settled_in, through_commands
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
 
-ENVELOPE_SPEEDS = (1.0, 1.5, 2.0, 2.5, 2.75, 3.5, 5.0)
-"""m/s, at which ENVELOPE is given; in between it is interpolated, beyond held."""
-ENVELOPE = (0.12, 0.17, 0.25, 0.38, 0.46, 0.50, 0.50)
-"""rad of extrapolated lean, on the paper's bicycle."""
 TORQUE_SHARE = 0.35
-"""Share of the extrapolated lean from which the torque limit can still save, elsewhere."""
+"""Share of the extrapolated lean from which the torque limit can still save."""
 STEERING = 0.5
-"""rad, the turn of the handlebar that may be needed, elsewhere."""
+"""rad, the turn of the handlebar that may be needed."""
 LARGEST = 0.5
 """rad of extrapolated lean, where the bicycle lies at `base.FALL_ANGLE`, 0.524 rad."""
 TORQUE_LIMIT = 2.0
@@ -278,8 +273,9 @@ def envelope(
         plant: with the delay and the motor that it has.
         torque_limit: N m; the motor's by default, or TORQUE_LIMIT.
     """
-    if plant.name == registry.default().name:
-        return np.array(ENVELOPE_SPEEDS), np.array(ENVELOPE)
+    if plant.safety_envelope is not None:
+        measured_speeds, leans = plant.safety_envelope
+        return np.array(measured_speeds), np.array(leans)
     limit = torque_limit or plant.torque_limit or TORQUE_LIMIT
     speeds = SPEEDS[::4]
     found = [

@@ -16,7 +16,6 @@ from bicycle_controller.control.lqr import LqrController
 from bicycle_controller.estimation.settings import ESTIMATOR
 from bicycle_controller.nodes.controller_settings import ControllerSettings
 from bicycle_controller.policy.policy import PolicyError, load_controller
-from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.sensors import settings as sensor_settings
 from bicycle_sim.sensors.settings import SensorSettings
@@ -84,8 +83,8 @@ def designed(policy: Controller, plant: Plant[Any]) -> Controller:
     """
     if not isinstance(policy, LqrController):
         return policy
-    usual = registry.default().name
-    if policy.plant == plant or policy.plant.name == plant.name == usual:
+    same_kind = policy.plant.name == plant.name
+    if policy.plant == plant or (same_kind and plant.fits_named_tunings):
         return policy
     with np.errstate(all="ignore"):
         if policy.tuning:

@@ -136,6 +136,11 @@ class Plant(ABC, Generic[State]):
     body_is_all: ClassVar[bool] = False
     """True if the numbers of BodyState alone restore a state to the bit, the heading from the
     two contacts."""
+    fits_named_tunings: ClassVar[bool] = False
+    """True if the LQR's tunings by name were made for this kind, and serve each bicycle of it."""
+    safety_envelope: ClassVar[tuple[tuple[float, ...], tuple[float, ...]] | None] = None
+    """Measured limit of the safety layer: speeds, m/s, and the largest extrapolated lean at each,
+    rad. In between it is interpolated, beyond held. None lets the layer compute one."""
 
     @property
     @abstractmethod

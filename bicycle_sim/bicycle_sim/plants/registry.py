@@ -45,6 +45,17 @@ def from_dict(data: Any) -> Plant[Any]:
     return plant
 
 
+def to_dict(plant: Plant[Any]) -> dict[str, Any]:
+    """Return the plain data of a plant for `from_dict`; those of the default name no plant.
+
+    So what is computed from them stays as it was before there were other plants.
+    """
+    data: dict[str, Any] = json_input.parse(plant.to_json())
+    if data["plant"] == ChoiPlant.name:
+        del data["plant"]
+    return data
+
+
 def named(
     plant: str | None = None,
     bicycle: str | Path | None = None,

@@ -30,6 +30,13 @@ class ChoiPlant(Plant[BodyState]):
     takes_displacement_noise = True
     state_type = BodyState
     body_is_all = True
+    fits_named_tunings = True
+    safety_envelope = (
+        (1.0, 1.5, 2.0, 2.5, 2.75, 3.5, 5.0),
+        (0.12, 0.17, 0.25, 0.38, 0.46, 0.50, 0.50),
+    )
+    """At every speed between the largest value in ordinary rides of the shipped actors and the
+    largest from which the LQR recovers (`tests/benchmarks/bench_safety.py`)."""
 
     def __init__(self, physics: Physics | None = None, device: str | None = None) -> None:
         """Use these constants and corrections; faithful by default.
