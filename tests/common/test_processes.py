@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
 import subprocess
 import sys
+import time
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import pytest
 from waiting import until
 
-from bicycle_common import processes
+from bicycle_common import processes, signals
 from bicycle_common.processes import (
     MOST_DEATHS,
     Exit,
@@ -25,6 +28,29 @@ STUBBORN = (
     "import signal, time; signal.signal(signal.SIGINT, signal.SIG_IGN); "
     "signal.signal(signal.SIGTERM, signal.SIG_IGN); print('up', flush=True); time.sleep(3600)"
 )
+
+
+def stubborn(pipe: Connection) -> None:
+    """Stay, whatever the spawner asks for; tells the session and whether Ctrl-C is ignored."""
+    processes.begin_spawned()
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    waits = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    pipe.send((os.getsid(0), signal.getsignal(signal.SIGINT) == signal.SIG_IGN, waits))
+    time.sleep(3600)
+
+
+def test_a_spawned_process_is_stopped_by_its_spawner_alone() -> None:
+    context = multiprocessing.get_context("spawn")
+    here, there = context.Pipe()
+    process = context.Process(target=stubborn, args=(there,), daemon=True)
+    with signals.blocked():
+        process.start()
+    session, ignores, waits = here.recv()
+    assert (session, ignores, waits) == (process.pid, True, set())
+    process.terminate()
+    assert not processes.joined_or_killed(process, 0.2)
+    assert process.exitcode == -signal.SIGKILL
+    assert processes.joined_or_killed(process, 0.2), "an ended one"
 
 
 def child(tmp_path: Path, program: str, registry: Path | None = None) -> ManagedProcess:

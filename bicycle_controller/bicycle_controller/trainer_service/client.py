@@ -9,13 +9,12 @@ from __future__ import annotations
 import contextlib
 import multiprocessing
 import os
-import signal
 from typing import Any
 
 import numpy as np
 
-from bicycle_common.processes import end_with_spawner
-from bicycle_common.signals import blocked, unblock
+from bicycle_common.processes import begin_spawned, joined_or_killed
+from bicycle_common.signals import blocked
 from bicycle_controller.trainer_service.order import TrainingOrder
 
 NICE = 10
@@ -35,8 +34,7 @@ class TrainerClient:
         self._process = context.Process(
             target=_work, args=(order, self._inbox, child), name="learner", daemon=True
         )
-        # The child has the terminal's Ctrl-C until it has a session of its own.
-        with blocked():
+        with blocked():  # until `begin_spawned`
             self._process.start()
         child.close()
 
@@ -75,21 +73,13 @@ class TrainerClient:
             with contextlib.suppress(PermissionError):  # only a superuser may lower niceness
                 os.setpriority(os.PRIO_PROCESS, self._process.pid, 0)
             self._process.terminate()
-            self._process.join(PATIENCE)
-        clean = not self._process.is_alive()
-        if not clean:
-            self._process.kill()
-            self._process.join(PATIENCE)
-        return clean
+        return joined_or_killed(self._process, PATIENCE)
 
 
 def _work(order: TrainingOrder, inbox: Any, outbox: Any) -> None:
     """Run the learning process."""
-    os.setsid()  # a terminal's Ctrl-C is for the node, which stops this process in its own time
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    unblock()
+    begin_spawned()
     os.nice(NICE)
-    end_with_spawner()  # for example while torch loads
     from bicycle_controller.trainer_service.worker import work
 
     work(order, inbox, outbox)

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from multiprocessing import connection
 from typing import Any
 
-from bicycle_common.processes import end_with_spawner
-from bicycle_common.signals import blocked, unblock
+from bicycle_common.processes import begin_spawned, joined_or_killed
+from bicycle_common.signals import blocked
 
 RETRIES = 3
 """New starts of a run whose process was killed, for example by a lack of memory."""
@@ -100,10 +100,7 @@ class LocalPool:
             if pipe.poll(max(0.0, deadline - time.monotonic())):
                 with contextlib.suppress(EOFError):
                     pipe.recv()
-            process.join(max(0.0, deadline - time.monotonic()))
-            if process.is_alive():
-                process.kill()
-                process.join()
+            joined_or_killed(process, deadline - time.monotonic())
         self._running.clear()
 
     def _fits(self, task: Task) -> bool:
@@ -114,8 +111,7 @@ class LocalPool:
         context = multiprocessing.get_context("spawn")
         here, there = context.Pipe(duplex=False)
         process = context.Process(target=_run, args=(task, there), name=task.name, daemon=True)
-        # The child has the terminal's Ctrl-C until it has a session of its own.
-        with blocked():
+        with blocked():  # until `begin_spawned`
             process.start()
         there.close()
         self._running[here] = task, process
@@ -129,11 +125,8 @@ def _ending(status: int) -> str:
 
 def _run(task: Task, pipe: Any) -> None:
     """Do a task's work and send its result; runs in the task's process."""
-    os.setsid()  # a terminal's Ctrl-C is for the sweep, which stops this process in its own time
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     # A checkpoint holds what a killed sweep has done; one that went on would hold its folder.
-    end_with_spawner(signal.SIGKILL)
-    unblock()
+    begin_spawned(signal.SIGKILL)
     os.environ.setdefault("OMP_NUM_THREADS", str(task.processors))
     try:
         found = task.work(*task.arguments)

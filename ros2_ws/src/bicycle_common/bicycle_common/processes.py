@@ -12,6 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from bicycle_common import signals
@@ -325,6 +326,35 @@ def end_with_spawner(number: signal.Signals = signal.SIGTERM) -> None:
     end_with_parent(number)
     if parent is not None and os.getppid() != parent.pid:
         os._exit(1)
+
+
+def begin_spawned(number: signal.Signals = signal.SIGTERM) -> None:
+    """Make a process of `multiprocessing` one that its spawner alone stops; call it first there.
+
+    It leaves the terminal's session, whose Ctrl-C is for the spawner, and ends with the spawner.
+    The spawner starts it in `signals.blocked`: until here the Ctrl-C would reach it.
+
+    Args:
+        number: signal that it gets when the spawner ends.
+    """
+    os.setsid()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_with_spawner(number)
+    signals.unblock()
+
+
+def joined_or_killed(process: BaseProcess, patience: float) -> bool:
+    """Wait for a process of `multiprocessing` that was asked to end; kill it after `patience` s.
+
+    Returns:
+        True if it ended by itself.
+    """
+    process.join(max(0.0, patience))
+    clean = not process.is_alive()
+    if not clean:
+        process.kill()
+        process.join(max(patience, PATIENCE))
+    return clean
 
 
 def _begin_early() -> None:
