@@ -18,6 +18,7 @@ from bicycle_controller.control.goals import GoalTracker, Status
 from bicycle_controller.control.guidance import Guidance, GuidanceConfig
 from bicycle_controller.control.guide import PathEnd, PathReport
 from bicycle_controller.control.lqr import LqrController
+from bicycle_controller.control.path import sampled
 from bicycle_controller.control.path_making import Rounding, path_through
 from bicycle_controller.control.twist_ride import TwistLimits
 from bicycle_sim.plants import registry
@@ -31,9 +32,11 @@ LIMITS = np.array([2.0, 0.0, 100.0])
 class Ride:
     """A simulator, a loop and its guidance, without processes."""
 
-    def __init__(self, plant: Any = WHIPPLE, **config: Any) -> None:
+    def __init__(
+        self, plant: Any = WHIPPLE, start: InitialPose | None = None, **config: Any
+    ) -> None:
         self.simulator = Simulator(named("learned-speed"), plant)
-        self.simulator.reset(InitialPose(0.0, 0.0, -math.pi / 2, 3.0))  # towards +x
+        self.simulator.reset(start or InitialPose(0.0, 0.0, -math.pi / 2, 3.0))  # towards +x
         policy = LqrController(plant=plant)
         self.loop = ControlLoop("test", policy, GoalTracker(), LIMITS)
         self.guidance = Guidance(self.loop, GuidanceConfig(**config))
@@ -92,6 +95,31 @@ def test_a_path_is_joined_followed_and_ended() -> None:
     assert any(one.status is PathEnd.ACTIVE for one in ride.reports)
     assert ride.loop.guide is None
     assert ride.loop.tracker.steers  # it rides straight on
+
+
+@pytest.mark.parametrize("laps", [1, 2])
+@pytest.mark.parametrize("before", [4.0, 40.0])
+def test_a_loop_is_ridden_whole_from_wherever_it_is_joined(laps: int, before: float) -> None:
+    back = before / 20.0  # rad of a circle that begins at the origin, towards +x
+    start = InitialPose(
+        -20.0 * math.sin(back), 20.0 - 20.0 * math.cos(back), -math.pi / 2 - back, 3.0
+    )
+    ride = Ride(start=start)
+    angle = np.linspace(0.0, 2.0 * math.pi, 4000)
+    loop = sampled(20.0 * np.sin(angle), 20.0 - 20.0 * np.cos(angle), closed=True)
+    ride.guidance.follow("circle", lambda radius: Course("circle", loop, 3.0), laps)
+    ride.settle()
+    steps = ride.simulator.snapshot.step
+    ride.until(lambda: any(one.status is PathEnd.FINISHED for one in ride.reports))
+    ridden = 3.0 * 0.025 * (ride.simulator.snapshot.step - steps)
+    lap = 40.0 * math.pi
+    assert ridden == pytest.approx(laps * lap, rel=0.05)
+    told = [one for one in ride.reports if one.laps == laps]
+    assert (told[0].lap, told[-1].lap) == (1, laps)
+    assert told[0].along < 3.0
+    assert told[-1].along == pytest.approx(laps * lap, abs=0.5)
+    assert all(0.0 <= one.along < one.lap * lap + 0.5 for one in told)
+    assert f"lap {laps} of {laps}" in told[-2].message
 
 
 def test_a_goal_ends_a_path_and_a_path_ends_a_goal() -> None:

@@ -11,6 +11,7 @@ from bicycle_controller.control import followers
 from bicycle_controller.control.path import sampled
 from bicycle_controller.control.speed_profile import CHANGE, speed_profile
 from bicycle_controller.evaluation import course_score
+from bicycle_controller.evaluation.course_rides import Start, ride_courses
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
 
@@ -50,6 +51,16 @@ def test_random_roads_are_ridden_and_joined_from_beside_them(plant: Plant[Any]) 
     assert results[0]["falls"] == 0
     assert results[0]["unfinished"] <= 1
     assert results[0]["rms_m"] < 2.0
+
+
+def test_a_loop_that_is_joined_half_way_round_is_ridden_whole() -> None:
+    angle = np.linspace(0.0, 2.0 * np.pi, 8000)  # an eight that crosses itself at a right angle
+    loop = sampled(30.0 * np.sin(angle), 15.0 * np.sin(2.0 * angle), closed=True)
+    turned = Start(np.zeros(1), np.array([0.5 * np.pi]))
+    follower = followers.make("preview", WHIPPLE)
+    rides, _ = ride_courses(follower, WHIPPLE, [loop], [3.0], start=turned)
+    assert rides.finished.all()
+    assert rides.distance[0] == pytest.approx(loop.length, rel=0.05)
 
 
 def test_preview_beats_stanley() -> None:

@@ -33,7 +33,7 @@ class PathReport:
     lap: int
     laps: int
     along: float
-    """m from the start of the first lap."""
+    """m from the start of the first lap, which on a loop is where it was joined."""
     length: float
     """m of all laps."""
     cross_track: float

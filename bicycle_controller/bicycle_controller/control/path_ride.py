@@ -86,8 +86,12 @@ class PathRide:
 
     @property
     def along(self) -> float:
-        """Distance along the path, m."""
-        return 0.0 if self._along is None else float(self._along[0])
+        """Distance along the path, m; along a loop, from where it was joined."""
+        if self._along is None:
+            return 0.0
+        # A loop has no end of its own: its laps count from the place where it was joined.
+        first = self._from if self.course.path.closed else 0.0
+        return float(self._along[0]) - first
 
     def end(self, status: PathEnd, why: str) -> None:
         """Stop following, unless it is over already."""
@@ -148,7 +152,7 @@ class PathRide:
             self._steps += 1
             self._square += cross * cross
             self._largest = max(self._largest, abs(cross))
-        if along >= self.length - (0.0 if self.course.path.closed else END):
+        if self.along >= self.length - (0.0 if self.course.path.closed else END):
             self.end(PathEnd.FINISHED, "ridden to its end")
         elif abs(cross) > LOST + self._farthest:
             self.end(PathEnd.LOST, f"{abs(cross):.0f} m off the path")
@@ -167,11 +171,11 @@ class PathRide:
 
     def report(self) -> PathReport:
         """Return the ride's progress."""
-        along = 0.0 if self._along is None else float(self._along[0])
+        along = max(0.0, self.along)
         lap = self.length / self.laps
         rms = math.sqrt(self._square / self._steps) if self._steps else math.nan
         largest = self._largest if self._steps else math.nan
-        number = min(self.laps, 1 + int(max(0.0, along) / lap))
+        number = min(self.laps, 1 + int(along / lap))
         text = self._why
         if self.status is PathEnd.ACTIVE:
             text = f"lap {number} of {self.laps}: {along:.1f} of {self.length:.1f} m"

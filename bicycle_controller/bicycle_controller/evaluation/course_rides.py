@@ -175,7 +175,8 @@ class _Rides:
         self.along = self.truth = self.paths.join(x, y, heading)
         rounds = np.ones(n) if laps is None else np.asarray(laps, dtype=float)
         rounds = np.where(self.paths.closed, rounds, 1.0)
-        self.ends = rounds * self.paths.length - np.where(self.paths.closed, 0.0, END)
+        # A loop ends where it was joined, an open path at its own end.
+        self.ends = rounds * self.paths.length + np.where(self.paths.closed, self.along, -END)
         both = zip(paths, profiles, strict=True)
         needed = np.array([float((path.spacing / profile).sum()) for path, profile in both])
         self.most = np.ceil((PATIENCE * rounds * needed + 20.0) / plant.time_step)
