@@ -77,6 +77,22 @@ def test_a_path_sharper_than_the_bicycle_rides_is_refused_with_both_numbers() ->
         path_through([(0, 0), (20, 0), (20, 20)], rounding=Rounding(refuse=True))
 
 
+@pytest.mark.parametrize("beyond", [0.0, 0.1])
+def test_a_turn_straight_back_is_refused_wherever_the_path_ends(beyond: float) -> None:
+    """Points on the line between the first and the last one are not left out beyond its ends."""
+    with pytest.raises(PathRefusedError, match=r"180° at \(100\.0, 0\.0\).*2\.50 m at least"):
+        path_through([(0, 0), (50, beyond), (100, 0), (60, beyond), (10, 0)])
+
+
+def test_a_loop_may_repeat_its_first_point_at_its_end() -> None:
+    triangle = [(0, 0), (40, 0), (20, 30)]
+    once = path_through(triangle, closed=True)
+    assert path_through([*triangle, (0, 0)], closed=True).length == once.length
+    for two in ([(0, 0), (40, 0), (0, 0)], [(0, 0), (40, 0)]):
+        with pytest.raises(PathRefusedError, match="a loop needs three different points"):
+            path_through(two, closed=True)
+
+
 def test_dense_points_of_a_curve_keep_its_shape() -> None:
     angle = np.linspace(0.0, 2.0 * math.pi, 41)[:-1]
     points = [(8.0 * math.cos(a), 8.0 * math.sin(a)) for a in angle]

@@ -84,8 +84,11 @@ def path_through(
         raise PathRefusedError(f"a path of {chords:.7g} m is longer than {LONGEST:g} m")
     if closed is None:
         closed = _comes_round(corners)
-    if closed and math.dist(corners[0], corners[-1]) < 0.5 and len(corners) > 3:
-        corners = corners[:-1]
+    if closed:
+        repeated = math.dist(corners[0], corners[-1]) < (0.5 if len(corners) > 3 else SAME)
+        corners = corners[:-1] if repeated else corners
+        if len(corners) < 3:
+            raise PathRefusedError("a loop needs three different points or more")
     if noise > 0.0:
         return _smoothed(np.array(corners), closed, noise, rounding)
     try:
@@ -223,7 +226,7 @@ def _corner(
 
 
 def _simplified(points: np.ndarray, slack: float) -> np.ndarray:
-    """Return the points without those within `slack` of the line of the others.
+    """Return the points without those within `slack` of the pieces between the others.
 
     Source: D. H. Douglas and T. K. Peucker, Cartographica 10 (1973) 112.
     """
@@ -235,12 +238,10 @@ def _simplified(points: np.ndarray, slack: float) -> np.ndarray:
         if last - first < 2:
             continue
         line = points[last] - points[first]
-        length = float(np.hypot(*line))
         offset = points[first + 1 : last] - points[first]
-        if length < SAME:
-            far = np.hypot(offset[:, 0], offset[:, 1])
-        else:
-            far = np.abs(offset[:, 0] * line[1] - offset[:, 1] * line[0]) / length
+        # Of the piece, not of the line through it: a path that turns back goes beyond its ends.
+        share = np.clip(offset @ line / max(float(line @ line), SAME**2), 0.0, 1.0)
+        far = np.hypot(*(offset - share[:, None] * line).T)
         worst = int(far.argmax())
         if far[worst] > slack:
             split = first + 1 + worst
