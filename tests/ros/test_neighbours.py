@@ -60,3 +60,20 @@ def test_the_newest_is_read_and_what_holds_no_pose_is_silence(
         assert movers == {}
     finally:
         watched.close()
+
+
+def test_a_bicycle_that_stands_is_not_taken_for_one_that_rides(probe: Probe) -> None:
+    """Some publishers leave the last speed in the twist of a bicycle that lies."""
+    movers: dict[str, Mover] = {}
+    watched = Neighbours(probe.node, ["b2"], movers)
+    try:
+        publisher = probe.publisher(topics.ODOMETRY)
+
+        def stands() -> bool:
+            publisher.publish(odometry(7.0))
+            return "b2" in movers and movers["b2"].speed[0] == 0.0
+
+        probe.spin_until(stands)
+        assert movers["b2"].x[0] == 7.0
+    finally:
+        watched.close()

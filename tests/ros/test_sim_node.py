@@ -95,6 +95,9 @@ def test_it_publishes_all_that_others_expect(start_sim: Any, ros_domain: int) ->
     first = newest(probe)
     assert first.heading == pytest.approx(0.5)
     assert (first.rear_contact.x, first.step, first.episode) == (3.0, 0, 1)
+    probe.spin_until(lambda: probe[topics.ODOMETRY])
+    assert first.speed > 0.0
+    assert probe[topics.ODOMETRY][0].twist.twist.linear.x == 0.0  # it waits at its start
     probe.say(COMMAND, command(first, torque=0.5))
     state = at_step(probe, 1)
     assert state.steer_angle > 0

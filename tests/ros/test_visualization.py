@@ -8,12 +8,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import Quaternion
+from geometry_msgs.msg import Quaternion, Twist
 from visualization_msgs.msg import Marker
 
 from bicycle_common.nodes import convert
 from bicycle_common.types import BicycleState, Command, InitialPose
-from bicycle_sim.nodes.visualization import markers, numbers, odometry
+from bicycle_sim.nodes.visualization import JOINTS, Joints, markers, numbers, odometry
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.choi.parameters import Constants
 from bicycle_sim.runtime.simulator import Simulator
@@ -82,6 +82,18 @@ def test_odometrys_rates_are_those_of_its_pose(torque: float) -> None:
         assert twist.angular.z == pytest.approx(yaw_rate * math.cos(roll), rel=0.1)
         assert twist.angular.y == pytest.approx(yaw_rate * math.sin(roll), rel=0.1, abs=1e-6)
         assert twist.linear.x == after.speed
+
+
+def test_a_bicycle_that_lies_or_is_held_has_no_twist() -> None:
+    state = ride(0.05)[-1]
+    joints = Joints(registry.default().geometry, DT)
+    assert state.speed > 2.0
+    assert joints.message(state, 0).velocity[2] > 2.0
+    lies = replace(state, fallen=True)
+    for twist in (odometry(lies, 0).twist.twist, odometry(state, 0, moving=False).twist.twist):
+        assert twist == Twist()
+    for message in (joints.message(lies, 0), joints.message(state, 0, moving=False)):
+        assert list(message.velocity) == [0.0] * len(JOINTS)
 
 
 def test_markers_tell_the_angles_in_degrees_and_to_which_side() -> None:

@@ -14,6 +14,7 @@ from rclpy.node import Node
 from bicycle_common.geometry import yaw_to_heading
 from bicycle_common.nodes import convert, topics
 from bicycle_controller.control.keep_clear import Mover
+from bicycle_controller.control.track import Track
 
 PERIOD = 0.1
 """Time between two looks (s); a bicycle rides half a metre meanwhile."""
@@ -40,6 +41,7 @@ class Neighbours:
         """
         self._names, self._movers = tuple(names), movers
         self._heard: dict[str, float] = {}
+        self._tracks: dict[str, Track] = {}
         self._ears: Node | None = None
         if not names:
             return
@@ -74,6 +76,7 @@ class Neighbours:
                 self._hear(name, taken[0], now)
             if now - self._heard.get(name, now) > FORGOTTEN:
                 del self._heard[name], self._movers[name]
+                self._tracks.pop(name, None)
 
     def _hear(self, name: str, message: Any, now: float) -> None:
         """Keep the pose and the speed of a message."""
@@ -84,6 +87,11 @@ class Neighbours:
             return  # no orientation: it counts as silent, which diagnostics tell
         numbers = float(place.x), float(place.y), heading, float(twist.linear.x)
         if all(map(math.isfinite, numbers)):
+            stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+            track = self._tracks.setdefault(name, Track())
+            x, y, heading, told = numbers
+            speed = track.speed(now, stamp, (x, y), heading, told)
+            numbers = x, y, heading, speed
             self._movers[name] = Mover(*(np.array([value]) for value in numbers))
             self._heard[name] = now
 

@@ -382,7 +382,8 @@ class SimNode(Node):
         if self._settings.publish_clock and self._is_heard(topics.CLOCK):
             self._publish(topics.CLOCK, ClockMessage(clock=convert.to_stamp(now)))
         if self._is_heard(topics.ODOMETRY):
-            self._publish(topics.ODOMETRY, visualization.odometry(snapshot, now, self._frames))
+            odometry = visualization.odometry(snapshot, now, self._frames, self._loop.riding)
+            self._publish(topics.ODOMETRY, odometry)
         rate = self._settings.tf_rate
         due = rate > 0 and clock - self._last_tf >= 1.0 / rate
         if due and self._is_heard(topics.TF):
@@ -391,7 +392,9 @@ class SimNode(Node):
             moved = robot_model.transforms(snapshot, now, self._geometry, self._frames, travel)
             self._publish(topics.TF, moved)
         if self._is_heard(topics.JOINT_STATES):
-            self._publish(topics.JOINT_STATES, self._joints.message(snapshot, now))
+            self._publish(
+                topics.JOINT_STATES, self._joints.message(snapshot, now, self._loop.riding)
+            )
         rate = self._settings.marker_rate
         due = rate > 0 and clock - self._last_markers >= 1.0 / rate
         if due and self._is_heard(topics.MARKERS):

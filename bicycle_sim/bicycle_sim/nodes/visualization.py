@@ -34,27 +34,31 @@ EXACT = 1e-9
 """Variance of a simulator's truth, in any unit squared: zero would mean unknown to many."""
 
 
-def odometry(snapshot: BicycleState, nanoseconds: int, prefix: str = "") -> Odometry:
+def odometry(
+    snapshot: BicycleState, nanoseconds: int, prefix: str = "", moving: bool = True
+) -> Odometry:
     """Return the rear contact's pose, with the lean as roll, and the twist in the leaning frame.
 
     Args:
         snapshot: the state.
         nanoseconds: its simulated time.
         prefix: before the frames, see `robot_model.frames_of`.
+        moving: False while the bicycle is held, so that the twist is zero.
     """
+    moving = moving and not snapshot.fallen
     roll = mirror("lean_angle", snapshot.lean_angle)
     pose = Pose(
         position=to_point((snapshot.rear_x, snapshot.rear_y)),
         orientation=to_quaternion(yaw_of(snapshot), roll),
     )
-    twist = Twist(
-        linear=Vector3(x=float(snapshot.speed)),
-        angular=Vector3(
+    twist = Twist()
+    if moving:  # the state keeps the speed that a held bicycle goes on with
+        twist.linear = Vector3(x=float(snapshot.speed))
+        twist.angular = Vector3(
             x=-float(snapshot.lean_rate),
             y=float(snapshot.yaw_rate) * math.sin(roll),
             z=float(snapshot.yaw_rate) * math.cos(roll),
-        ),
-    )
+        )
     exact = [EXACT if row == column else 0.0 for row in range(6) for column in range(6)]
     return Odometry(
         header=to_header(nanoseconds, prefix + ODOM_FRAME),
@@ -81,16 +85,20 @@ class Joints:
         """Turn the wheels by one step."""
         self._travel += snapshot.speed * self._time_step
 
-    def message(self, snapshot: BicycleState, nanoseconds: int) -> JointState:
-        """Return the angles in rad and rates in rad/s of JOINTS."""
+    def message(self, snapshot: BicycleState, nanoseconds: int, moving: bool = True) -> JointState:
+        """Return the angles in rad and rates in rad/s of JOINTS; see `odometry` for `moving`."""
         g = self._geometry
+        moving = moving and not snapshot.fallen
         # Of the front wheel, the rear one and the crank, rad per m.
         turns = 1.0 / g.front_radius, 1.0 / g.rear_radius, g.crank_ratio / g.rear_radius
         return JointState(
             header=to_header(nanoseconds),
             name=list(JOINTS),
             position=[float(snapshot.steer_angle), *(self._travel * turn for turn in turns)],
-            velocity=[float(snapshot.steer_rate), *(snapshot.speed * turn for turn in turns)],
+            velocity=[
+                moving * float(rate)
+                for rate in (snapshot.steer_rate, *(snapshot.speed * turn for turn in turns))
+            ],
         )
 
 
