@@ -64,6 +64,10 @@ def test_a_file_of_waypoints_is_a_course_too(tmp_path: Path) -> None:
         (f"segments: [{', '.join(3 * ['{straight: 100000}'])}]", "longer than 200000 m together"),
         ("points: [[0, 0], [1e300, 0]]", "m is longer than 200000 m"),
         ("3", "points or segments"),
+        ("points: [[0, 0], [9, 0]]\nspeed: 8.5", "speed is 8.5: give a number from 0.5 to 8"),
+        ("points: [[0, 0], [9, 0]]\nlaps: true", "laps is True: give a whole number"),
+        ("points: [[0, 0], [9, 0]]\nclosed: 'no'", "closed is 'no': write true or false"),
+        ("segments: [{straight: 20}]\nclosed: 1", "closed is 1: write true or false"),
     ],
 )
 def test_a_bad_file_is_told_in_one_line(tmp_path: Path, text: str, message: str) -> None:

@@ -40,6 +40,10 @@ GPX_NOISE = 1.0
 """m, standard deviation that a GPX file's points are taken to have."""
 EARTH = 6_371_008.8
 """Mean radius of the Earth, m."""
+FASTEST = 8.0
+"""m/s, highest speed that a course or an order may ask for."""
+MOST_LAPS = 10_000
+"""Largest number of laps."""
 KEYS = ("about", "source", "start", "segments", "points", "closed", "laps", "speed", "noise")
 
 
@@ -141,6 +145,8 @@ def _from_yaml(name: str, text: str, rounding: Rounding) -> Course:
     if ("points" in data) == ("segments" in data):
         raise CourseError("give either points or segments")
     closed = data.get("closed")
+    if closed is not None and not isinstance(closed, bool):
+        raise CourseError(f"closed is {closed!r}: write true or false")
     if "points" in data:
         points = [_pair(item) for item in _list(data["points"], "points")]
         noise = _number(data.get("noise", 0.0), "noise", 0.0, 100.0)
@@ -148,9 +154,9 @@ def _from_yaml(name: str, text: str, rounding: Rounding) -> Course:
     else:
         path = _segments(_list(data["segments"], "segments"), data.get("start"), bool(closed))
     laps = data.get("laps", 1)
-    if not isinstance(laps, int) or not 1 <= laps <= 10_000:
-        raise CourseError(f"laps is {laps!r}: give a whole number from 1 to 10000")
-    speed = _number(data.get("speed", 3.0), "speed", 0.5, 20.0)
+    if not isinstance(laps, int) or isinstance(laps, bool) or not 1 <= laps <= MOST_LAPS:
+        raise CourseError(f"laps is {laps!r}: give a whole number from 1 to {MOST_LAPS}")
+    speed = _number(data.get("speed", 3.0), "speed", 0.5, FASTEST)
     return Course(name, path, speed, laps, str(data.get("about", "")))
 
 

@@ -159,10 +159,10 @@ def _course(given: argparse.Namespace) -> str:
         return ""
     if given.minutes:
         raise ValueError("--minutes does not go with --course: a course has an end")
-    if not 0 <= given.laps <= 10_000:
-        raise ValueError(f"--laps is {given.laps}: choose 1 to 10000")
-    if given.speed and not 1.0 <= given.speed <= 8.0:
-        raise ValueError(f"--speed is {given.speed}: choose 1 to 8 m/s")
+    if not 0 <= given.laps <= courses.MOST_LAPS:
+        raise ValueError(f"--laps is {given.laps}: choose 1 to {courses.MOST_LAPS}")
+    if given.speed and not 1.0 <= given.speed <= courses.FASTEST:
+        raise ValueError(f"--speed is {given.speed}: choose 1 to {courses.FASTEST:g} m/s")
     courses.load(given.course)
     if Path(given.course).suffix in courses.SUFFIXES:
         return str(Path(given.course).resolve())
