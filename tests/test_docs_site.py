@@ -8,6 +8,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
@@ -45,6 +46,23 @@ def test_every_page_is_on_the_site_and_the_first_one_leads_to_the_tutorials(site
         assert html.is_file(), page.name
     for page in (ROOT / "docs" / "tutorials").glob("*.md"):
         assert f'href="tutorials/{page.stem}/"' in start, page.name
+
+
+def test_no_drawing_is_left_as_source_text(site: Path) -> None:
+    for page in site.rglob("index.html"):
+        assert "mermaid" not in page.read_text(), page
+    assert (site / "images" / "architecture.svg").is_file()
+
+
+def test_the_drawing_names_what_the_nodes_offer() -> None:
+    page = (ROOT / "docs" / "interfaces.md").read_text()
+    drawing = ElementTree.parse(ROOT / "docs" / "images" / "architecture.svg").getroot()
+    words = " ".join(drawing.itertext())
+    names = set(re.findall(r"\bbicycle/\w+", words))
+    assert len(names) >= 8
+    for name in names | {"goal_pose", "goal_path", "follow_path", "cmd_vel"}:
+        assert f"`{name}`" in page, name
+    assert "actions ride_to_pose" in words
 
 
 def test_a_link_out_of_the_docs_keeps_its_text_and_names_the_file(site: Path) -> None:
