@@ -65,6 +65,18 @@ def test_the_drawing_names_what_the_nodes_offer() -> None:
     assert "actions ride_to_pose" in words
 
 
+def test_the_glossary_explains_the_words_of_other_fields() -> None:
+    page = (ROOT / "docs" / "glossary.md").read_text()
+    entries = re.findall(r"^\| (?!word |---)(.+?) \|", page, re.MULTILINE)
+    assert entries == sorted(entries, key=str.casefold)
+    words = {re.sub(r" \(.*\)", "", word) for entry in entries for word in entry.split(", ")}
+    readers_met = (
+        "DDS Foxglove GNSS Gymnasium ONNX PlotJuggler RMS RTK RViz URDF action driver estimator "
+        "firmware kick namespace node p50 p99 return service stable-baselines3 topic"
+    )
+    assert words >= {*readers_met.split(), "cross-track error", "hardware in the loop"}
+
+
 def test_a_link_out_of_the_docs_keeps_its_text_and_names_the_file(site: Path) -> None:
     page = (site / "paths" / "index.html").read_text()
     name = "bicycle_controller/bicycle_controller/control/courses.py"
