@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import io
+import re
+import shlex
 import shutil
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -11,8 +14,11 @@ from made_bag import write_bag
 from PIL import Image
 
 from bicycle_cockpit.film import browser, encoder
-from bicycle_cockpit.film.command import main
+from bicycle_cockpit.film.command import main, parse
 from bicycle_cockpit.film.maker import SHOT, SHOTS, FilmOptions
+
+ROOT = Path(__file__).resolve().parents[2]
+FILM_RIDE = ROOT / "tests" / "data" / "film-ride"
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +42,34 @@ def test_a_film_shows_the_ride(bag: Path, tmp_path: Path) -> None:
             pictures.append(images.convert("RGB").tobytes())
     assert len(set(pictures)) == 6, "wheels turn and the ground goes by"
     assert [path.name for path in tmp_path.iterdir()] == ["ride.webp"]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not any(map(shutil.which, browser.PROGRAMS)), reason="needs Chromium")
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="needs ffmpeg")
+def test_report_sh_films_a_race_against_the_lqr(tmp_path: Path) -> None:
+    film = tmp_path / "race.mp4"
+    words = ["--video", str(film), "--against", "lqr", "--to", "1", "--fps", "4"]
+    report = [str(ROOT / "ros2_ws" / "report.sh"), str(FILM_RIDE), *words, "--size", "320x180"]
+    done = subprocess.run(report, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    probe = ["ffprobe", "-v", "error", "-count_frames", "-show_entries"]
+    shown = "stream=width,height,nb_read_frames"
+    read = subprocess.run([*probe, shown, "-of", "csv=p=0", str(film)], capture_output=True)
+    assert read.stdout.decode().strip() == "320,180,4"
+
+
+def test_the_film_of_the_readme_is_what_its_command_makes() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (line,) = re.findall(r"^\./ros2_ws/report\.sh (.*ride\.webp.*)$", readme, re.MULTILINE)
+    options = parse(shlex.split(line))
+    assert (ROOT / options.bags[0]).resolve() == FILM_RIDE
+    film = ROOT / options.video
+    assert film.stat().st_size < 5_000_000
+    assert str(options.video) in readme.partition("```")[0], "it stands at the head"
+    with Image.open(film) as images:
+        assert images.size == options.film.size
+        assert getattr(images, "n_frames", 1) == len(options.film.times(options.film.end)) == 360
 
 
 def jpeg(shade: int) -> bytes:

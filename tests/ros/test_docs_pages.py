@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 from node_process import NodeProcess
-from test_docs_commands import LONGEST, PAGES, ROOT
+from test_docs_commands import LONGEST, PAGES, ROOT, SHORT_FILM
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -31,7 +31,8 @@ SHORTER: tuple[tuple[str, str], ...] = (
     (r"\./ros2_ws/ride\.sh --course slalom", "simulator.pace:=lockstep"),
     (r".*\./ros2_ws/ride\.sh --goals", "simulator.pace:=lockstep"),
     (r".*\./ros2_ws/ride\.sh", SHORT_RIDE),
-    (r"\./ros2_ws/report\.sh (?!.*--video)", ""),
+    (r"\./ros2_ws/report\.sh .*--video", SHORT_FILM),
+    (r"\./ros2_ws/report\.sh", ""),
     (r"\./ros2_ws/\w+\.sh --help", ""),
 )
 """Beginnings of commands that are run here, and the words that shorten them."""
@@ -52,7 +53,6 @@ ELSEWHERE: tuple[tuple[str, str], ...] = (
     (r"\. tests/env\.sh", "tests/run.sh"),
     (r"L=tests/data/real_bicycles$", "tests/controller/test_identify.py"),
     (r"\./ros2_ws/cockpit\.sh$", "tests/ros/test_cockpit.py"),
-    (r"\./ros2_ws/report\.sh .*--video", "tests/cockpit/test_maker.py"),
     (r"python tests/benchmarks/(\w+\.py)", r"tests/benchmarks/\1"),
     (r"python ros2_ws/src/examples/own_algorithm\.py", "tests/ros/test_own_controller.py"),
     (r"bicycle evaluate mine\.onnx", "tests/ros/test_own_controller.py"),
