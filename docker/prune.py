@@ -2,7 +2,7 @@
 
 Usage: prune.py REQUIREMENTS...    with the interpreter of the environment, see seal.sh
 
-Packages that are needed by the part of these files above their line ``# Building ...`` stay. Then
+Packages that are needed by the part of these files above their line `# Building ...` stay. Then
 headers, CMake files and other packages' tests are removed, and copies of a library become links.
 """
 

@@ -4,11 +4,11 @@
 Usage: without_docker.py [--train] [--json FILE] [--keep]
 
 Needs root and Debian's buildah and debootstrap. The base image, which the Dockerfile takes from a
-registry, is made with debootstrap from Debian's own; then ``buildah build --isolation chroot``
-builds the target ``ride`` as a Docker engine would, ``ride.sh`` rides to three goals in it, and
+registry, is made with debootstrap from Debian's own; then `buildah build --isolation chroot`
+builds the target `ride` as a Docker engine would, `ride.sh` rides to three goals in it, and
 the services of compose.yaml are started, each in a container of its own with the command and the
 health check that stand there. With that isolation they share this machine's network, so they ride
-on 127.0.0.1 instead of on the compose file's own network. ``--train`` builds the target ``train``
+on 127.0.0.1 instead of on the compose file's own network. `--train` builds the target `train`
 besides (torch is large) and starts the trainer, too.
 
 Exit status: 0 all of it worked, 1 something did not, 2 something is missing.
@@ -163,7 +163,7 @@ class Service:
         name: the service's.
         made: its container.
         config: of the compose file.
-        folder: where the volume ``bags`` and the service's log are.
+        folder: where the volume `bags` and the service's log are.
     """
 
     def __init__(self, name: str, container_id: str, config: dict[str, Any], folder: Path) -> None:

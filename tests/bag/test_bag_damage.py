@@ -62,7 +62,7 @@ def record_ends(file: Path) -> list[tuple[int, int]]:
 
 
 def messages_before(file: Path, cut: int) -> int:
-    """Return the number of messages in whole chunks before byte ``cut``."""
+    """Return the number of messages in whole chunks before byte `cut`."""
     whole = sum(1 for code, end in record_ends(file) if code == Opcode.CHUNK and end <= cut)
     counted = 0
     with file.open("rb") as stream:

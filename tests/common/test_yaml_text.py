@@ -17,7 +17,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def unfolding(levels: int, width: int, merged: bool = False) -> str:
-    """Aliases of aliases: ``width ** levels`` values in a few hundred bytes."""
+    """Aliases of aliases: `width ** levels` values in a few hundred bytes."""
     lines = ["a0: &a0 {x: 1}"]
     for level in range(1, levels):
         inside = ", ".join([f"*a{level - 1}"] * width)

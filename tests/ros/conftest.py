@@ -71,9 +71,9 @@ def ros_domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 def start_node(
     ros_domain: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> Iterator[StartNode]:
-    """Yield a function ``(module, args, env) -> NodeProcess`` in this test's own domain.
+    """Yield a function `(module, args, env) -> NodeProcess` in this test's own domain.
 
-    A ``module`` with a slash or given as a path is run as a program instead of ``python -m``.
+    A `module` with a slash or given as a path is run as a program instead of `python -m`.
     Whatever still runs at the end of the test is killed.
     """
     monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "roslog"))

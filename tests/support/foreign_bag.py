@@ -13,7 +13,7 @@ SECOND = 1_000_000_000
 
 
 class ForeignFile:
-    """One MCAP file, closed by `close` or at the end of a ``with`` block."""
+    """One MCAP file, closed by `close` or at the end of a `with` block."""
 
     def __init__(self, path: Path, profile: str = "ros2", library: str = "other", **options: Any):
         self.path = path

@@ -20,7 +20,7 @@ class NodeProcess:
     """One child process in its own process group, its output read line by line.
 
     Standard output and standard error are merged in the order they arrive. Use it as a context
-    manager, or through the ``start_node`` fixture, so that a failed test kills the child.
+    manager, or through the `start_node` fixture, so that a failed test kills the child.
 
     Args:
         command: Program and arguments.
@@ -54,7 +54,7 @@ class NodeProcess:
     def start(
         cls, module: str, args: Sequence[str] = (), env: Mapping[str, str] | None = None
     ) -> NodeProcess:
-        """Run ``python -m module args`` with the interpreter of the test."""
+        """Run `python -m module args` with the interpreter of the test."""
         return cls([sys.executable, "-m", module, *args], env)
 
     def _read(self) -> None:
@@ -89,13 +89,13 @@ class NodeProcess:
         return "\n".join(self.lines)
 
     def wait_for_line(self, pattern: str, timeout: float = PATIENCE) -> re.Match[str]:
-        """Wait until a line matches ``pattern`` (searched, from the first line printed).
+        """Wait until a line matches `pattern` (searched, from the first line printed).
 
         Returns:
             The match.
 
         Raises:
-            AssertionError: No such line within ``timeout`` seconds or before the output ended; the
+            AssertionError: No such line within `timeout` seconds or before the output ended; the
                 message holds what was printed.
         """
         regex = re.compile(pattern)
@@ -127,7 +127,7 @@ class NodeProcess:
             Its exit status, negative for a signal.
 
         Raises:
-            AssertionError: It still runs after ``timeout`` seconds.
+            AssertionError: It still runs after `timeout` seconds.
         """
         try:
             status = self._child.wait(timeout)

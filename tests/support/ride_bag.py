@@ -107,7 +107,7 @@ def ride(steps: int) -> list[Message]:
 
 
 def make_bag(path: Path, steps: int = 100, **options: Any) -> BagMetadata:
-    """Record the ride at ``path``, with options of BagWriter."""
+    """Record the ride at `path`, with options of BagWriter."""
     writer = BagWriter(path, custom_data={"seed": "7"}, **options)
     for name, short in TYPES.items():
         type_name = f"bicycle_msgs/msg/{short}"

@@ -43,7 +43,7 @@ class Host:
 
     Args:
         name: the host's.
-        address: IPv4 with its prefix length, such as ``10.77.0.1/24``.
+        address: IPv4 with its prefix length, such as `10.77.0.1/24`.
     """
 
     def __init__(self, name: str, address: str) -> None:
@@ -108,10 +108,10 @@ class Cable:
         return self._relay.stdout.readline().strip()
 
     def set(self, **changes: float | bool) -> dict[str, Any]:
-        """Change ``delay`` and ``jitter`` (s), ``loss`` (0 to 1) or ``up``.
+        """Change `delay` and `jitter` (s), `loss` (0 to 1) or `up`.
 
         Returns:
-            ``frames``, ``ipv4`` and ``lost`` so far, each as sent by the left and the right host.
+            `frames`, `ipv4` and `lost` so far, each as sent by the left and the right host.
         """
         assert self._relay.stdin is not None
         self._relay.stdin.write(json.dumps(changes) + "\n")

@@ -91,8 +91,6 @@ class Guidance:
         self.log_lines: list[str] = []
         self.followed: Path | None = None
 
-    # The bicycle.
-
     def ride(self, plant: Plant[Any], limits: np.ndarray) -> None:
         """Prepare to guide a bicycle; limits (3,) of |T|, |d| and |F|, N m, m, N."""
         key = plant, tuple(limits)
@@ -142,8 +140,6 @@ class Guidance:
             return followers.tightest(self._follower, self.config.slowest)
         # Without a pedal the speed stays what it is.
         return 1.0 / float(self._follower.sharpest(np.array([self._snapshot.speed]))[0])
-
-    # Orders.
 
     def follow(self, name: str, make: MakeCourse, laps: int = 0, speed: float = 0.0) -> int:
         """Follow a path instead of all goals and paths; return its number.
@@ -309,8 +305,6 @@ class Guidance:
             self.log_lines.append("cmd_vel steers")
         self._twist.limits = self.config.twist
         self._twist.command(speed, yaw_rate)
-
-    # The loop.
 
     def poll(self, snapshot: BicycleState) -> None:
         """Take up what the threads have finished, before a state is answered."""

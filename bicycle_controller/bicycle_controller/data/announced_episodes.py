@@ -1,4 +1,7 @@
-"""Announced episodes: which of them are learned from, whichever topic is quicker."""
+"""Announcements of episodes: they tell which episodes are learned from.
+
+Announcements and states come on two topics, so either may arrive first.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +12,10 @@ MOST = 1_000
 
 
 class AnnouncedEpisodes:
-    """Answers for each episode whether its bicycle is the one that is learned.
+    """Tells for each episode whether its bicycle is the one that is learned from.
 
-    Each simulator counts its episodes from 1, so that a number returns with another bicycle. An
-    announcement therefore counts for one episode alone.
+    Each simulator counts its episodes from 1, so a number may come again with another bicycle. An
+    announcement therefore holds for one episode only.
     """
 
     def __init__(self) -> None:
@@ -20,14 +23,19 @@ class AnnouncedEpisodes:
         self._announced: deque[tuple[int, bool]] = deque(maxlen=MOST)
 
     def announce(self, episode: int, learned: bool) -> None:
-        """Take in that an episode begins, and True if its bicycle is the one that is learned."""
+        """Take in the announcement of an episode.
+
+        Args:
+            episode: its number.
+            learned: True if its bicycle is the one that is learned from.
+        """
         self._announced.append((episode, learned))
 
     def begin(self, episode: int) -> bool | None:
         """Return what was announced for an episode whose first state is here; None if nothing.
 
-        An announcement that was lost is replaced by the next one of the same simulator, which has
-        a higher number.
+        A lost announcement is replaced by the next one, which has a higher number and is of the
+        same simulator.
         """
         numbers = [number for number, _ in self._announced]
         if episode in numbers:

@@ -12,11 +12,11 @@ from bicycle_controller.data.announced_episodes import AnnouncedEpisodes
 from bicycle_controller.data.transition_builder import COMMANDED, READ, Columns
 
 LONGEST_WAIT = 40
-"""States that may come before the echo of an older one is given up."""
+"""Newer states that may arrive before a state stops waiting for its echo."""
 MOST_ECHOES = 5_000
 """Echoes that are kept for states that have not come."""
 MOST_UNANNOUNCED = 4_000
-"""States that may come before their episode's announcement is given up, and they with it."""
+"""States that may wait for the announcement of their episode; with more they are dropped."""
 
 _STATE = ("lean_angle", "lean_rate", "lean_acceleration", "steer_angle", "steer_rate", "heading")
 _NOTHING = (False, 0.0, 0.0, 0.0, False, 0, np.nan, np.nan, "")
@@ -60,10 +60,14 @@ class LiveSteps:
         self._run = 0
 
     def announce(self, episode: int, learned: bool) -> None:
-        """Take in that an episode begins, and True if its bicycle is the one that is learned.
+        """Take in the announcement of an episode.
 
-        Another simulator's steps are known by their numbers, which begin again, unless the last
-        one has only stood at its start.
+        A restarted simulator is noticed by its step numbers, which begin at 0 again. If the one
+        before never left step 0, only this announcement tells the two apart.
+
+        Args:
+            episode: its number.
+            learned: True if its bicycle is the one that is learned from.
         """
         assert self._announced is not None
         self._announced.announce(episode, learned)

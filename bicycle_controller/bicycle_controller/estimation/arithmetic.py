@@ -44,7 +44,7 @@ STEEPEST_LEAN = 1.5
 SLOWEST = 0.1
 """m/s below which a turn tells nothing of the speed."""
 TURN_SHARE = 0.05
-"""Standard deviation of the yaw rate's model, as a share of it, beside what is set."""
+"""Standard deviation of the modelled yaw rate, as a share of it; added to the configured one."""
 
 
 class Measured(IntEnum):
@@ -143,8 +143,6 @@ class Arithmetic:
         self.numbers = numbers
         self.belief = belief
 
-    # The model.
-
     def _axes(self, state: np.ndarray) -> np.ndarray:
         """(N, 3, 4), `model.ROWS` on `model.AXES` at the state's speeds."""
         v = state[:, SPEED][:, None, None]
@@ -211,8 +209,6 @@ class Arithmetic:
         state[:, Y] += way * cosine
         state[:, HEADING] = wrapped(state[:, HEADING] + turned)
 
-    # Time.
-
     def predict(self, dt: float) -> None:
         """Let the belief grow older by `dt` s, at most STEP."""
         b = self.belief
@@ -268,8 +264,6 @@ class Arithmetic:
         p[:, 0, 0] += turn * go
         p[:, 1, 1] += along * go
         p[:, 2, 2] += along * go
-
-    # Measurements.
 
     def expected(self, what: Measured, then: np.ndarray) -> Expected:
         """Return what an IMU should measure in states `then` (N, 13).

@@ -141,8 +141,6 @@ class Filter:
         self._history.clear()
         self._keep()
 
-    # Time.
-
     def advance(self, time: float) -> None:
         """Let the model go on to a time; nothing where that is past."""
         while time - self.time > 1e-9:
@@ -153,8 +151,6 @@ class Filter:
 
     def _keep(self) -> None:
         self._history.add(self.time, self._belief.state)
-
-    # Readings.
 
     def take(self, reading: Reading, mask: np.ndarray | None = None) -> None:
         """Correct the estimates by a reading.
@@ -323,8 +319,6 @@ class Filter:
         b.state[:] += change
         p -= reach[:, :, None] * (reach * inverse[:, None])[:, None, :]
         self._history.correct(time, change)
-
-    # Estimates.
 
     def estimate(self, time: float | None = None) -> Estimate:
         """Return the estimate at a time not before the last reading's; None is that time.

@@ -1,7 +1,7 @@
-"""Readings that are taken: a rule that depends on the order within each topic alone.
+"""The rule by which the estimator takes or drops a reading.
 
-Topics overtake each other, so that a bag could not tell an order between them. Within one topic a
-bag has the order in which the estimator heard it.
+The rule depends only on the order of messages within each topic. A bag keeps that order, but not
+the order between topics, so a replay takes the same readings as the live ride.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from typing import Generic, TypeVar
 from bicycle_sim.sensors.reading import Reading
 
 SET_BACK = 1.0
-"""s by which a stamp is before the last one if the sensors' clock has begun anew, not if a reading
-was overtaken."""
+"""s. If a stamp is older than the last one by more, the sensors' clock was restarted; if by less,
+a newer reading has overtaken it."""
 
 MOST_UNPAIRED = 4000
-"""Halves that wait for the other; so many are published at once at most."""
+"""Halves of a pair that may wait for the other half: at most this many are published at once."""
 
 
 class InOrder:

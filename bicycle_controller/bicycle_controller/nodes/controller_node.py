@@ -141,7 +141,8 @@ class ControllerNode(LifecycleNode):
         )
         self._guiding.on_report = self._desk.tell
 
-    # Managed states. The policy is loaded before, so that a bad one ends the process with a line.
+    # The policy is loaded before the managed states begin, so that a bad one ends the process with
+    # one line.
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Answer states and take orders from now on."""

@@ -3,7 +3,7 @@
 The simulator or driver publishes the echo just before the state, on another topic. A state that
 overtakes its echo waits for it as long as echoes keep arriving: without the echo, the controller
 would not know whether another one drives. A reader may keep only the newest message of each topic,
-so a later echo ends the wait as well: its state comes next.
+so a later echo also ends the wait, because the state of that echo comes next.
 """
 
 from __future__ import annotations
@@ -67,6 +67,6 @@ class EchoPairing(Generic[State, Echo]):
         if newest is None or newest < key:
             self._waiting = key, state
             return True
-        # Its echo was passed over: the newest echo's state comes next. One that is further back is
-        # of a simulator that was started anew.
+        # A newer echo is here, so the state of that one comes next and this one is left out. A
+        # state that is many steps older belongs to a simulator that was restarted.
         return newest[0] == key[0] and newest[1] - key[1] <= MOST

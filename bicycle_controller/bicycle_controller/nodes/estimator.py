@@ -73,14 +73,15 @@ class Estimator:
         if sensors.gnss.rate > 0.0:
             listen(node, topics.GNSS_FIX, self._on_fix)
             listen(node, topics.GNSS_VELOCITY, self._on_velocity)
-        # The newest step alone: who is late would never catch up if it answered all.
+        # Depth 1: a late estimator takes the newest step only. With all steps it would stay late.
         listen(node, topics.SENSOR_TIME, self._on_time, depth=1)
 
     def ride(self, plant: Plant[Any]) -> None:
         """Take the bicycle whose parameters the model has."""
         if plant != self._plant:
             self._plant = plant
-            # Its rest may have come before the word of it: another topic tells that.
+            # Readings may arrive before another topic has told which bicycle they are of.
+            # They were kept and are used now.
             waiting = self._early if self._steps is None else self._steps.waiting()
             self._early = []
             self._steps = StepEstimator(plant, self._sensors)

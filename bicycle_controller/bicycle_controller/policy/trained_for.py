@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 UNLIKE = "rides unlike it was trained"
 """Key of the warning in the controller's diagnostics; its value is "no" without a difference."""
 TOO = "physics_too"
-"""Key of a policy's training: the plant that every second bicycle of it was, as its JSON."""
+"""Key in the record of a training: JSON of the plant that every second bicycle of it had."""
 NOISE = ("displacement_noise",)
-"""Fields of a plant that disturb a bicycle, but make no other one of it."""
+"""Fields of a plant that are disturbances: a difference in them does not make another bicycle."""
 SPEED_TOLERANCE = 0.05
 """Relative difference of speeds that count as equal."""
 

@@ -87,8 +87,6 @@ class Worker:
                         saved = time.monotonic()
                 self._save(log)
 
-    # Start.
-
     def _open(self) -> None:
         """Create the learner, or restore that of the folder.
 
@@ -159,8 +157,6 @@ class Worker:
         elif order.bags:
             self._keep(dataset.memory_rows(self._data(), ddpg))
 
-    # Data.
-
     def _receive(self) -> None:
         """Read all that has arrived."""
         while True:
@@ -196,8 +192,6 @@ class Worker:
         memory = self._learner.replay
         for first in range(0, len(rows), memory.capacity):
             memory.add(rows[first : first + memory.capacity])
-
-    # Learning.
 
     def _turn(self, log: Logger, interrupt: StopRequest) -> None:
         """Do one thing: score the baseline, evaluate a candidate, make some updates, or sleep."""
@@ -273,8 +267,6 @@ class Worker:
         save_policy(best, path)
         self._offers[best.policy_id] = found
         self._say(offer=str(path.resolve()), policy=best.policy_id)
-
-    # Reports and checkpoints.
 
     def _say(self, **values: Any) -> None:
         self._outbox.send(values)

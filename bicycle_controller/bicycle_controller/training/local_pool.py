@@ -96,7 +96,7 @@ class LocalPool:
             process.terminate()
         deadline = time.monotonic() + patience
         for pipe, (_, process) in self._running.items():
-            # A process does not end before what it sends is taken.
+            # A process cannot end while its result fills the pipe, so the result is read first.
             if pipe.poll(max(0.0, deadline - time.monotonic())):
                 with contextlib.suppress(EOFError):
                     pipe.recv()
@@ -125,7 +125,8 @@ def _ending(status: int) -> str:
 
 def _run(task: Task, pipe: Any) -> None:
     """Do a task's work and send its result; runs in the task's process."""
-    # A checkpoint holds what a killed sweep has done; one that went on would hold its folder.
+    # If the sweep is killed, this process ends too: its checkpoint keeps the work, and a process
+    # that went on would keep the run's folder locked.
     begin_spawned(signal.SIGKILL)
     os.environ.setdefault("OMP_NUM_THREADS", str(task.processors))
     try:

@@ -44,7 +44,7 @@ class PathLearning:
 
 
 class Actor(nn.Module):
-    """A network whose mirror image's answer is the other way round."""
+    """Actor that is symmetric: for a mirrored observation it answers with the opposite torque."""
 
     def __init__(self, hidden: tuple[int, ...]) -> None:
         super().__init__()

@@ -181,8 +181,6 @@ class SimNode(Node):
         publisher = self._publishers_by_name.get(topic.name)
         return publisher is not None and int(publisher.get_subscription_count()) > 0
 
-    # Inputs.
-
     def _on_command(self, message: BicycleCommand) -> None:
         was_waiting = self._loop.waiting
         warning, step = self._loop.receive(convert.to_command(message))
@@ -254,8 +252,6 @@ class SimNode(Node):
             response.success, response.message = False, f"not pushed: {error}"
         return response
 
-    # Timers.
-
     def _on_due(self) -> None:
         self._after_step(self._loop.tick())
         if self._loop.timed_out and not self._was_timed_out:
@@ -296,8 +292,6 @@ class SimNode(Node):
         """Make the next step due one period from now."""
         if not self._loop.lockstep:
             self._pace.reset()
-
-    # Outputs.
 
     def _begin(self, start: InitialPose | None, seed: int | None) -> None:
         """Start an episode; see `Loop.reset`, which may raise ValueError."""

@@ -81,11 +81,11 @@ class Reorder:
 
 
 def by_log_time(messages: Iterable[BagMessage], tick_ns: int = TICK_NS) -> Iterator[BagMessage]:
-    """Yield a bag's messages in order of log time, if they are out of it by less than a tick.
+    """Yield a bag's messages sorted by log time, where they are out of order by less than a tick.
 
-    Those of one topic keep their order. One that is older than the newest by more begins anew:
-    the clock was set back, or the topic has a clock of its own. At most `MOST_HELD` messages of
-    `MOST_HELD_BYTES` are held.
+    Messages of one topic keep their order. A message that is older than the newest by more than
+    a tick ends the sorting up to there and starts it anew, because the clock was set back or the
+    topic has a clock of its own. At most `MOST_HELD` messages of `MOST_HELD_BYTES` are held.
     """
     held: list[tuple[int, int, BagMessage]] = []
     last: dict[str, int] = {}

@@ -46,7 +46,7 @@ class RideOptions:
     config: Path
     """Folder with one parameter file per node."""
     parameters: tuple[str, ...]
-    """``NODE.name:=value``."""
+    """`NODE.name:=value`."""
     parameter_files: tuple[Path, ...]
     course: str = ""
     """Course to follow instead of goals: a name or a file."""

@@ -1,7 +1,7 @@
 """Process that reads bags for the web server, so that a bad file cannot break the pages.
 
-Requests come on standard input, one JSON object a line: ``{"do": "list", "skip": [...]}`` and
-``{"do": "load", "name": ..., "rider": ...}``, where a `rider` rides the bag's goals again. Answers
+Requests come on standard input, one JSON object a line: `{"do": "list", "skip": [...]}` and
+`{"do": "load", "name": ..., "rider": ...}`, where a `rider` rides the bag's goals again. Answers
 go to standard output: a line of JSON and, where it has a `size`, so many bytes after it. The list
 comes bag by bag, each announced before it is read, so that the server knows which one takes too
 long.

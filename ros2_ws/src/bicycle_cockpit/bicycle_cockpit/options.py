@@ -32,9 +32,9 @@ class Options:
     ride: bool
     """True to start simulator and controller, too."""
     parameters: tuple[str, ...]
-    """``NODE.name:=value``."""
+    """`NODE.name:=value`."""
     ros: tuple[str, ...]
-    """Arguments for the cockpit's own node, such as ``-r __ns:=/red``."""
+    """Arguments for the cockpit's own node, such as `-r __ns:=/red`."""
 
     @property
     def namespace(self) -> str:

@@ -81,7 +81,7 @@ class RideSetup:
 
     @property
     def parameters(self) -> dict[str, str]:
-        """Return values of the nodes' parameters by ``NODE.name``."""
+        """Return values of the nodes' parameters by `NODE.name`."""
         return {
             "simulator.scenario": self.scenario,
             "simulator.plant": self.plant,
@@ -115,8 +115,8 @@ def of_parameters(words: Iterable[str], told: Mapping[str, Any] | None = None) -
     default, and leave the parameter alone unless another value is chosen.
 
     Args:
-        words: ``NODE.name:=value`` that the ride was started with.
-        told: values by ``NODE.name`` that the nodes say they have; words win over them.
+        words: `NODE.name:=value` that the ride was started with.
+        told: values by `NODE.name` that the nodes say they have; words win over them.
     """
     setup = RideSetup()
     values = _values(words, told)
@@ -146,7 +146,7 @@ def merged(words: Iterable[str], setup: RideSetup, before: RideSetup) -> tuple[s
     """Return the parameters of a ride under other conditions.
 
     Args:
-        words: ``NODE.name:=value`` of the ride before.
+        words: `NODE.name:=value` of the ride before.
         setup: the conditions.
         before: those of `words`; a parameter that is the same in both is left as it is.
     """

@@ -46,7 +46,7 @@ def node_command(
     Args:
         name: one of `CONFIGURED`.
         config: folder with one parameter file per node.
-        parameters: ``NODE.name:=value`` of any node; those of other nodes are ignored.
+        parameters: `NODE.name:=value` of any node; those of other nodes are ignored.
         parameter_files: read after the node's own.
         modules: of the nodes, by name.
     """
@@ -81,7 +81,7 @@ def config_folder() -> Path:
 
 
 def checked_parameter(word: str) -> str:
-    """Return ``NODE.name:=value`` unchanged.
+    """Return `NODE.name:=value` unchanged.
 
     Raises:
         ValueError: if NODE is no node with parameters.

@@ -50,8 +50,8 @@ def read_waypoints(path: Path) -> list[Point2D]:
     """Return the points of a file, in order.
 
     Args:
-        path: YAML with a list of ``[x, y]`` or ``{x: …, y: …}``, or under the key ``waypoints``
-            such a list; or CSV with one ``x,y`` a line, with or without a line of names.
+        path: YAML with a list of `[x, y]` or `{x: …, y: …}`, or under the key `waypoints`
+            such a list; or CSV with one `x,y` a line, with or without a line of names.
 
     Raises:
         ValueError: with one line that names the file, the place and the remedy.

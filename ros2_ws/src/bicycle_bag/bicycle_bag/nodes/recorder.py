@@ -70,7 +70,7 @@ class Recorder:
         self._turned = time.clock_gettime(time.CLOCK_BOOTTIME)
         self._turned_steady = self._awake = time.monotonic()
         self._matched: dict[str, int] = {}
-        # Publishers of each topic, of those that a standstill has cost some.
+        # How many publishers each topic had before a standstill, for topics that lost some by it.
         self._before_standstill: dict[str, int] = {}
         self._set_back = SetBack()
         steady = Clock(clock_type=ClockType.STEADY_TIME)

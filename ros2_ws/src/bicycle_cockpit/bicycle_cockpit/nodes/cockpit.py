@@ -52,7 +52,7 @@ class Ride:
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Return the ``NODE.name:=value`` of the ride that goes on or is about to begin."""
+        """Return the `NODE.name:=value` of the ride that goes on or is about to begin."""
         return self._words
 
     def _begin(self, words: tuple[str, ...]) -> None:

@@ -142,8 +142,6 @@ class CockpitNode(Node):
         else:
             reply(False, f"no bicycle {request.name!r} is heard")
 
-    # Timers.
-
     def _on_frame(self) -> None:
         """Execute the pages' requests, and send new data."""
         while True:

@@ -24,7 +24,7 @@ class StartedRide(Protocol):
 
     @property
     def parameters(self) -> tuple[str, ...]:
-        """Their ``NODE.name:=value``."""
+        """Their `NODE.name:=value`."""
 
     def keep(self, words: tuple[str, ...]) -> None:
         """Use other parameters from the next start on."""

@@ -136,8 +136,6 @@ class DriverNode(Node):
     def _publish(self, topic: Topic, message: Any) -> None:
         self._publishers_by_name[topic.name].publish(message)
 
-    # The line, in a thread of its own.
-
     def _read(self) -> None:
         while not self._closing.is_set():
             line = self._line
@@ -273,8 +271,6 @@ class DriverNode(Node):
     def _header(self, seconds: float) -> Any:
         return convert.to_header(round(seconds * 1e9))
 
-    # Inputs.
-
     def _on_command(self, message: BicycleCommand) -> None:
         command = convert.to_command(message)
         with self._lock:
@@ -332,8 +328,6 @@ class DriverNode(Node):
         if self._line is None:
             return f"no serial line {self._settings.port}: {self._why_not}"
         return "the microcontroller does not answer"
-
-    # Timers.
 
     def _on_idle(self) -> None:
         """Publish a simulated board's step again while it waits; say when a board is silent."""

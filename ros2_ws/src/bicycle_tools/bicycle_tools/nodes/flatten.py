@@ -17,7 +17,7 @@ def flatten(message: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
         prefix: dotted name of the message itself.
 
     Yields:
-        Dotted names such as ``header.stamp.sec`` or ``poses[0].x``, and values that are numbers,
+        Dotted names such as `header.stamp.sec` or `poses[0].x`, and values that are numbers,
         texts or lists of numbers.
     """
     if hasattr(message, "get_fields_and_field_types"):

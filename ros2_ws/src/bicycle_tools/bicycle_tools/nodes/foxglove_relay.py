@@ -26,7 +26,7 @@ class Relay:
     Args:
         node: that subscribes.
         name: the topic's name.
-        kind: ``pkg/msg/Type``.
+        kind: `pkg/msg/Type`.
         context: the server's context.
         schemas: where definitions are found.
 

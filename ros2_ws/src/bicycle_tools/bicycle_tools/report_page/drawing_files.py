@@ -53,7 +53,7 @@ DRAWINGS = (
 
 
 def svg(item: Drawing, pages: Sequence[RidePage]) -> str:
-    """Return one figure as an ``<svg>`` element with nothing outside it."""
+    """Return one figure as an `<svg>` element with nothing outside it."""
     text = StringIO()
     with mpl.rc_context({**drawing.STYLE, "svg.fonttype": "none", "svg.hashsalt": "bicycle"}):
         figure = Figure(figsize=item.size(pages), layout="constrained")
