@@ -11,6 +11,7 @@ from made_bag import PERIOD, STEPS, write_bag
 
 from bicycle_cockpit import bags
 from bicycle_cockpit.bags import session
+from bicycle_cockpit.followed_paths import MOST_POINTS
 from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_controller.policy.policy import load_policy, save_policy
 
@@ -67,6 +68,21 @@ def test_the_hand_over_says_who_took_over_and_why(bag: Path) -> None:
         "LQR takes over: it leaned too fast (lean rate 34.4°/s is beyond 28.6°/s)"
     )
     assert (mark["level"], mark["x"]) == ("warn", pytest.approx(7.5))
+
+
+def test_a_goal_has_the_heading_of_arrival_that_was_asked_for(tmp_path: Path, bag: Path) -> None:
+    (found,) = session(write_bag(tmp_path / "bag", arrival=1.25))["arrivals"]
+    assert found == {"t": pytest.approx(0.75), "x": 8.0, "y": 0.0, "heading": 1.25}
+    assert session(bag)["arrivals"] == []
+
+
+def test_a_followed_path_has_its_times_and_its_end(tmp_path: Path, bag: Path) -> None:
+    (path,) = session(write_bag(tmp_path / "bag", course=True))["paths"]
+    assert (path["from"], path["to"]) == (pytest.approx(1.0), pytest.approx(3.0))
+    assert len(path["points"]) <= MOST_POINTS
+    assert path["points"][0] == [0.0, 1.0]
+    assert path["points"][-1] == [20.0, 1.0]
+    assert session(bag)["paths"] == []
 
 
 def test_a_goal_that_is_active_already_is_not_told_again(bag: Path) -> None:

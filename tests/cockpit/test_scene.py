@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from chromium import BrowserContext, BrowserPage, chromium, expect, inside, opened, until
+from chromium import BrowserContext, BrowserPage, chromium, drawn, expect, inside, opened, until
 from made_bag import write_bag
 from served_page import served_page
 
@@ -255,6 +255,71 @@ def test_a_path_lies_on_the_ground(page: BrowserPage) -> None:
         })()""",
     )
     assert drawn == [12, 0], "two pieces of two triangles"
+
+
+def ink(page: BrowserPage) -> list[int]:
+    """Count the map's pixels of the goals' colour above and below the goal at (8, 0), by 0.7 m."""
+    counts: list[int] = page.evaluate(
+        """async () => {
+            const { view } = await import("/web/main.js");
+            const { colours } = await import("/web/theme.js");
+            const probe = new OffscreenCanvas(1, 1).getContext("2d");
+            probe.fillStyle = colours.good;
+            probe.fillRect(0, 0, 1, 1);
+            const want = probe.getImageData(0, 0, 1, 1).data;
+            const map = document.getElementById("map");
+            const ratio = map.width / map.clientWidth;
+            return [0.7, -0.7].map((up) => {
+                const [x, y] = view.toScreen(8, up).map((one) => Math.round(one * ratio));
+                const { data } = map.getContext("2d").getImageData(x - 4, y - 4, 9, 9);
+                let found = 0;
+                for (let n = 0; n < data.length; n += 4) {
+                    found += [0, 1, 2].every((at) => Math.abs(data[n + at] - want[at]) < 40);
+                }
+                return found;
+            });
+        }"""
+    )
+    return counts
+
+
+@pytest.mark.parametrize("arrival", [math.pi / 2, None])
+def test_a_goal_has_an_arrow_where_a_heading_was_asked_for(
+    browser: BrowserContext, tmp_path: Path, arrival: float | None
+) -> None:
+    bag = write_bag(tmp_path / "bag", arrival=arrival)
+    with (
+        served_page([bag], tmp_path / "web") as address,
+        opened(browser, address, "bag") as page,
+    ):
+        until(page, "player.bag !== null && views.stage !== null")
+        inside(page, "(views.choose('map', false), player.seek(2))")
+        until(page, "player.bag.goal?.length >= 2")
+        drawn(page)
+        arrow = "views.stage.world.goals.getObjectByName('arrival')?.rotation.z ?? null"
+        # Reads the 2D map first: 3D is drawn while it is the main picture.
+        assert [many > 0 for many in ink(page)] == [arrival is not None] * 2
+        inside(page, "views.choose('3d', false)")
+        until(page, "views.stage.world.goals.children.length === 1")
+        assert inside(page, arrow) == (
+            None if arrival is None else pytest.approx(arrival, abs=1e-4)
+        )
+        page.screenshot(path=str(tmp_path / "arrival.png"))
+
+
+def test_the_path_of_a_recorded_ride_is_drawn_while_it_was_followed(
+    browser: BrowserContext, tmp_path: Path
+) -> None:
+    bag = write_bag(tmp_path / "bag", course=True)
+    faces = "views.stage.world.course.mesh.geometry.drawRange.count"
+    with (
+        served_page([bag], tmp_path / "web") as address,
+        opened(browser, address, "bag") as page,
+    ):
+        until(page, "player.bag !== null && views.stage?.bicycle")
+        for time, there in ((2.0, True), (0.5, False), (1.1, True), (3.5, False)):
+            inside(page, f"player.seek({time})")
+            until(page, f"({faces} > 100) === {str(there).lower()}")
 
 
 def test_a_second_ride_comes_along_translucent(page: BrowserPage) -> None:

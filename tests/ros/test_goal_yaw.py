@@ -10,7 +10,8 @@ import pytest
 from node_process import NodeProcess
 from probe import Probe
 
-from bicycle_common.nodes.topics import GOAL_STATUS, STATE
+from bicycle_common.nodes.convert import arrival_of
+from bicycle_common.nodes.topics import ACTIVE_GOAL, GOAL_STATUS, STATE
 
 pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 
@@ -27,7 +28,7 @@ def test_goal_sh_arrives_in_the_direction_asked_for(
     ride = ["--ros-args", "-p", "policy:=lqr-pedal", "-p", "after_goal:=slow"]
     controller = start_node("bicycle_controller.nodes.controller_node", ride)
     controller.wait_for_line("waits for a goal")
-    probe = Probe(ros_domain, STATE, GOAL_STATUS)
+    probe = Probe(ros_domain, STATE, GOAL_STATUS, ACTIVE_GOAL)
     try:
         probe.spin_until(lambda: probe[STATE])
         # The first goal makes sure that the follower's gains are there.
@@ -36,6 +37,8 @@ def test_goal_sh_arrives_in_the_direction_asked_for(
             probe.spin_until(partial(has_ended, sent))
             assert sent.wait() == 0, sent.output
         probe.spin_until(lambda: [s.status for s in probe[GOAL_STATUS]].count(2) >= 2)
+        asked = [arrival_of(active.pose.orientation) for active in probe[ACTIVE_GOAL]]
+        assert asked == [None, pytest.approx(math.pi)]
         goal = (30.0, 20.0)
         near = min(
             probe[STATE],

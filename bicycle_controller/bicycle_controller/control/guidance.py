@@ -83,6 +83,7 @@ class Guidance:
         self._snapshot: BicycleState | None = None
         self._arrival: tuple[Point2D, float] | None = None
         self._arriving: tuple[PathRide, float] | None = None
+        self._wanted: tuple[Point2D, float] | None = None
         self._unable = ""
         self.others: dict[str, Mover] = {}
         """Other bicycles to keep clear of on paths, by name."""
@@ -205,7 +206,7 @@ class Guidance:
 
     def stop(self, why: str, status: PathEnd = PathEnd.REPLACED) -> None:
         """Stop the active guide, for a goal or on request."""
-        self._newest, self._arrival, self._arriving = 0, None, None
+        self._newest, self._arrival, self._arriving, self._wanted = 0, None, None, None
         self._loop.tracker.on_the_way = False
         for number, name, *_ in self._waiting:
             nothing = (0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, math.nan, 0.0)
@@ -227,11 +228,17 @@ class Guidance:
         """
         if self._unable:
             return self._unable
+        self._wanted = goals[-1], yaw
         if len(goals) > 1 or self._follower is None or self._snapshot is None:
             self._arrival = goals[-1], yaw
         else:
             self._approach(goals[-1], yaw)
         return ""
+
+    def arrival_at(self, goal: Point2D) -> float | None:
+        """Return the yaw with which a goal is to be reached, rad; None for any."""
+        is_last = self._wanted is not None and self._wanted[0] == goal
+        return self._wanted[1] if self._wanted is not None and is_last else None
 
     def _approach(self, goal: Point2D, yaw: float) -> None:
         """Ride to a goal on a path that arrives in a direction."""
@@ -320,7 +327,7 @@ class Guidance:
         if self._arrival is not None and tracker.has_goal and tracker.waiting == 0:
             goal, yaw = self._arrival
             if self._unable:
-                self._arrival = None
+                self._arrival = self._wanted = None
                 self.log_lines.append(f"arrives in any direction: {self._unable}")
             elif self._follower is not None:
                 self._arrival = None

@@ -14,6 +14,7 @@ from nav_msgs.msg import Path
 from rclpy.node import Node
 from std_msgs.msg import Header
 
+from bicycle_common.arrival import UNTURNED
 from bicycle_common.nodes import convert, topics
 from bicycle_common.nodes.topics import ODOM_FRAME, Topic, listen
 from bicycle_common.types import Point2D
@@ -26,8 +27,6 @@ from bicycle_controller.nodes.messages import from_event, goal_marker
 from bicycle_sim.nodes.robot_model import frames_of
 
 MOST_WAYPOINTS = 10_000
-UNTURNED = (0.0, 0.0, 0.0, 1.0)
-"""Orientation of a goal that asks for no direction of arrival."""
 INACTIVE = "the controller is not active: ros2 lifecycle set it active"
 """Reason why an order is refused."""
 
@@ -121,6 +120,9 @@ class GoalDesk:
         if event.status is Status.ACTIVE:
             pose = PoseStamped(header=header)
             pose.pose.position = message.position
+            with self._in_use:
+                yaw = self._guidance.arrival_at(event.goal.point)
+            pose.pose.orientation = convert.to_arrival(yaw)
             self._publish(topics.ACTIVE_GOAL, pose)
         if event.status is not Status.QUEUED:
             active = self._tracker.active

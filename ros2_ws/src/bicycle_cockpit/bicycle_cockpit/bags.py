@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_bag.errors import BagError
+from bicycle_cockpit.arrivals import arrivals
+from bicycle_cockpit.followed_paths import followed_paths
 from bicycle_cockpit.loop_stats import loop_figures
 from bicycle_cockpit.marks import Ridden, marks
 from bicycle_cockpit.riders import Rider, lqr_names, rider, shipped_names
@@ -34,10 +36,10 @@ def session(path: Path) -> dict[str, Any]:
     """Return a ride as the page draws it.
 
     Returns:
-        `columns` (names), `data` (one list per column), `marks` (see there), `riders` (the
-        policies that the rows name by number), `loop` (figures of the whole bag), `fall_angle`
-        (rad), `goal_radius` (m), `geometry` (of the bicycle, see `Geometry`) and `duration` (s of
-        simulated time).
+        `columns` (names), `data` (one list per column), `marks`, `arrivals` and `paths` (see
+        there), `riders` (the policies that the rows name by number), `loop` (figures of the whole
+        bag), `fall_angle` (rad), `goal_radius` (m), `geometry` (of the bicycle, see `Geometry`)
+        and `duration` (s of simulated time).
 
     Raises:
         BagError: if it cannot be read or holds no ride.
@@ -51,6 +53,7 @@ def session(path: Path) -> dict[str, Any]:
     newest = _newest_before(ride.commands, ride.states["recorded_order"])
     riders, numbers = _riders(ride, newest, names)
     table = _table(ride, time, newest, numbers, scenario)
+    ridden = Ridden(ride, time, names)
     stride = -(-len(time) // MOST_ROWS)
     timing = [
         np.asarray(ride.timing.get(name, ()), dtype=np.float64)
@@ -59,7 +62,9 @@ def session(path: Path) -> dict[str, Any]:
     return {
         "columns": list(COLUMNS),
         "data": [plain_column(column[::stride]) for column in table],
-        "marks": marks(Ridden(ride, time, names)),
+        "marks": marks(ridden),
+        "arrivals": arrivals(ridden),
+        "paths": followed_paths(ridden),
         "riders": [asdict(one) for one in riders],
         "loop": {**loop_figures(*timing), "late": late_steps(ride.timing)}
         | {"dropped": dropped_steps(ride.timing)},

@@ -29,6 +29,7 @@ class GoalList:
     def __init__(self) -> None:
         self.active: Point2D | None = None
         self.ahead: list[Point2D] = []
+        self._headed: tuple[Point2D, float | None] | None = None
         self._path: list[Point2D] = []
         self._untaken: list[Point2D] | None = None
         self._echoes: deque[list[Point2D]] = deque(maxlen=MOST_ECHOES)
@@ -37,6 +38,16 @@ class GoalList:
     def is_taken(self) -> bool:
         """Return True if the controller has accepted what was sent last."""
         return self._untaken is None
+
+    @property
+    def heading(self) -> float | None:
+        """Return the yaw with which the active goal is to be reached, rad; None for any."""
+        known = self._headed is not None and self._headed[0] == self.active
+        return self._headed[1] if self._headed is not None and known else None
+
+    def headed(self, point: Point2D, yaw: float | None) -> None:
+        """Take in the direction of arrival at a goal, reported by the controller."""
+        self._headed = point, yaw
 
     def send(self, points: Sequence[Point2D]) -> None:
         """Take in a path, or one goal, that this cockpit sends; the topic returns it later."""

@@ -56,7 +56,7 @@ def _mark(ridden: Ridden, row: int, kind: str, level: str, text: str) -> Mark:
     }
 
 
-def _rows(ridden: Ridden, messages: Mapping[str, NDArray[Any]]) -> list[int]:
+def rows_of(ridden: Ridden, messages: Mapping[str, NDArray[Any]]) -> list[int]:
     """Return for each message the newest state recorded before it."""
     places = messages["recorded_order"]
     rows = np.searchsorted(ridden.ride.states["recorded_order"], places, side="right") - 1
@@ -69,7 +69,7 @@ def _goals(ridden: Ridden) -> Iterator[Mark]:
     if "status" not in found:
         return
     news = goal_words.NewsFilter()
-    for index, row in enumerate(_rows(ridden, found)):
+    for index, row in enumerate(rows_of(ridden, found)):
         number = int(found["status"][index])
         if number not in set(Status):
             continue  # from a later version
@@ -103,7 +103,7 @@ def _others(ridden: Ridden) -> Iterator[Mark]:
 
     if there(PUSHED):
         pushes = load(reader, prefix + PUSHED)
-        rows = _rows(ridden, pushes)
+        rows = rows_of(ridden, pushes)
         for row, rate in zip(rows, pushes["lean_rate"], strict=True):
             text = push_text(float(rate))
             yield {**_mark(ridden, row, "push", "info", text), "lean_rate": float(rate)}
@@ -111,7 +111,7 @@ def _others(ridden: Ridden) -> Iterator[Mark]:
         changes = load(reader, prefix + HAND_OVER)
         # It is latched: a recorder also gets messages from before it joined.
         before = sent_before(changes, begun(reader), ridden.ride.commands)
-        for index, row in enumerate(_rows(ridden, changes)):
+        for index, row in enumerate(rows_of(ridden, changes)):
             if before[index]:
                 continue
             reason, policy = int(changes["reason"][index]), str(changes["policy"][index])

@@ -194,11 +194,18 @@ class RideState:
             "t": plain(self.time),
             "who": self._who(),
             "commands": self.commands_text,
-            "goal": self.goals.active,
+            "goal": self._goal(),
             "ahead": self.goals.ahead[:200],
             "loop": self.loop.figures(),
             **more,
         }
+
+    def _goal(self) -> list[float] | None:
+        """Return x, y and, where one is asked for, the yaw of arrival at the active goal."""
+        goals = self.goals
+        if goals.active is None:
+            return None
+        return [*goals.active] if goals.heading is None else [*goals.active, goals.heading]
 
     def _who(self) -> dict[str, Any]:
         """Return the riding policy, for the pages; see `WhoRides`."""

@@ -33,9 +33,10 @@ PATH = topic_names.in_bag(topic_names.FOLLOWED_PATH)
 ESTIMATE = topic_names.in_bag(topic_names.ESTIMATE)
 PUSHED = topic_names.in_bag(topic_names.PUSHED)
 HAND_OVER = topic_names.in_bag(topic_names.HAND_OVER)
+ACTIVE_GOAL = topic_names.in_bag(topic_names.ACTIVE_GOAL)
 EXPECTED = (STATE, COMMAND, ECHO, TIMING, GOAL_STATUS, EPISODE)
 """Topics that every whole ride has."""
-READ = (*EXPECTED, PATH_STATUS, ESTIMATE, PUSHED, HAND_OVER)
+READ = (*EXPECTED, PATH_STATUS, ESTIMATE, PUSHED, HAND_OVER, ACTIVE_GOAL)
 """Topics of a ride, in the bicycle's namespace."""
 RIDDEN = (STATE, COMMAND, TIMING)
 """Topics that are not latched: a bag without any of them contains no ride."""
@@ -65,12 +66,16 @@ class RideLog:
     """PathStatus."""
     paths: tuple[NDArray[np.float64], ...] = ()
     """Followed paths, (n, 2) m each."""
+    path_orders: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    """(n,) of `paths`: the place of each in the bag among all its messages."""
     estimates: Columns = field(default_factory=dict)
     """BicycleState of an estimator; empty where the controller saw the truth."""
     pushes: Columns = field(default_factory=dict)
     """Push."""
     hand_overs: Columns = field(default_factory=dict)
     """HandOver, of this recording alone."""
+    active_goals: Columns = field(default_factory=dict)
+    """PoseStamped, each goal as it became active; see `bicycle_common.arrival`."""
     old_statuses: int = 0
     """Number of goal statuses from before the recording, about goals that were over by then."""
 
@@ -119,9 +124,11 @@ def load_ride(reader: BagReader, prefix: str) -> RideLog:
         idle_commands=int((~drove).sum()),
         path_statuses=columns[PATH_STATUS],
         paths=_paths(reader, prefix + PATH),
+        path_orders=_places(reader, prefix + PATH),
         estimates=columns[ESTIMATE],
         pushes=columns[PUSHED],
         hand_overs=_of_recording(columns[HAND_OVER], begun(reader), commands),
+        active_goals=columns[ACTIVE_GOAL],
         old_statuses=len(recorded_statuses.get("status", ())) - len(statuses.get("status", ())),
     )
 
@@ -143,6 +150,12 @@ def _paths(reader: BagReader, topic: str) -> tuple[NDArray[np.float64], ...]:
         places = [pose.pose.position for pose in one.message.poses]
         found.append(np.array([(place.x, place.y) for place in places]).reshape(-1, 2))
     return tuple(found)
+
+
+def _places(reader: BagReader, topic: str) -> NDArray[np.int64]:
+    """Return the places of a topic's messages in the bag, where the bag has it."""
+    found = reader.messages([topic]) if topic in reader.topics else ()
+    return np.array([message.number for message in found], dtype=np.int64)
 
 
 def begun(reader: BagReader) -> float:

@@ -19,19 +19,20 @@ from bicycle_msgs.msg import (
     TrainerStatus,
 )
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from bicycle_cockpit import goal_words, who_rides
+from bicycle_cockpit.followed_paths import thinned
 from bicycle_cockpit.hand_over_words import explained
 from bicycle_cockpit.marks import push_text
 from bicycle_cockpit.nodes import conversions
 from bicycle_cockpit.ride_state import RideState
 from bicycle_cockpit.riders import lqr_names, rider, shipped_names
-from bicycle_cockpit.samples import plain
 from bicycle_cockpit.trouble import Trouble
-from bicycle_common.nodes import topics
+from bicycle_common.nodes import convert, topics
 from bicycle_common.nodes.topics import listen
 from bicycle_controller.control.goals import Status
 from bicycle_sim.nodes.episode_setting import to_setting
@@ -39,7 +40,6 @@ from bicycle_sim.plants import registry
 
 DEEP = 500
 """Queue length while the node is busy: 12 s of states; a path makes many goals."""
-MOST_PATH_POINTS = 1_000
 OLD_NEWS = 3.0
 """Age up to which a new cockpit reports goals' changes from before its start (s)."""
 
@@ -94,6 +94,7 @@ class Hearing:
         listen(node, topics.TRAINER, self._on_trainer)
         listen(node, topics.FOLLOWED_PATH, self._on_path)
         listen(node, topics.PATH_STATUS, self._on_path_status)
+        listen(node, topics.ACTIVE_GOAL, self._on_active_goal)
         for topic in (topics.GOAL_POSE, topics.GOAL_PATH, topics.ORDERED_GOALS):
             listen(node, topic, lambda message: live.goals.sent(conversions.points_of(message)))
         topic = topics.GOAL_STATUS
@@ -221,6 +222,11 @@ class Hearing:
             **where,
         )
 
+    def _on_active_goal(self, goal: PoseStamped) -> None:
+        """Keep the direction of arrival; the status alone says which goal is pursued."""
+        (point,) = conversions.points_of(goal)
+        self._live.goals.headed(point, convert.arrival_of(goal.pose.orientation))
+
     def _is_old(self, change: GoalStatus) -> bool:
         """Return True if it is older than this cockpit, and latched."""
         stamp = change.header.stamp
@@ -229,9 +235,7 @@ class Hearing:
 
     def _on_path(self, path: Path) -> None:
         """Keep the path that is followed, thinned, for the pages."""
-        points = conversions.points_of(path)
-        stride = -(-len(points) // MOST_PATH_POINTS) or 1
-        self._path = [[plain(x), plain(y)] for x, y in points[::stride]]
+        self._path = thinned(conversions.points_of(path))
 
     def _on_path_status(self, status: PathStatus) -> None:
         """Show the path while it is followed, and report its end."""

@@ -6,6 +6,7 @@ import { listed, loaded } from "./source.js";
 const byId = (id) => document.getElementById(id);
 const MARKED = ["reached", "missed", "given_up", "fell", "push", "hand_over", "hand_back"];
 const MOST_MARKS = 120;
+const NONE = [];
 const ENDS = ["reached", "missed", "given_up", "fallen", "cancelled"];
 
 const minutes = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
@@ -27,6 +28,8 @@ export class Bag {
     /** Why the controller does not suit this ride; empty if it does, or if it is a recording. */
     this.misfit = data.misfit ?? "";
     this.events = data.marks;
+    this.paths = data.paths ?? [];
+    this.arrivals = data.arrivals ?? [];
     this.pedals = this.series.pedal_force.some((force) => Number.isFinite(force) && force !== 0);
     this.time = 0;
   }
@@ -45,10 +48,18 @@ export class Bag {
     return this.riders[this.series.policy[this.cursor]];
   }
 
-  /** The goal that was ridden to at the cursor. */
+  /** The goal that was ridden to at the cursor: [x, y], and the heading of arrival where one was asked for. */
   get goal() {
     const last = this.marks.findLast(({ kind }) => kind === "active" || ENDS.includes(kind));
-    return last?.kind === "active" ? [last.x, last.y] : null;
+    if (last?.kind !== "active") return null;
+    const { x, y } = last;
+    const heading = this.arrivals.findLast((one) => one.t <= this.time && one.x === x && one.y === y)?.heading;
+    return Number.isFinite(heading) ? [x, y, heading] : [x, y];
+  }
+
+  /** The path that was followed at the cursor, [x, y] of its points. */
+  get path() {
+    return this.paths.find((one) => one.from <= this.time && this.time < (one.to ?? Infinity))?.points ?? NONE;
   }
 
   /** Places that the map must show: where it rode and where it was sent. */

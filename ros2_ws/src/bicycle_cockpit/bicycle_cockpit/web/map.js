@@ -172,8 +172,9 @@ function drawAhead(context, view, { goal, ahead, radius }, row) {
   stroke(context, colours.good, way);
   context.setLineDash([]);
   context.textAlign = "center";
-  points.forEach(([x, y], index) => {
+  points.forEach(([x, y, heading], index) => {
     const [px, py] = view.toScreen(x, y);
+    if (Number.isFinite(heading)) drawArrival(context, px, py, heading, Math.max(26, radius * view.scale));
     const active = goal && index === 0;
     context.fillStyle = active ? colours.good : colours.card;
     context.beginPath();
@@ -187,6 +188,18 @@ function drawAhead(context, view, { goal, ahead, radius }, row) {
     }
   });
   context.textAlign = "left";
+}
+
+/** An arrow through the goal: the heading that the bicycle is to have there; `reach` is half its length in pixels. */
+function drawArrival(context, px, py, heading, reach) {
+  context.save();
+  context.translate(px, py);
+  context.rotate(-heading);
+  context.lineWidth = 3;
+  context.lineCap = context.lineJoin = "round";
+  stroke(context, colours.good, [[-reach, 0], [reach, 0]]);
+  stroke(context, colours.good, [[reach - 9, -7], [reach, 0], [reach - 9, 7]]);
+  context.restore();
 }
 
 /** Where the present steering leads in the next seconds. */

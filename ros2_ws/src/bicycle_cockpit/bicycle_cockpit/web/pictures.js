@@ -44,7 +44,7 @@ export class Pictures {
       marks: source.marks, paint: (number) => paints[number] ?? colours.soft,
       geometry: bag ? bag.geometry : facts.geometry, goal: bag ? bag.goal : live.status.goal, ahead: bag ? [] : live.status.ahead,
       radius: bag ? bag.radius : facts.goal_radius ?? 1,
-      path: bag ? [] : live.path,
+      path: bag ? bag.path : live.path,
       others: bag ? [] : fleet.others,
       pointed: hover === null || cursor < 0 ? null : rowAt(series, hover),
     };

@@ -20,6 +20,7 @@ from geometry_msgs.msg import Point as PointMessage
 from geometry_msgs.msg import Pose, Quaternion
 from std_msgs.msg import Header
 
+from bicycle_common import arrival
 from bicycle_common.conventions import mirror
 from bicycle_common.geometry import heading_between, heading_to_yaw, yaw_to_heading
 from bicycle_common.nodes.topics import GOAL_FRAMES, ODOM_FRAME
@@ -44,8 +45,6 @@ BODY = (
     "pitch",
 )
 """Fields of a state that a message has under the same name, up to sign."""
-UNIT_TOLERANCE = 1e-3
-"""Largest deviation of a quaternion's length from one."""
 
 
 def to_stamp(nanoseconds: int) -> Time:
@@ -71,6 +70,17 @@ def to_quaternion(yaw: float, roll: float = 0.0) -> Quaternion:
     return Quaternion(x=cy * sr, y=sy * sr, z=sy * cr, w=cy * cr)
 
 
+def to_arrival(yaw: float | None) -> Quaternion:
+    """Return the orientation of a goal that is to be reached with a yaw, rad; None for any."""
+    x, y, z, w = arrival.orientation_of(yaw)
+    return Quaternion(x=x, y=y, z=z, w=w)
+
+
+def arrival_of(quaternion: Quaternion) -> float | None:
+    """Return the yaw that a goal's orientation asks for, rad; None for any."""
+    return arrival.yaw_of((quaternion.x, quaternion.y, quaternion.z, quaternion.w))
+
+
 def to_yaw(quaternion: Quaternion) -> float:
     """Return the yaw of a quaternion, rad.
 
@@ -79,7 +89,7 @@ def to_yaw(quaternion: Quaternion) -> float:
     """
     x, y, z, w = (float(getattr(quaternion, name)) for name in "xyzw")
     length = math.sqrt(x * x + y * y + z * z + w * w)
-    if not abs(length - 1.0) <= UNIT_TOLERANCE:
+    if not abs(length - 1.0) <= arrival.UNIT_TOLERANCE:
         raise ValueError(
             f"the orientation ({x:g}, {y:g}, {z:g}, {w:g}) must have length 1, not {length:g}"
         )

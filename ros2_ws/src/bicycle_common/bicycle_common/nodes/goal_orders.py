@@ -48,11 +48,7 @@ class GoalOrders:
     def _publish(self, goals: Sequence[Point2D], yaw: float | None) -> None:
         poses = [to_pose(goal) for goal in goals]
         if yaw is not None and poses:
-            # Exactly (0, 0, 0, 1) asks for no direction: a full turn more is east, too.
-            turned = convert.to_quaternion(yaw)
-            if turned.z == 0.0:
-                turned.w = -turned.w
-            poses[-1].pose.orientation = turned
+            poses[-1].pose.orientation = convert.to_arrival(yaw)
         if len(poses) == 1:
             self._publishers[topics.GOAL_POSE.name].publish(poses[0])
             return

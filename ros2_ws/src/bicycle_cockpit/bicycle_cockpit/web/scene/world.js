@@ -177,7 +177,11 @@ export class World {
     if (wanted !== this.shownGoals) {
       this.shownGoals = wanted;
       clear(this.goals);
-      points.forEach(([x, y], index) => this.goals.add(goal(x, y, radius, index, points.length, active && index === 0)));
+      points.forEach(([x, y, heading], index) => {
+        const made = goal(x, y, radius, index, points.length, active && index === 0);
+        if (Number.isFinite(heading)) made.add(arrow(radius, heading));
+        this.goals.add(made);
+      });
     }
     const way = [...(from ? [from] : []), ...points].map(([x, y]) => new THREE.Vector3(x, y, 0.02));
     this.way.visible = points.length > 0 && way.length > 1;
@@ -252,6 +256,19 @@ function goal(x, y, radius, index, many, active) {
     made.add(label);
   }
   made.position.set(x, y, 0);
+  return made;
+}
+
+/** The heading that the bicycle is to have at a goal, flat on its disc. */
+function arrow(radius, heading) {
+  const long = Math.max(0.8, 0.8 * radius);
+  const [wide, head] = [0.09 * long, 0.5 * long];
+  const shape = new THREE.Shape([[-long, -wide], [long - head, -wide], [long - head, -0.34 * long], [long, 0], [long - head, 0.34 * long], [long - head, wide], [-long, wide]]
+    .map(([x, y]) => new THREE.Vector2(x, y)));
+  const made = new THREE.Mesh(new THREE.ShapeGeometry(shape), new THREE.MeshBasicMaterial({ color: colours.good, transparent: true, opacity: 0.8, side: THREE.DoubleSide }));
+  made.name = "arrival";
+  made.position.z = 0.018;
+  made.rotation.z = heading;
   return made;
 }
 
