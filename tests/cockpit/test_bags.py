@@ -105,6 +105,9 @@ def test_a_page_can_name_only_the_controllers_it_was_offered(tmp_path: Path) -> 
     assert {offered[name] for name in ("fixed-speed", "naf", "ppo")} == {"shipped"}
     assert offered["lqr"] == "classical"
     assert {"loose", "mine", "tuned/2"} == {k for k, v in offered.items() if v == "trained here"}
+    save_policy(policy, tmp_path / "mine" / "policies" / "00000500.safetensors")
+    labels = {one["name"]: one["label"] for one in choices.offered()}
+    assert labels["mine/policies/00000500"] == "mine after 500 updates"
     assert choices.path("mine") == str(tmp_path / "mine" / "best.safetensors")
     assert choices.path("lqr") == "lqr"
     for name in ("../mine", str(tmp_path / "loose.safetensors"), "nobody"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import json
 import re
 import shlex
 import shutil
@@ -12,10 +13,12 @@ from pathlib import Path
 import pytest
 from made_bag import write_bag
 from PIL import Image
+from policies import own_policy
 
 from bicycle_cockpit.film import browser, encoder
 from bicycle_cockpit.film.command import main, parse
 from bicycle_cockpit.film.maker import SHOT, SHOTS, FilmOptions
+from bicycle_controller.policy.policy import save_policy
 
 ROOT = Path(__file__).resolve().parents[2]
 FILM_RIDE = ROOT / "tests" / "data" / "film-ride"
@@ -44,6 +47,7 @@ def test_a_film_shows_the_ride(bag: Path, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["ride.webp"]
 
 
+<<<<<<< HEAD
 @pytest.mark.slow
 @pytest.mark.skipif(not any(map(shutil.which, browser.PROGRAMS)), reason="needs Chromium")
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="needs ffmpeg")
@@ -70,6 +74,24 @@ def test_the_film_of_the_readme_is_what_its_command_makes() -> None:
     with Image.open(film) as images:
         assert images.size == options.film.size
         assert getattr(images, "n_frames", 1) == len(options.film.times(options.film.end)) == 360
+=======
+def test_a_policy_file_rides_along(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "runs" / "mine" / "policies" / "00001500.safetensors"
+    save_policy(own_policy(), file)
+    page = tmp_path / "page"
+    assert main([str(FILM_RIDE), "--viewer", str(page), "--against", str(file)]) == 0
+    listed = json.loads((page / "rides" / "index.json").read_text())["bags"]
+    assert [one["name"] for one in listed] == [
+        "film-ride",
+        "film-ride by mine after 1,500 updates",
+    ]
+    ghost = json.loads((page / "rides" / f"{listed[1]['name']}.json").read_text())
+    assert [one["label"] for one in ghost["riders"]] == ["mine after 1,500 updates"]
+    assert any(mark["kind"] == "reached" for mark in ghost["marks"])
+    assert main([str(FILM_RIDE), "--viewer", str(page), "--against", str(tmp_path / "none")]) == 1
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert "none" in said[0]
 
 
 def jpeg(shade: int) -> bytes:

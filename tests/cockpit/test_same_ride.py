@@ -11,7 +11,8 @@ from made_bag import write_bag
 
 from bicycle_bag.errors import BagError
 from bicycle_cockpit.bags import session
-from bicycle_cockpit.same_ride import NAMES, same_ride
+from bicycle_cockpit.policy_catalogue import file_title
+from bicycle_cockpit.same_ride import same_ride
 
 RIDE = Path(__file__).resolve().parents[1] / "data" / "film-ride"
 PUSHED = 343
@@ -75,5 +76,9 @@ def test_a_fall_ends_it(tmp_path: Path) -> None:
     assert again["duration"] == pytest.approx(times_of(again, "fell")[0])
 
 
-def test_every_controller_that_comes_along_has_a_name() -> None:
-    assert {"fixed-speed", "naf", "ppo", "lqr"} <= set(NAMES)
+def test_a_policy_file_has_the_name_of_its_run() -> None:
+    assert file_title(Path("runs/mine/best.safetensors")) == "mine"
+    kept = Path("runs/mine/policies/00001500.safetensors")
+    assert file_title(kept) == "mine after 1,500 updates"
+    assert file_title(Path("tuned.safetensors")) == "tuned"
+    assert file_title(Path("lqr")) == "lqr"

@@ -4,22 +4,28 @@ from __future__ import annotations
 
 import asyncio
 import json
+import shutil
 import socket
 from collections.abc import Iterator
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import aiohttp
 import pytest
+from policies import make_policy, own_policy
 from server_desk import TOKEN, Desk
 from waiting import until
 
 from bicycle_cockpit import page_socket
 from bicycle_cockpit.access import AccessPolicy
 from bicycle_cockpit.page_socket import MOST_REFUSALS
+from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_cockpit.requests import MOST_BYTES
 from bicycle_cockpit.rows import Rows
 from bicycle_cockpit.server import HEADERS, Server
+from bicycle_controller.policy.policy import save_policy
+
+RIDE = Path(__file__).resolve().parents[1] / "data" / "film-ride"
 
 
 @pytest.fixture
@@ -233,6 +239,41 @@ def test_rows_that_waited_for_a_slow_line_come_without_a_hole(desk: Desk) -> Non
     got = asyncio.run(story())
     assert sorted(got) == list(range(300, 900))
     assert desk.server.dropped == 0
+
+
+async def ridden_by(desk: Desk, rider: str) -> tuple[int, dict[str, Any]]:
+    """Return status and answer for a bag that a controller rides again."""
+    async with aiohttp.ClientSession() as session:
+        url = f"{desk.url}/bags/film-ride"
+        async with session.get(url, params={"rider": rider}) as response:
+            return response.status, await response.json()
+
+
+def test_a_policy_of_ones_own_rides_a_bag_again(tmp_path: Path) -> None:
+    shutil.copytree(RIDE, tmp_path / "bags" / RIDE.name)
+    models = tmp_path / "models"
+    kept = models / "mine" / "policies" / "00001500.safetensors"
+    for path in (models / "mine" / "best.safetensors", kept):
+        save_policy(own_policy(wear=0.01 * (path == kept)), path)
+    desk = Desk(AccessPolicy(), tmp_path / "bags", PolicyCatalogue(models))
+    try:
+        for name, label in (
+            ("mine", "mine"),
+            ("mine/policies/00001500", "mine after 1,500 updates"),
+        ):
+            status, ride = asyncio.run(ridden_by(desk, name))
+            assert status == 200, ride
+            (rider,) = ride["riders"]
+            assert (rider["label"], rider["kind"]) == (label, "a neural network")
+            assert any(mark["kind"] == "reached" for mark in ride["marks"])
+        save_policy(make_policy(), models / "mine" / "best.safetensors")
+        _, worse = asyncio.run(ridden_by(desk, "mine"))
+        assert any(mark["kind"] == "fell" for mark in worse["marks"]), "the file was replaced"
+        status, refusal = asyncio.run(ridden_by(desk, str(kept)))
+        assert status == 404
+        assert refusal["error"].startswith("there is no controller '/")
+    finally:
+        desk.server.stop()
 
 
 def test_a_port_that_is_taken_is_said(desk: Desk, tmp_path: Path) -> None:

@@ -1,4 +1,5 @@
 import argparse
+import itertools
 import json
 import os
 import re
@@ -67,6 +68,7 @@ RUNS = {
         "ddpg.learning_rate_end=0.1",
         "ddpg.actor_average=0.01",
         "evaluation.near_episodes=4",
+        "evaluation.keep=3",
         "updates=2",
         "update_every=3",
     ),
@@ -215,6 +217,24 @@ def test_the_best_policy_is_the_one_that_scored_best(tmp_path: Path) -> None:
         config.evaluation,
     )
     assert found == result.best
+
+
+def test_policies_of_evaluations_are_kept_and_change_no_number(tmp_path: Path) -> None:
+    words = ("evaluation.every=10", "steps=2400")
+    with_none = online.run(small_run(*words), tmp_path / "none")
+    result = online.run(small_run(*words, "evaluation.keep=4"), tmp_path / "kept")
+    assert result.best == with_none.best
+    assert not (tmp_path / "none" / "policies").exists()
+    files = sorted((tmp_path / "kept" / "policies").glob("*"))
+    updates = [int(file.stem) for file in files]
+    assert len(updates) == 4
+    assert updates[0] == 10
+    assert updates[-1] > result.updates - 10
+    assert [load_policy(file).info.trained["updates"] for file in files] == updates
+    ids = {load_policy(file).policy_id for file in files}
+    assert len(ids) == 4, "it has learned between them"
+    gaps = [after - before for before, after in itertools.pairwise(updates[:-1])]
+    assert max(gaps) <= 3 * min(gaps), "spread over the run; the newest is there anyhow"
 
 
 def test_a_met_goal_rate_ends_the_run(tmp_path: Path) -> None:

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from bicycle_controller.policy.policy import Policy, PolicyInfo
+from bicycle_controller.policy.policy import Policy, PolicyInfo, load_policy
 from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.task.scenario import SCENARIOS
+
+
+def own_policy(name: str = "mine", wear: float = 0.0) -> Policy:
+    """Return a policy that rides, under a name of its own; `wear` changes its last bias."""
+    shipped = load_policy("fixed-speed")
+    tensors = {key: tensor.copy() for key, tensor in shipped.tensors.items()}
+    last = max(key for key in tensors if key.endswith("bias"))
+    tensors[last] += np.float32(wear)
+    return Policy(replace(shipped.info, name=name), tensors)
+
 
 SCALE = (0.8, 3.0, 0.3, 1.0, 5.0, 2.0)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bicycle_cockpit.access import AccessPolicy
+from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_cockpit.requests import Request
 from bicycle_cockpit.server import Server
 
@@ -18,7 +19,9 @@ class Desk:
         greets: True if a page is greeted at once.
     """
 
-    def __init__(self, door: AccessPolicy, folder: Path) -> None:
+    def __init__(
+        self, door: AccessPolicy, folder: Path, choices: PolicyCatalogue | None = None
+    ) -> None:
         self.greets = True
         self.requests: list[tuple[int, Request]] = []
         self.joined: list[int] = []
@@ -30,6 +33,7 @@ class Desk:
             lambda page, request: self.requests.append((page, request)),
             self._join,
             self.lines.append,
+            choices,
         )
         self.server.start()
 

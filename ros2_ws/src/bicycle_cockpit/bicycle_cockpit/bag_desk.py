@@ -77,12 +77,13 @@ class BagDesk:
                     slow = [{"name": n, "problem": why} for n, (_, why) in self._too_slow.items()]
                     return found + slow
 
-    async def load(self, name: str, rider: str = "") -> Loaded:
+    async def load(self, name: str, rider: str = "", title: str = "") -> Loaded:
         """Return a bag.
 
         Args:
             name: the bag's name.
             rider: controller that rides it again, see `same_ride`; empty for the ride itself.
+            title: displayed name of that controller.
 
         Raises:
             BagProblemError: there is no such bag, it cannot be shown, it takes too long, or too
@@ -93,7 +94,8 @@ class BagDesk:
             if name in self._too_slow:
                 raise BagProblemError(422, self._too_slow[name][1])
             try:
-                answer = await self._ask({"do": "load", "name": name, "rider": rider}, LOAD_TIME)
+                wanted = {"do": "load", "name": name, "rider": rider, "title": title}
+                answer = await self._ask(wanted, LOAD_TIME)
                 if "size" in answer:
                     return Loaded(await self._bytes(int(answer["size"])), answer["colours"])
             except (asyncio.TimeoutError, EOFError, ValueError) as error:

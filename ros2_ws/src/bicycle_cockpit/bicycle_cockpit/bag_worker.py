@@ -1,10 +1,10 @@
 """Process that reads bags for the web server, so that a bad file cannot break the pages.
 
 Requests come on standard input, one JSON object a line: `{"do": "list", "skip": [...]}` and
-`{"do": "load", "name": ..., "rider": ...}`, where a `rider` rides the bag's goals again. Answers
-go to standard output: a line of JSON and, where it has a `size`, so many bytes after it. The list
-comes bag by bag, each announced before it is read, so that the server knows which one takes too
-long.
+`{"do": "load", "name": ..., "rider": ..., "title": ...}`, where a `rider`, shown by its `title`,
+rides the bag's goals again. Answers go to standard output: a line of JSON and, where it has a
+`size`, so many bytes after it. The list comes bag by bag, each announced before it is read: the
+server must know which one takes too long.
 """
 
 from __future__ import annotations
@@ -56,7 +56,8 @@ class Worker:
         if request["do"] == "list":
             self._list(set(request["skip"]))
         else:
-            self._load(str(request["name"]), str(request.get("rider", "")))
+            rider, title = (str(request.get(name, "")) for name in ("rider", "title"))
+            self._load(str(request["name"]), rider, title)
 
     def _say(self, data: dict[str, Any], body: bytes = b"") -> None:
         self._out.write(json.dumps(data).encode() + b"\n" + body)
@@ -77,7 +78,7 @@ class Worker:
             self._say({"entry": known[1]})
         self._say({"done": True})
 
-    def _load(self, name: str, controller: str) -> None:
+    def _load(self, name: str, controller: str, title: str) -> None:
         """Send a bag in the page's form, compressed."""
         try:
             path = self._shelf.path(name)
@@ -85,11 +86,13 @@ class Worker:
             self._say({"missing": True})
             return
         now = signature(path)
-        key = f"{name}?{controller}"
+        if Path(controller).is_file():  # a policy in training is replaced
+            now = (*now, *signature(Path(controller)))
+        key = f"{name}?{controller}?{title}"
         kept = self._kept.pop(key, None)
         if kept is None or kept[0] != now:
             try:
-                kept = (now, *_packed(name, path, controller))
+                kept = (now, *_packed(name, path, controller, title))
             except BagError as error:
                 self._say({"problem": str(error)})
                 return
@@ -120,9 +123,9 @@ def _unforeseen(name: str, error: Exception) -> str:
     return f"{name} cannot be read ({type(error).__name__}: {text})"
 
 
-def _packed(name: str, path: Path, controller: str) -> tuple[dict[str, Any], bytes]:
+def _packed(name: str, path: Path, controller: str, title: str) -> tuple[dict[str, Any], bytes]:
     """Return a bag's description and its compressed content."""
-    data = same_ride(path, controller) if controller else session(path)
+    data = same_ride(path, controller, title) if controller else session(path)
     text = json.dumps({"name": name, **data}, allow_nan=False, separators=(",", ":"))
     body = gzip.compress(text.encode(), compresslevel=5, mtime=0)
     return {"size": len(body), "colours": [one["colour"] for one in data["riders"]]}, body

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bicycle_cockpit.bags import session
+from bicycle_cockpit.policy_catalogue import file_title
 from bicycle_cockpit.riders import Palette
 from bicycle_cockpit.same_ride import same_ride
 
@@ -39,7 +40,7 @@ def export_page(
     rides = [exported(bag, name) for bag, name in zip(bags, chosen, strict=True)]
     if against:
         rides += [
-            exported(bag, f"{name} by {Path(against).stem}", against)
+            exported(bag, f"{name} by {file_title(Path(against))}", against)
             for bag, name in zip(bags, chosen, strict=True)
         ]
     shutil.copytree(WEB, folder / "web", dirs_exist_ok=True)

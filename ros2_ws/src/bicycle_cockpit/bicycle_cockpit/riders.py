@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bicycle_controller.control.lqr import TUNED, tuned, tuning_id
-from bicycle_controller.policy.policy import load_policy, shipped_policies
+from bicycle_controller.policy.policy import KEPT, load_policy, shipped_policies
 from bicycle_sim.plants.base import Plant
 
 
@@ -41,9 +41,18 @@ LABELS = {
 """Labels for people of shipped policies and tunings, with their kinds."""
 
 
+FOLLOWERS = {"follow": "Path follower", "stanley": "Stanley path follower"}
+"""Labels of what follows paths, by the first word of its id."""
+
+
 def label(name: str) -> str:
     """Return the label of a policy's name, for people."""
-    return LABELS[name][0] if name in LABELS else name
+    if name in LABELS:
+        return LABELS[name][0]
+    run, kept, updates = name.rpartition(f"/{KEPT}/")
+    if kept and updates.isdecimal():
+        return f"{run} after {int(updates):,} updates"
+    return name
 
 
 @dataclass(frozen=True)
@@ -71,8 +80,12 @@ def rider(policy: str, names: Mapping[str, str]) -> Rider:
     """
     if policy in names:
         name = names[policy]
-        return Rider(policy, name, name, *LABELS.get(name, (name, "")))
+        kind = NETWORK if "@" in policy else ""
+        return Rider(policy, name, name, *LABELS.get(name, (label(name), kind)))
     word, at, _ = policy.partition("@")
+    family = policy.partition("-")[0] if not at else ""
+    if family in FOLLOWERS:
+        return Rider(policy, family, policy, FOLLOWERS[family], LINEAR)
     linear = not at and policy.startswith("lqr-")
     if linear:
         return Rider(policy, "lqr", policy, LABELS["lqr"][0], LINEAR)

@@ -17,6 +17,7 @@ from bicycle_cockpit import goal_words
 from bicycle_cockpit.bags import session, setting_of
 from bicycle_cockpit.fit import misfit
 from bicycle_cockpit.marks import push_text
+from bicycle_cockpit.policy_catalogue import file_title
 from bicycle_cockpit.riders import lqr_names, rider, shipped_names
 from bicycle_cockpit.samples import COLUMNS, REWARDED, Sample, plain, plain_column, reward_columns
 from bicycle_common.conventions import mirror
@@ -24,7 +25,7 @@ from bicycle_common.observation import goal_bearing
 from bicycle_common.types import BicycleState, Command, InitialPose, Point2D
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.goals import Event, GoalTracker, Status
-from bicycle_controller.policy.policy import LQR, PolicyError, load_controller, shipped_policies
+from bicycle_controller.policy.policy import PolicyError, load_controller
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_tools.ride_log import read_ride
 
@@ -34,8 +35,6 @@ MOST_STEPS = 24_000
 QUEUED = 1.0
 """Time after a reached goal within which the next one belonged to the same list (s)."""
 TIMEOUT, TURNS = 300.0, 2.0
-NAMES = (*shipped_policies(), *LQR)
-"""Controllers that can be named without a file."""
 
 
 class Plan(NamedTuple):
@@ -49,14 +48,15 @@ class Plan(NamedTuple):
     """s."""
 
 
-def same_ride(bag: Path, controller: str) -> dict[str, Any]:
+def same_ride(bag: Path, controller: str, title: str = "") -> dict[str, Any]:
     """Return the ride of another controller in the form of `bags.session`.
 
     `misfit` says besides why the controller does not suit the ride; it is empty if it does.
 
     Args:
         bag: folder or file.
-        controller: one of NAMES, or a policy file.
+        controller: the name of one that comes along, or a policy file.
+        title: displayed name of the controller; by default that of its name or file.
 
     Raises:
         BagError: if the bag cannot be read, or the controller cannot ride its bicycle.
@@ -88,6 +88,7 @@ def same_ride(bag: Path, controller: str) -> dict[str, Any]:
         raise BagError(f"{bag.name} cannot be ridden again: {error}") from None
     rows, marks = _ride(simulator, loop, plan)
     names = {**shipped_names(), **lqr_names(plant)}
+    names.setdefault(policy.policy_id, title or file_title(Path(controller)))
     table = np.array(rows, dtype=np.float64).T
     return recorded | {
         "data": [plain_column(column) for column in table],

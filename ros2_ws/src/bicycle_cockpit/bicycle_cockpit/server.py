@@ -26,10 +26,10 @@ from bicycle_cockpit.json_text import json_text
 from bicycle_cockpit.listening import listen
 from bicycle_cockpit.one_line import OneLine, ToOneLine
 from bicycle_cockpit.page_socket import PageSocket
+from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_cockpit.requests import MOST_BYTES, Request
 from bicycle_cockpit.riders import Palette
 from bicycle_cockpit.rows import Rows
-from bicycle_cockpit.same_ride import NAMES
 
 WEB = Path(__file__).parent / "web"
 HEADERS = {
@@ -55,6 +55,7 @@ class Server:
         on_request: called in the server's thread with a page's number and its request.
         on_join: called in the server's thread with the number of a new page.
         log: called in the server's thread with one line about a refusal.
+        choices: controllers that can ride a bag's goals again; by default those that come along.
     """
 
     def __init__(
@@ -65,11 +66,13 @@ class Server:
         on_request: Callable[[int, Request], None],
         on_join: Callable[[int], None],
         log: Callable[[str], None],
+        choices: PolicyCatalogue | None = None,
     ) -> None:
         self.port = port
         self.palette = Palette()
         self._door = door
         self._bags = BagDesk(bags)
+        self._choices = choices or PolicyCatalogue(None)
         self._on_request, self._on_join = on_request, on_join
         self._log = OneLine(log)
         self._hub = Broadcaster()
@@ -233,9 +236,10 @@ class Server:
         self._door.check_token(_bearer(request))
         try:
             rider = request.query.get("rider", "")
-            if rider and rider not in NAMES:
-                raise BagProblemError(404, f"there is no controller {rider[:40]!r}")
-            bag = await self._bags.load(request.match_info["name"], rider)
+            path = self._choices.path(rider) if rider else ""
+            bag = await self._bags.load(request.match_info["name"], path, rider)
+        except KeyError:
+            return _json_response({"error": f"there is no controller {rider[:40]!r}"}, 404)
         except BagProblemError as problem:
             return _json_response({"error": str(problem)}, problem.status)
         self.colour(bag.colours)

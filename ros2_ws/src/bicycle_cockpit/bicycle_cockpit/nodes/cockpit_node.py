@@ -74,6 +74,7 @@ class CockpitNode(Node):
             on_request=lambda page, request: self._inbox.put((page, request)),
             on_join=lambda page: self._inbox.put((page, None)),
             log=self.get_logger().warning,
+            choices=self._choices,
         )
         self._others = OtherBicycles(self)
         self.shown = self._made(options.namespace)

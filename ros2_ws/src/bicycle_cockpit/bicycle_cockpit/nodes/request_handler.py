@@ -25,6 +25,7 @@ from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_cockpit.rate_limiter import RateLimiter
 from bicycle_cockpit.ride_setup import RideSetup
 from bicycle_cockpit.ride_state import RideState
+from bicycle_cockpit.riders import label
 from bicycle_common.nodes import topics
 from bicycle_common.nodes.goal_orders import GoalOrders
 from bicycle_common.nodes.topics import Service
@@ -266,7 +267,7 @@ class RequestHandler:
             live.who.put_in_charge(policy)
             why = self.suits.misfit()
             but = f", but it does not suit this ride: {why}" if why else ""
-            return f"{request.name} is in charge{but}"
+            return f"{label(request.name)} is in charge{but}"
 
         self._call(topics.LOAD_POLICY, LoadPolicy.Request(path=path), reply, words)
 

@@ -102,7 +102,7 @@ export class BagPlayer {
     byId("again").hidden = !riders.length;
     byId("again-by").replaceChildren(...riders.map(({ name, label }) => {
       const button = element("button", { type: "button", textContent: label ?? name, title: name });
-      button.addEventListener("click", () => this.take(this.bag.name, name));
+      button.addEventListener("click", () => this.take(this.bag.name, name, label));
       return button;
     }));
   }
@@ -125,8 +125,8 @@ export class BagPlayer {
   }
 
   /** Reads a ride while the list is shown; null where that fails, and the list says why. */
-  async read(name, rider = "") {
-    byId("bag-list").textContent = rider ? `${rider} rides ${name}…` : `reading ${name}…`;
+  async read(name, rider = "", label = rider) {
+    byId("bag-list").textContent = rider ? `${label} rides ${name}…` : `reading ${name}…`;
     try {
       const bag = new Bag(await loaded(name, rider));
       byId("bags").close();

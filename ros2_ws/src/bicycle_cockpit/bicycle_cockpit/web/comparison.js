@@ -36,9 +36,9 @@ export class Comparison {
   async choose() {
     const { player } = this;
     if (this.ghost) return this.beside(null);
-    const again = player.bag && !RIDES ? this.controllers.filter(({ group }) => group !== "trained here") : [];
-    await player.choose(async (name, rider) => {
-      const bag = await player.read(name, rider);
+    const again = player.bag && !RIDES ? this.controllers : [];
+    await player.choose(async (name, rider, label) => {
+      const bag = await player.read(name, rider, label);
       if (!bag) return;
       this.beside(bag);
       if (bag.misfit) answer({ ok: false, message: `${labelOf(bag.riders[0])} does not suit this ride: ${bag.misfit}` });
