@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from bicycle_cockpit import setup_labels
 from bicycle_cockpit.ride_setup import (
     PLANTS,
     RideSetup,
@@ -35,6 +36,18 @@ def test_parameters_are_read_back_and_what_is_the_same_is_left_alone() -> None:
     assert "controller.state:=truth" in back
     assert with_policy(back, "naf")[-1] == "controller.policy:=naf"
     assert "controller.policy:=lqr" not in with_policy(back, "naf")
+
+
+def test_what_is_offered_has_short_labels_of_its_own_without_ids() -> None:
+    offered = choices()
+    assert {name for name, *_ in offered["bicycles"]} == set(setup_labels.BICYCLES)
+    assert {name for name, *_ in offered["sensors"]} == set(setup_labels.SENSORS)
+    for kind in ("scenarios", "plants", "bicycles", "sensors", "courses"):
+        labels = [label for _, label, *_ in offered[kind]]
+        assert len(set(labels)) == len(labels), kind
+        assert max(map(len, labels)) <= 60, labels
+        ids = [name for name, *_ in offered[kind] if "-" in name]
+        assert not [label for label in labels if any(name in label for name in ids)]
 
 
 def test_a_bicycle_of_ones_own_stays_unless_another_is_chosen() -> None:

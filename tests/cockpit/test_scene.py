@@ -386,6 +386,94 @@ def test_a_banner_says_the_trouble_alone_and_covers_no_guide(page: BrowserPage) 
     page.set_viewport_size({"width": 1280, "height": 800})
 
 
+def test_the_banner_and_the_legend_do_not_overlap(page: BrowserPage) -> None:
+    page.evaluate(
+        """() => {
+            const banner = document.getElementById("alarm");
+            Object.assign(banner.dataset, { level: "warn", test: "1" });
+            window.showBanner = () => {
+                banner.hidden = false;
+                banner.textContent = "LQR took over: " + "it leaned too fast, ".repeat(3);
+            };
+        }"""
+    )
+    assert page.locator("#legend li").count() > 0
+    for width, height in zip(*SIZES.values(), strict=True):
+        page.set_viewport_size({"width": width, "height": height})
+        drawn(page)
+        boxes = page.evaluate(
+            """() => {
+                showBanner();
+                const found = ["alarm", "legend"].map((id) => document.getElementById(id));
+                return found.map((one) => one.getBoundingClientRect().toJSON());
+            }"""
+        )
+        banner, legend = boxes
+        assert banner["height"] > 0
+        apart = legend["top"] >= banner["bottom"] or legend["bottom"] <= banner["top"]
+        assert apart or legend["height"] == 0, (width, height)
+    page.set_viewport_size({"width": 1280, "height": 800})
+    drawn(page)
+
+
+def test_the_numbers_of_the_map_are_covered_by_nothing(page: BrowserPage) -> None:
+    inside(page, "(views.choose('map', false), player.seek(4.5))")
+    try:
+        for width, height in zip(*SIZES.values(), strict=True):
+            page.set_viewport_size({"width": width, "height": height})
+            drawn(page)
+            assert page.evaluate(COVERED) == [], (width, height)
+    finally:
+        inside(page, "views.choose('3d', false)")
+        page.set_viewport_size({"width": 1280, "height": 800})
+
+
+COVERED = """async () => {
+    const { parts } = await import("/web/main.js");
+    const map = document.getElementById("map");
+    const context = map.getContext("2d");
+    const written = [];
+    context.fillText = function (text, x, y) {
+        const wide = this.measureText(text).width;
+        written.push({ text, left: x, right: x + wide, top: y - 9, bottom: y });
+    };
+    parts.flat();
+    delete context.fillText;
+    const numbers = written.filter(({ text }) => /^(-?[0-9]+|m)$/.test(text));
+    const on = map.getBoundingClientRect();
+    const over = [...document.querySelectorAll("#legend, .zoom")]
+        .map((one) => ({ one, box: one.getBoundingClientRect() }))
+        .filter(({ box }) => box.height)
+        .map(({ one, box }) => ({ text: one.className, left: box.left - on.left,
+            right: box.right - on.left, top: box.top - on.top, bottom: box.bottom - on.top }));
+    const meet = (a, b) => a.left < b.right && b.left < a.right
+        && a.top < b.bottom && b.top < a.bottom;
+    const unit = numbers.find(({ text }) => text === "m");
+    const all = [...over, unit];
+    return numbers.filter((one) => all.some((other) => other !== one && meet(one, other)))
+        .map(({ text }) => text);
+}"""
+
+
+def test_the_horizon_is_as_new_as_the_numbers(page: BrowserPage) -> None:
+    filled = page.evaluate(
+        """async () => {
+            const { parts } = await import("/web/main.js");
+            const canvas = document.getElementById("horizon");
+            const context = canvas.getContext("2d");
+            const count = () => context.getImageData(0, 0, canvas.width, canvas.height).data
+                .reduce((sum, one) => sum + (one > 0), 0);
+            context.setTransform(1, 0, 0, 1, 0, 0);
+            context.clearRect(0, 0, canvas.width, canvas.height);
+            const before = count();
+            parts.flat();
+            return [before, count()];
+        }"""
+    )
+    assert filled[0] == 0
+    assert filled[1] > 1000
+
+
 def test_on_a_phone_the_guide_is_one_line_with_the_next_step(
     page: BrowserPage, tmp_path: Path
 ) -> None:

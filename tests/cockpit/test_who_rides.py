@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bicycle_cockpit.hand_over_words import explained
+from bicycle_cockpit.riders import rider
 from bicycle_cockpit.who_rides import SETTLED, HandOver, WhoRides
 from bicycle_controller.control.safety import Reason
 
@@ -65,6 +66,12 @@ def test_the_controller_says_which_policy_is_in_charge() -> None:
     assert (who.driver, who.chosen) == ("", NAF)
     who.commanded(LQR)
     assert who.chosen == NAF
+
+
+def test_what_follows_a_path_has_a_name() -> None:
+    found = [rider(policy, {}) for policy in ("follow-18d16372", "stanley-18d16372", "follow@1a")]
+    assert [one.label for one in found] == ["Path follower", "Stanley path follower", "follow"]
+    assert all(one.kind for one in found)
 
 
 def test_reasons_are_told_without_ids() -> None:

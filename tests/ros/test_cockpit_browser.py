@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 import os
 import re
+import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -32,10 +33,14 @@ from chromium import (
 )
 from cockpit_page import COCKPIT
 from node_process import NodeProcess
+from policies import own_policy
 from probe import Probe
 from waiting import until as waited
 
 from bicycle_common.nodes import topics
+from bicycle_controller.policy.policy import save_policy
+
+RIDE = Path(__file__).resolve().parents[1] / "data" / "film-ride"
 
 SHOTS = Path(os.environ.get("BICYCLE_SCREENSHOTS", COCKPIT.parent / "runs" / "screenshots"))
 
@@ -62,8 +67,12 @@ def browser() -> Iterator[BrowserContext]:
 @pytest.fixture(scope="module")
 def started(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Started]:
     """Yield a cockpit with its own ride."""
-    folder = tmp_path_factory.mktemp("bags")
-    with cockpit("--bags", str(folder), "controller.policy:=lqr") as result:
+    folder, models = (tmp_path_factory.mktemp(name) for name in ("bags", "models"))
+    shutil.copytree(RIDE, folder / RIDE.name)
+    for name in ("best", "policies/00000500"):
+        save_policy(own_policy(wear=0.01 * len(name)), models / "mine" / f"{name}.safetensors")
+    words = "--bags", str(folder), "--models", str(models), "controller.policy:=lqr"
+    with cockpit(*words) as result:
         yield result
 
 
@@ -195,6 +204,16 @@ def test_another_ride_is_set_up_in_the_page(page: BrowserPage) -> None:
     page.locator("#setup-sensors").select_option("mpu6050-rtk")
     expect(page.locator("#setup-controller")).to_have_value("lqr")
     shoot(page, "setup")
+    chosen = page.locator("#setup-sensors option:checked")
+    expect(chosen).to_have_text("The same and an RTK receiver")
+    expect(chosen).to_have_attribute("title", "mpu6050-rtk")
+    cut = """() => [...document.querySelectorAll("#setup-form option")].filter((one) => {
+        const context = document.createElement("canvas").getContext("2d");
+        context.font = getComputedStyle(one.closest("select")).font;
+        const { clientWidth } = one.closest("select");
+        return context.measureText(one.text).width > clientWidth - 34;
+    }).map((one) => one.text)"""
+    assert page.evaluate(cut) == []
     page.locator("#setup-plant").select_option("choi")
     page.locator("#setup-sensors").select_option("")
     page.locator("#setup-controller").select_option("lqr")
@@ -257,6 +276,20 @@ def test_a_bag_is_scrubbed_on_the_same_page(page: BrowserPage) -> None:
     page.locator("#live").click()
     expect(page.locator("#timeline")).to_be_hidden()
     expect(page.locator("#mode")).not_to_have_text("bag")
+
+
+@pytest.mark.parametrize("label", ["mine", "mine after 500 updates"])
+def test_a_policy_of_ones_own_is_the_ghost_of_a_bag(page: BrowserPage, label: str) -> None:
+    page.locator("#bag").click()
+    page.locator("#bag-list button", has_text=RIDE.name).click()
+    expect(page.locator("#mode")).to_have_text("bag")
+    page.locator("#compare").click()
+    page.locator("#again-by").get_by_role("button", name=label, exact=True).click()
+    expect(page.locator("#bags")).to_be_hidden()
+    inside(page, "player.seek(3)")
+    expect(page.locator("#gap")).to_contain_text(label)
+    page.locator("#compare").click()
+    page.locator("#live").click()
 
 
 def test_the_trainer_is_shown(page: BrowserPage, started: Started) -> None:

@@ -228,12 +228,12 @@ def test_a_bicycle_that_waits_is_not_shown_as_riding_or_in_trouble(
 def test_a_controller_that_does_not_suit_the_ride_is_told(page: BrowserPage) -> None:
     page.locator("#controller").select_option("learned-speed")
     why = "it uses 100 N of pedal force and 0 N are allowed"
-    said(page, f"^learned-speed is in charge, but it does not suit this ride: {why}")
+    said(page, f"^DDPG actor with pedals is in charge, but it does not suit this ride: {why}")
     expect(page.locator("#who-text")).to_contain_text(
         f"DDPG actor with pedals does not suit this ride: {why}"
     )
     page.locator("#controller").select_option("lqr")
-    said(page, "^lqr is in charge$")
+    said(page, "^LQR is in charge$")
     expect(page.locator("#who-text")).not_to_contain_text("does not suit")
 
 

@@ -184,12 +184,15 @@ class EvaluationConfig:
     """Reach rate that ends the run; 0 disables this."""
     stop_falls: float = 1.0
     """Largest fall rate at which `stop_at` ends the run."""
+    keep: int = 0
+    """Number of evaluated policies, spread over the run, that stay in its folder `policies`;
+    imitation has none of them."""
 
     def __post_init__(self) -> None:
         for name in ("every", "episodes"):
             value = getattr(self, name)
             require(value >= 1, f"evaluation.{name} must be at least 1, not {value!r}")
-        for name in ("max_steps", "near_episodes", "shake", "hard_episodes"):
+        for name in ("max_steps", "near_episodes", "shake", "hard_episodes", "keep"):
             require_between(f"evaluation.{name}", getattr(self, name), 0, math.inf)
         require_positive("evaluation.near_distance", self.near_distance)
         for name in ("stop_at", "stop_falls"):

@@ -58,6 +58,8 @@ The displacement is 2 cm at most, except in the last, which needs a scenario tha
 
 SUFFIX = ".safetensors"
 BEST = "best.safetensors"
+KEPT = "policies"
+"""Folder in a run of the policies that were kept during training, named by their updates."""
 """File name of the best policy in a training run's folder."""
 CHUNK = 256
 """Bicycles per pass through the network: both hidden layers fit the cache."""

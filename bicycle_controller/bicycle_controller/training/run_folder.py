@@ -9,6 +9,7 @@ tensorboard/          the same for TensorBoard, where it is installed
 checkpoint/state.pt   networks, optimisers, replay memory, noise, generators, counters
 best.safetensors      the policy with the best evaluation
 last.safetensors      the policy of the last evaluation
+policies/             those of some evaluations by their updates, where `evaluation.keep` asks it
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from bicycle_common.origin import origin as origin_of_result
 from bicycle_controller import __version__
 from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
-from bicycle_controller.policy.policy import write_atomically
+from bicycle_controller.policy.policy import KEPT, SUFFIX, Policy, save_policy, write_atomically
 
 RESUMABLE = ("steps", "device", "threads", "save_every", "log_every", "evaluation", "tensorboard")
 """Settings that may change in a resumed run: none that its previous numbers depend on."""
@@ -81,6 +82,18 @@ class RunFolder:
         """Path of the policy of the last evaluation."""
         return self.path / "last.safetensors"
 
+    def keep(self, policy: Policy, updates: int, most: int) -> None:
+        """Keep the policy after some updates; of more than `most`, drop the one least missed.
+
+        The first and the newest stay, and the others are spread over the updates.
+        """
+        folder = self.path / KEPT
+        folder.mkdir(exist_ok=True)
+        save_policy(policy, folder / f"{updates:08d}{SUFFIX}")
+        files = sorted(folder.glob(f"[0-9]*{SUFFIX}"))
+        while len(files) > max(most, 1):
+            files.pop(_least_missed([int(file.stem) for file in files])).unlink()
+
     def create(self, config: RunConfig) -> None:
         """Create the folder and write the configuration.
 
@@ -129,6 +142,14 @@ class RunFolder:
         if new != old:
             write_atomically(self.config, loading.dump(new).encode())
         return new
+
+
+def _least_missed(updates: list[int]) -> int:
+    """Return the index of the number whose neighbours are the closest together."""
+    if len(updates) == 2:
+        return 0
+    gaps = [after - before for before, after in zip(updates, updates[2:], strict=False)]
+    return 1 + gaps.index(min(gaps))
 
 
 def _lock(folder: int, path: Path) -> None:

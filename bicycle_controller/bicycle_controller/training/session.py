@@ -117,6 +117,8 @@ class TrainingSession(ABC):
             self.best = found
             save_policy(policy, self.files.best)
         save_policy(policy, self.files.last)
+        if self.config.evaluation.keep:
+            self.files.keep(policy, self.updates, self.config.evaluation.keep)
         return better
 
     def meets_goal(self, found: Score) -> bool:

@@ -9,12 +9,13 @@ from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from bicycle_cockpit import setup_labels
 from bicycle_common.types import FASTEST_START
 from bicycle_common.validation import nearest
 from bicycle_controller.control import courses
 from bicycle_sim.plants import registry
 from bicycle_sim.sensors import settings as sensors
-from bicycle_sim.task.scenario import SCENARIOS, Scenario
+from bicycle_sim.task.scenario import SCENARIOS
 
 PLANTS = {name: kind.about for name, kind in registry.PLANTS.items()}
 """Labels for people."""
@@ -175,24 +176,23 @@ def command(setup: RideSetup, before: RideSetup) -> str:
 
 
 def choices() -> dict[str, Any]:
-    """Return what a page can choose from: names with labels."""
+    """Return what a page can choose from: names, labels and, where there is one, a description."""
     return {
-        "scenarios": [[name, _scenario(one)] for name, one in SCENARIOS.items()],
-        "plants": [list(item) for item in PLANTS.items()],
+        "scenarios": [[name, setup_labels.of_scenario(one)] for name, one in SCENARIOS.items()],
+        "plants": [[name, setup_labels.PLANTS.get(name, about)] for name, about in PLANTS.items()],
         "with_bicycles": registry.with_bicycles(),
         "with_noise": WITH_NOISE,
-        "bicycles": [list(item) for item in _bicycles().items()],
-        "sensors": sensors.names(),
-        "courses": courses.names(),
+        "bicycles": [
+            [name, setup_labels.BICYCLES.get(name, setup_labels.in_words(name)), about]
+            for name, about in _bicycles().items()
+        ],
+        "sensors": [
+            [name, setup_labels.SENSORS.get(name, setup_labels.in_words(name))]
+            for name in sensors.names()
+        ],
+        "courses": [[name, setup_labels.in_words(name)] for name in courses.names()],
         "fastest": FASTEST_START,
     }
-
-
-def _scenario(one: Scenario) -> str:
-    """Return a scenario in words: its speed and what may be moved."""
-    body = f", body ±{100 * one.displacement_limit:g} cm" if one.displacement_limit else ""
-    pedals = ", pedals" if one.pedal_limit else ", fixed speed"
-    return f"{one.name}: {one.start_speed:.2g} m/s{body}{pedals}"
 
 
 def _one_of(name: str, value: object, known: Iterable[str]) -> None:

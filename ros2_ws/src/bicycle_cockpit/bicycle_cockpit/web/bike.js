@@ -6,6 +6,8 @@ import { begin, colours } from "./theme.js";
 const WHEEL = 0.34;
 const WHEELBASE = 1.11;
 const NARROW = 240;
+/** m from the ground to the scale of the lean, well above the rider's head. */
+const DIAL = 2.0;
 const degrees = (angle) => (angle * 180) / Math.PI;
 
 /** A number with its side: "3.2° right". */
@@ -48,7 +50,7 @@ function ellipse(context, colour, x, y, rx, ry) {
 export function drawBehind(canvas, row, fallAngle) {
   const { context, width, height } = begin(canvas);
   const ground = height - (width < NARROW ? 42 : 30);
-  const scale = (ground - 22) / 1.85;
+  const scale = (ground - 22) / DIAL;
   const lean = Number.isFinite(row?.lean) ? row.lean : 0;
   const shift = Number.isFinite(row?.displacement) ? -row.displacement : 0;
   const steer = Number.isFinite(row?.steer) ? row.steer : 0;
@@ -56,18 +58,24 @@ export function drawBehind(canvas, row, fallAngle) {
   context.save();
   context.translate(width / 2, ground);
   line(context, colours.line, 1, [-width / 2 + 12, 0], [width / 2 - 12, 0]);
+  const dial = DIAL * scale;
   context.setLineDash([3, 4]);
   for (const side of [-1, 1]) {
     const [x, y] = [side * Math.sin(fallAngle), -Math.cos(fallAngle)];
-    line(context, colours.soft, 1.5, [0.5 * scale * x, 0.5 * scale * y], [1.8 * scale * x, 1.8 * scale * y]);
+    line(context, colours.soft, 1.5, [0.5 * scale * x, 0.5 * scale * y], [dial * x, dial * y]);
   }
-  line(context, colours.line, 1, [0, 0], [0, -1.8 * scale]);
   context.setLineDash([]);
-  context.strokeStyle = row && Math.abs(lean) > fallAngle ? colours.bad : colours.accent;
-  context.lineWidth = 3;
-  context.beginPath();
-  context.arc(0, 0, 1.8 * scale, -Math.PI / 2, -Math.PI / 2 + lean, lean < 0);
-  context.stroke();
+  // A scale from limit to limit, and on it how far the bicycle leans.
+  const along = (from, to, colour, thick) => {
+    context.strokeStyle = colour;
+    context.lineWidth = thick;
+    context.beginPath();
+    context.arc(0, 0, dial, from - Math.PI / 2, to - Math.PI / 2, to < from);
+    context.stroke();
+  };
+  along(-fallAngle, fallAngle, colours.line, 2);
+  line(context, colours.soft, 1.5, [0, -dial - 4], [0, -dial + 4]);
+  along(0, lean, row && Math.abs(lean) > fallAngle ? colours.bad : colours.accent, 4);
 
   context.rotate(lean);
   context.scale(scale, scale);

@@ -10,7 +10,7 @@ const STEP = 0.1;
  * @param {HTMLCanvasElement} canvas
  * @param {View} view
  * @param scene `series`, `paint` (colour of a policy's number), `cursor` (row, -1 for none), `goal`, `ahead`, `marks`,
- *   `radius`, `mark` ([x, y] of the keyboard), `drag` ({from, to}, m), `wheelbase`, `fallen`, `others` (bicycles of the fleet)
+ *   `radius`, `mark` ([x, y] of the keyboard), `drag` ({from, to}, m), `wheelbase`, `fallen`, `others` (bicycles of the fleet), `clear` (px under the legend)
  */
 export function drawMap(canvas, view, scene) {
   const { context, width, height } = begin(canvas);
@@ -18,7 +18,7 @@ export function drawMap(canvas, view, scene) {
   const { series, cursor } = scene;
   const row = cursor >= 0 ? series.row(cursor) : null;
   if (row) view.follow(row.x, row.y);
-  drawGrid(context, view);
+  drawGrid(context, view, scene.clear);
   if (scene.path?.length > 1) {
     context.lineWidth = 6;
     context.globalAlpha = 0.3;
@@ -48,7 +48,8 @@ function gridStep(view) {
   return [1, 2, 5, 10, 20, 50, 100, 200, 500].find((metres) => metres * view.scale >= 42) ?? 1000;
 }
 
-function drawGrid(context, view) {
+/** @param {number} clear px from the top in which something else stands on the left */
+function drawGrid(context, view, clear = 0) {
   const step = gridStep(view);
   const [left, top] = view.toWorld(0, 0);
   const [right, bottom] = view.toWorld(view.width, view.height);
@@ -58,12 +59,12 @@ function drawGrid(context, view) {
   for (let x = Math.ceil(left / step) * step; x <= right; x += step) {
     const px = Math.round(view.toScreen(x, 0)[0]) + 0.5;
     stroke(context, x === 0 ? colours.line : colours.grid, [[px, 0], [px, view.height]]);
-    if (px > 30 && px < view.width - 30) context.fillText(String(x), px + 3, view.height - 5);
+    if (px > 30 && px + 3 + context.measureText(String(x)).width < view.width - 22) context.fillText(String(x), px + 3, view.height - 5);
   }
   for (let y = Math.ceil(bottom / step) * step; y <= top; y += step) {
     const py = Math.round(view.toScreen(0, y)[1]) + 0.5;
     stroke(context, y === 0 ? colours.line : colours.grid, [[0, py], [view.width, py]]);
-    if (py > 46 && py < view.height - 20) context.fillText(String(y), 5, py - 3);
+    if (py > Math.max(46, clear + 16) && py < view.height - 20) context.fillText(String(y), 5, py - 3);
   }
   context.fillText("m", view.width - 16, view.height - 5);
   context.font = FONT;

@@ -66,8 +66,9 @@ export class Pictures {
     const ghost = this.comparison.at(moment, row ? row.t : 0);
     drawMap(byId("map"), this.view, {
       mark: this.mark, drag: this.drag, ...moment, ghost, wheelbase: moment.geometry?.wheelbase ?? facts.wheelbase ?? 1.11, whole: Boolean(bag),
-      fallen: Math.abs(row?.lean) > fallAngle,
+      fallen: Math.abs(row?.lean) > fallAngle, clear: this.views.main === "map" ? underLegend() : 0,
     });
+    drawHorizon(byId("horizon"), row ?? undefined, fallAngle);
     drawBehind(byId("behind"), row ?? undefined, fallAngle);
     drawAbove(byId("above"), row ?? undefined);
     drawCharts(chart.canvas, series, chart.end, paint, bag ? bag.pedals : facts.limits?.[2] > 0, { span: chart.span, now: row ? row.t : 0, hover: chart.hover, ghost });
@@ -94,9 +95,14 @@ export class Pictures {
     const guess = estimateOf(series);
     const estimate = guess?.known(cursor) ? { series: guess, cursor, colour: colours.ink, geometry: moment.geometry, row: rowAt(guess, time) } : null;
     this.views.stage.draw({ ...moment, row, jersey: paint(row?.policy), ghost, estimate }, now);
-    drawHorizon(byId("horizon"), row ?? undefined, moment.fallAngle);
     this.lastStage = now;
   }
+}
+
+/** Where the legend over the map ends, px from the top. */
+function underLegend() {
+  const legend = byId("legend");
+  return legend.offsetHeight && legend.offsetTop + legend.offsetHeight;
 }
 
 /** What the line below the head warns of, large over the picture. */

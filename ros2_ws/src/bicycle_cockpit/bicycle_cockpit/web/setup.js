@@ -7,7 +7,8 @@ const PAPER = "fixed-speed";
 const ANY = "any-bicycle";
 const CLASSICAL = "lqr";
 
-const options = (pairs) => pairs.map(([name, label]) => Object.assign(new Option(label, name), { title: name }));
+/** Ids and descriptions are in the tooltips. */
+const options = (items) => items.map(([name, label, about]) => Object.assign(new Option(label, name), { title: about ? `${name}: ${about}` : name }));
 
 export class Setup {
   /**
@@ -34,11 +35,11 @@ export class Setup {
     this.withNoise = with_noise;
     byId("setup-scenario").replaceChildren(...options(scenarios));
     byId("setup-plant").replaceChildren(...options(plants));
-    this.bicycles = bicycles.map(([name, about]) => [name, `${name}: ${about}`]);
-    byId("setup-sensors").replaceChildren(...options([["", "none: the controller sees the truth"], ...sensors.map((name) => [name, `estimated from ${name}`])]));
+    this.bicycles = bicycles;
+    byId("setup-sensors").replaceChildren(...options([["", "None: it sees the truth"], ...sensors]));
     byId("setup-speed").max = String(fastest);
     byId("setup-note").hidden = setups.ours;
-    byId("course").replaceChildren(new Option("–", ""), ...options(courses.map((name) => [name, name])));
+    byId("course").replaceChildren(new Option("–", ""), ...options(courses));
     this.groups = [...byId("controller").children].map((child) => child.cloneNode(true));
     this.controllers = controllers.map(({ name }) => name);
     this.values = setup;
@@ -47,7 +48,7 @@ export class Setup {
   open() {
     const { values } = this;
     if (!values) return;
-    const own = values.own_bicycle ? [["", `${values.own_bicycle}: your own`]] : [];
+    const own = values.own_bicycle ? [["", `Your own: ${values.own_bicycle.split("/").at(-1)}`, values.own_bicycle]] : [];
     byId("setup-bicycle").replaceChildren(...options([...own, ...this.bicycles]));
     for (const name of WORDS) byId(`setup-${name}`).value = values[name];
     if (!values.bicycle && !own.length) byId("setup-bicycle").value = "benchmark";
