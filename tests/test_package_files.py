@@ -157,11 +157,11 @@ def test_setup_py_names_the_headers_of_each_library(package: str) -> None:
         for pattern in patterns
         for path in folder.joinpath(*name.split(".")).glob(pattern)
     }
-    assert len(given["libraries"]) == len({library["name"] for library in given["libraries"]}) > 0
-    for library in given["libraries"]:
-        wanted = {header for source in library["sources"] for header in headers(folder / source)}
-        assert {folder / name for name in library["depends"]} == wanted, library["name"]
-        assert wanted <= data, library["name"]
+    assert len(given["libraries"]) == len({one["name"] for one in given["libraries"]}) > 0
+    for one in given["libraries"]:
+        wanted = {header for source in one["sources"] for header in headers(folder / source)}
+        assert {folder / name for name in one["depends"]} == wanted, one["name"]
+        assert wanted <= data, one["name"]
 
 
 def headers(source: Path) -> set[Path]:

@@ -47,7 +47,6 @@ def test_a_film_shows_the_ride(bag: Path, tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["ride.webp"]
 
 
-<<<<<<< HEAD
 @pytest.mark.slow
 @pytest.mark.skipif(not any(map(shutil.which, browser.PROGRAMS)), reason="needs Chromium")
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="needs ffmpeg")
@@ -74,7 +73,8 @@ def test_the_film_of_the_readme_is_what_its_command_makes() -> None:
     with Image.open(film) as images:
         assert images.size == options.film.size
         assert getattr(images, "n_frames", 1) == len(options.film.times(options.film.end)) == 360
-=======
+
+
 def test_a_policy_file_rides_along(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     file = tmp_path / "runs" / "mine" / "policies" / "00001500.safetensors"
     save_policy(own_policy(), file)

@@ -2,8 +2,8 @@
 
 Two bicycles ride straight on paths that cross at 20 to 180 degrees, at 2.5 to 4 m/s, and would be
 at the crossing within about a second of one another. Each sees itself now and the other as the
-controller node does: as it was at the last look, up to a tenth of a second ago. The keys of the result, as
-`bicycle evaluate --crossings N --json` prints them:
+controller node does: as it was at the last look, up to a tenth of a second ago. The keys of the
+result, as `bicycle evaluate --crossings N --json` prints them:
 
     crossings, falls               of pairs of bicycles, and falls among them
     nearest_m                      the least distance of two rear contacts
