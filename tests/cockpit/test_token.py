@@ -89,7 +89,7 @@ def test_a_weak_secret_ends_it_without_showing_it(
 
 def test_the_options_take_it(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     options = parse(["--bind", "0.0.0.0", "--token-file", str(file)], Path("/ws"))
-    assert options.door.token == SECRET
+    assert options.access_policy.token == SECRET
     monkeypatch.setenv(VARIABLE, SECRET)
-    assert parse(["--bind", "0.0.0.0"], Path("/ws")).door.token == SECRET
+    assert parse(["--bind", "0.0.0.0"], Path("/ws")).access_policy.token == SECRET
     assert VARIABLE not in os.environ

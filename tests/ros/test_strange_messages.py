@@ -153,7 +153,7 @@ def drives(node: ControllerNode, count: int) -> bool:
     node._on_episode(episode())
     node._goals._on_goal_pose(goal())
     node._on_state(state(step=count, episode=7))
-    command = node._driver._command
+    command = node._loop._command
     assert command is not None
     return bool((np.abs(command.action) <= LIMITS).all())
 
@@ -212,7 +212,7 @@ def rides(node: SimNode) -> bool:
     """Return True if a sound command still makes a step to a finite state, after a reset."""
     node._begin(InitialPose(0.0, 0.0, 0.0, 2.5), 1)
     now = node._loop.snapshot
-    node._loop.gate.release = -1.0  # whoever was in charge is not any more
+    node._loop.validator.release = -1.0  # whoever was in charge is not any more
     node._on_command(
         convert.from_command(Command(now.episode, now.step, 0.1, 0.0, 0.0), to_stamp())
     )

@@ -52,7 +52,7 @@ def test_once_after_each_answer_in_real_time(
     controller: ControllerNode, pace: str, asked: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(control_loop, "QUICK", math.inf)
-    policy = controller._driver.policy = Counting()
+    policy = controller._loop.policy = Counting()
     info = EpisodeInfo(episode=1, pace=pace, scenario=SCENARIO.to_json(), version="test")
     info.physics = ChoiPlant().to_json()
     controller._on_episode(info)
@@ -61,7 +61,7 @@ def test_once_after_each_answer_in_real_time(
     simulator.reset(InitialPose(0.0, 0.0, 0.0, SCENARIO.start_speed))
     for step in range(3):
         controller._on_state(convert.from_snapshot(simulator.snapshot, 25_000_000 * step))
-        simulator.step(controller._driver._command)
+        simulator.step(controller._loop._command)
         while policy.asked < (step + 1) * asked:  # pytest ends a wait for ever
             rclpy.spin_once(controller, timeout_sec=0.01)
         # Long enough for two: without a state between, one is made.

@@ -130,7 +130,7 @@ def test_an_old_answer_makes_no_step_in_lockstep() -> None:
     assert rider.loop.pause(False) is None, "the answer that came meanwhile is an old one"
     for step in (1, 2, 3):
         assert rider.loop.receive(late(step)) == ("", None)
-        assert rider.loop.gate.newest == late(step), "it was let in, for what it is"
+        assert rider.loop.validator.newest == late(step), "it was let in, for what it is"
     stepped = rider.answer()
     assert stepped is not None
     assert (stepped.snapshot.step, stepped.applied.source) == (5, CommandSource.FRESH)

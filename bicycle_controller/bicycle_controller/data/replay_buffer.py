@@ -195,7 +195,7 @@ class NStepAccumulator:
         self,
         count: int,
         actions: int,
-        valuation: RewardShaping,
+        shaping: RewardShaping,
         observations: int = OBSERVATIONS,
         expert_action: bool = False,
     ) -> None:
@@ -204,11 +204,11 @@ class NStepAccumulator:
         Args:
             count: N, the number of bicycles.
             actions: numbers per action.
-            valuation: n, discount and reward shaping.
+            shaping: n, discount and reward shaping.
             observations: numbers per observation.
             expert_action: True to store a teacher's action with each.
         """
-        self.valuation, n_step = valuation, valuation.n_step
+        self.shaping, n_step = shaping, shaping.n_step
         self.observation = np.zeros((n_step, count, observations), dtype=np.float32)
         self.action = np.zeros((n_step, count, actions), dtype=np.float32)
         self.expert_action = np.zeros(
@@ -252,9 +252,9 @@ class NStepAccumulator:
         if expert_action is not None:
             self.expert_action[self.slot] = expert_action
         ends = (terminated, truncated, fallen)
-        if self.valuation.n_step == 1:
+        if self.shaping.n_step == 1:
             self.sum[0], self.age[0] = reward + 0.0, 1
-            discount = np.where(final, 0.0, self.valuation.gamma)
+            discount = np.where(final, 0.0, self.shaping.gamma)
             kept = observation, action, next_observation
             return self._rows(kept, (self.sum[0], discount, *ends), self.expert_action[0])
         return self._push(reward, final, next_observation, ends)
@@ -267,7 +267,7 @@ class NStepAccumulator:
         shaping: np.ndarray | float,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return the learner's reward of a step (N,), and True where nothing follows it."""
-        worth = self.valuation
+        worth = self.shaping
         if worth.cost_cap > 0:
             reward = np.maximum(reward, -worth.cost_cap)
         reward = reward + shaping - worth.step_cost - worth.fall_penalty * fallen
@@ -283,7 +283,7 @@ class NStepAccumulator:
         ends: tuple[np.ndarray, np.ndarray, np.ndarray],
     ) -> np.ndarray:
         """Add a step's reward to the pending steps; return the transitions that it completes."""
-        n_step, gamma = self.valuation.n_step, self.valuation.gamma
+        n_step, gamma = self.shaping.n_step, self.shaping.gamma
         self.sum[self.slot], self.age[self.slot], self.open[self.slot] = 0.0, 0, True
         self.sum += np.where(self.open, gamma**self.age * reward, 0.0)
         self.age += self.open

@@ -146,12 +146,12 @@ def ride(
     parts = []
     with ProgressBar(total=count, unit="ride", desc=scenario.name, shown=progress) as bar:
         for index, first in enumerate(range(0, count, CHUNK)):
-            batch = _Batch(scenario, plant, min(CHUNK, count - first), (seed, index), trial)
+            batch = _RolloutBatch(scenario, plant, min(CHUNK, count - first), (seed, index), trial)
             parts.append(batch.ride(controller, bar))
     return Rollouts.join(parts)
 
 
-class _Batch:
+class _RolloutBatch:
     """Rides of one chunk: those still running, and the results of all."""
 
     def __init__(

@@ -15,7 +15,8 @@ import time
 from typing import Any
 
 import numpy as np
-from bicycle_msgs.msg import BicycleState, CommandEcho, EpisodeInfo
+from bicycle_msgs.msg import BicycleState as StateMessage
+from bicycle_msgs.msg import CommandEcho, EpisodeInfo
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -28,8 +29,7 @@ from bicycle_common.nodes.realtime import Priority
 from bicycle_common.nodes.runner import LOOP_EXECUTOR, UserError, run
 from bicycle_common.nodes.topics import Topic, advertise, listen
 from bicycle_common.parameters import describe
-from bicycle_common.types import AppliedCommand
-from bicycle_common.types import BicycleState as Snapshot
+from bicycle_common.types import AppliedCommand, BicycleState
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.goals import GoalTracker
@@ -75,7 +75,7 @@ class ControllerNode(LifecycleNode):
         self._settings = declare(self, ControllerSettings)
         self._making, self._priority = Making(), Priority()
         self._plant = registry.default()
-        self._driver = self._make_driver()
+        self._loop = self._make_loop()
         self._in_use = threading.Lock()
         self._simulator_limits = NO_LIMITS
         self._ridden: tuple[Plant[Any], Scenario] | None = None
@@ -85,7 +85,7 @@ class ControllerNode(LifecycleNode):
         self._active = False
         self._state_was_bad = False
         self._marks = HandOverMarks(frames_of(self.get_namespace()))
-        self._echoes: EchoPairing[BicycleState, AppliedCommand | None] = EchoPairing()
+        self._echoes: EchoPairing[StateMessage, AppliedCommand | None] = EchoPairing()
         self._publishers_by_name = advertise(
             self,
             topics.COMMAND,
@@ -104,7 +104,7 @@ class ControllerNode(LifecycleNode):
         self._goals = GoalDesk(
             self,
             self._guidance,
-            self._driver.tracker,
+            self._loop.tracker,
             self._in_use,
             self._publish,
             lambda: self._settings,
@@ -122,8 +122,8 @@ class ControllerNode(LifecycleNode):
         if self._estimator is None:
             listen(self, topics.STATE, self._on_state, depth=1)
         self._goals.listen()
-        self._newest: tuple[Snapshot | None, float] = None, 0.0
-        self._loader = PolicyLoader(self, lambda: self._driver.policy.policy_id, self._swap)
+        self._newest: tuple[BicycleState | None, float] = None, 0.0
+        self._loader = PolicyLoader(self, lambda: self._loop.policy.policy_id, self._swap)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self._settings.diagnostics_period, self._on_report, clock=steady)
         self._warms_up = False
@@ -147,7 +147,7 @@ class ControllerNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Answer states and take orders from now on."""
         self._active = True
-        self.get_logger().info(f"{self._driver.policy.policy_id} waits for a goal")
+        self.get_logger().info(f"{self._loop.policy.policy_id} waits for a goal")
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -165,11 +165,11 @@ class ControllerNode(LifecycleNode):
         with self._in_use:
             self._active = False
             self._guidance.stop("the controller is no longer active", PathEnd.CANCELLED)
-            self._driver.tracker.cancel("the controller is no longer active")
+            self._loop.tracker.cancel("the controller is no longer active")
         self._desk.end("the controller is no longer active")
         self.get_logger().info("answers no state until it is activated")
 
-    def _make_driver(self) -> ControlLoop:
+    def _make_loop(self) -> ControlLoop:
         settings = self._settings
         try:
             policy = load_controller(settings.policy)
@@ -194,11 +194,11 @@ class ControllerNode(LifecycleNode):
             others = self._settings.names_to_keep_clear_of()
         except ValueError as error:
             raise UserError(str(error)) from None
-        guidance = Guidance(self._driver, config)
+        guidance = Guidance(self._loop, config)
         return guidance, Guiding(self, guidance, self._publish, others)
 
     def _tell_setup(self, sensors: SensorSettings | None) -> None:
-        setup = Setup(self._driver.name, self._settings, sensors)
+        setup = Setup(self._loop.name, self._settings, sensors)
         self._publish(topics.CONTROLLER_SETUP, String(data=setup.to_json()))
 
     def _change(self, settings: ControllerSettings) -> None:
@@ -209,7 +209,7 @@ class ControllerNode(LifecycleNode):
         """
         config = settings.make_guidance()
         with self._in_use:
-            tracker, before = self._driver.tracker, self._settings
+            tracker, before = self._loop.tracker, self._settings
             self._settings = settings
             self._guidance.config = config
             tracker.timeout, tracker.turns = settings.goal_timeout, settings.orbit_turns
@@ -251,7 +251,7 @@ class ControllerNode(LifecycleNode):
         if waiting is not None:
             self._answer(waiting)
 
-    def _on_state(self, message: BicycleState) -> None:
+    def _on_state(self, message: StateMessage) -> None:
         """Answer the newest state, once the command that led to it is known."""
         self._heard = time.monotonic()
         key = message.episode, message.step
@@ -261,7 +261,7 @@ class ControllerNode(LifecycleNode):
         if not self._echoes.holds(key, message, echoed):
             self._answer(message)
 
-    def _answer(self, message: BicycleState) -> None:
+    def _answer(self, message: StateMessage) -> None:
         """Answer a state."""
         self._take_fallback()
         snapshot = convert.to_snapshot(message)
@@ -276,7 +276,7 @@ class ControllerNode(LifecycleNode):
                 return
             self._guidance.poll(snapshot)
             applied = self._echoes.of((snapshot.episode, snapshot.step))
-            answer = self._driver.answer(*self._newest, applied)
+            answer = self._loop.answer(*self._newest, applied)
         if answer.command is not None:
             now = self.get_clock().now().to_msg()
             self._publish(topics.COMMAND, convert.from_command(answer.command, now))
@@ -300,7 +300,7 @@ class ControllerNode(LifecycleNode):
         """Warm up for the next state, once."""
         self._warm_up.cancel()
         with self._in_use:
-            self._driver.warm_up()
+            self._loop.warm_up()
 
     def _on_bad_state(self, why: str) -> None:
         self._bad_states += 1
@@ -316,15 +316,15 @@ class ControllerNode(LifecycleNode):
             self._warn(f"episode info ignored: {error}; are both of one version?")
             return
         if self._settings.goal_radius == 0:
-            self._driver.tracker.radius = scenario.goal_radius
+            self._loop.tracker.radius = scenario.goal_radius
         self._publish(topics.HAND_OVER_MARKERS, self._marks.clear())
         with self._in_use:
             self._simulator_limits = scenario.action_limits
             self._ridden = plant, scenario
             if self._estimator is not None:
                 self._estimator.ride(plant)
-            self._driver.policy = self._designed(self._driver.policy)
-            self._driver.plant = plant
+            self._loop.policy = self._designed(self._loop.policy)
+            self._loop.plant = plant
             self._limit()
             self._guidance.ride(plant, self._simulator_limits)
             self._suit(plant)
@@ -342,7 +342,7 @@ class ControllerNode(LifecycleNode):
         """Warn if the policy rides another bicycle than it was trained on."""
         if self._ridden is None:
             return
-        policy = self._driver.policy
+        policy = self._loop.policy
         told = warning(policy.policy_id, unlike_training(policy, *self._ridden))
         if told and told != self._unlike:
             self._warn(told)
@@ -350,9 +350,9 @@ class ControllerNode(LifecycleNode):
 
     def _limit(self) -> None:
         """Limit the commands to what the simulator accepts."""
-        policy = self._driver.policy
+        policy = self._loop.policy
         own = limits_of(policy)
-        self._driver.limits = np.minimum(own, self._simulator_limits)
+        self._loop.limits = np.minimum(own, self._simulator_limits)
         if self._ridden is not None and rides_any(policy, self._ridden[0]):
             return
         if (own[np.isfinite(own)] > self._simulator_limits[np.isfinite(own)]).any():
@@ -374,20 +374,20 @@ class ControllerNode(LifecycleNode):
 
     def _suit(self, plant: Plant[Any]) -> None:
         """Adapt the fallback and the safety layer to the simulated bicycle."""
-        settings, limits = self._settings, self._driver.limits
+        settings, limits = self._settings, self._loop.limits
         if self._estimator is None:
             # Computing LQR gains takes longer than one step; do it in a thread.
             self._making.begin(lambda: settings.make_fallback(limits, plant))
         else:
             # It rests to be calibrated, and a verification expects this one from the first step.
             try:
-                self._driver.fallback = settings.make_fallback(limits, plant)
+                self._loop.fallback = settings.make_fallback(limits, plant)
             except (ValueError, ArithmeticError, TypeError) as error:
                 self._warn(f"no LQR for this bicycle, the fallback stays as it was: {error}")
         if plant == self._plant:
             return
         try:
-            self._driver.safety = settings.make_safety(plant)
+            self._loop.safety = settings.make_safety(plant)
             self._plant = plant
         except (ValueError, ArithmeticError, TypeError) as error:
             self._warn(f"the safety layer stays as it was, for this bicycle has none: {error}")
@@ -398,7 +398,7 @@ class ControllerNode(LifecycleNode):
             if isinstance(made, Exception):
                 self._warn(f"no LQR for this bicycle, the fallback stays as it was: {made}")
             else:
-                self._driver.fallback = made
+                self._loop.fallback = made
 
     def _swap(self, policy: Controller) -> str:
         """Use another policy from the next state on; called in another thread.
@@ -408,7 +408,7 @@ class ControllerNode(LifecycleNode):
         """
         policy = self._designed(policy)
         with self._in_use:
-            self._driver.policy = policy
+            self._loop.policy = policy
             self._limit()
             self._suit(self._plant)
             self._compare()
@@ -420,8 +420,8 @@ class ControllerNode(LifecycleNode):
         self._publish(topics.DIAGNOSTICS, array)
 
     def _status(self) -> DiagnosticStatus:
-        driver = self._driver
-        goal = driver.tracker.active
+        loop = self._loop
+        goal = loop.tracker.active
         text = f"rides to goal {goal.goal_id}" if goal else "waits for a goal"
         path = self._guidance.path
         if path is not None:
@@ -429,9 +429,9 @@ class ControllerNode(LifecycleNode):
         silence = time.monotonic() - self._heard
         if silence > SILENCE:
             text = f"no state for {silence:.0f} s: is the simulator running on this domain?"
-        if driver.driving:
-            text = f"{driver.driving} drives, not {driver.policy.policy_id}"
-        other = driver.standby.other
+        if loop.driving:
+            text = f"{loop.driving} drives, not {loop.policy.policy_id}"
+        other = loop.standby.other
         if other:
             text = f"stands by: {other} drives this bicycle"
         unheard = ", ".join(self._guiding.unheard)
@@ -439,23 +439,23 @@ class ControllerNode(LifecycleNode):
             text = f"hears nothing of {unheard}, and cannot keep clear of it"
         if not self._active:
             text = "is not active: it answers no state"
-        bad = self._state_was_bad or driver.failing or bool(driver.driving or other)
+        bad = self._state_was_bad or loop.failing or bool(loop.driving or other)
         bad = bad or not self._active or silence > SILENCE
         bad = bad or bool(self._unlike or unheard)
         name = f"{self.get_fully_qualified_name().lstrip('/')}: policy"
         values: dict[str, object] = {
-            "policy": driver.policy.policy_id,
-            "controller": driver.name,
-            "answered": driver.answered,
-            "missed steps": driver.missed,
-            "answers by the fallback": driver.handed_over,
-            **driver.safety_facts(),
+            "policy": loop.policy.policy_id,
+            "controller": loop.name,
+            "answered": loop.answered,
+            "missed steps": loop.missed,
+            "answers by the fallback": loop.handed_over,
+            **loop.safety_facts(),
             "bad states": self._bad_states,
             UNLIKE: self._unlike or "no",
-            "goals waiting": driver.tracker.waiting,
+            "goals waiting": loop.tracker.waiting,
             UNHEARD: unheard or "none",
-            **percentiles(list(driver.times), "answer"),
-            **percentiles(list(driver.policy_times), "policy"),
+            **percentiles(list(loop.times), "answer"),
+            **percentiles(list(loop.policy_times), "policy"),
         }
         return status(name, WARN if bad else OK, text, values)
 

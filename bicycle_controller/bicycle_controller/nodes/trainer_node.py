@@ -184,26 +184,26 @@ class TrainerNode(Node):
             if len(found):
                 link.feed(packed(found))
         alive = link.alive
-        for news in link.poll():
-            self._take(news)
+        for report in link.poll():
+            self._take(report)
         if not alive:
             self.close()
             raise UserError("the learning process has died: see its last words above")
 
-    def _take(self, news: dict[str, Any]) -> None:
+    def _take(self, report: dict[str, Any]) -> None:
         """Process one report of the learning process."""
-        if "error" in news:
+        if "error" in report:
             self.close()
-            raise UserError(news["error"])
-        if "note" in news:
-            self._say(news["note"])
-        if "in_charge" in news:
-            self._facts["in_charge"] = news["in_charge"]
-        if "offer" in news:
-            self._offer = (news["offer"], news["policy"])
-            self._say(f"{news['policy']} beats the policy in charge")
+            raise UserError(report["error"])
+        if "note" in report:
+            self._say(report["note"])
+        if "in_charge" in report:
+            self._facts["in_charge"] = report["in_charge"]
+        if "offer" in report:
+            self._offer = (report["offer"], report["policy"])
+            self._say(f"{report['policy']} beats the policy in charge")
         known = ("phase", "updates", "transitions", "q_policy", "last", "best", "path")
-        self._facts |= {name: news[name] for name in known if name in news}
+        self._facts |= {name: report[name] for name in known if name in report}
 
     # Exchange with the controller.
 

@@ -143,7 +143,7 @@ class Collector:
         self.rounds += 1
         self.observation = self._after(step, observation)
 
-    def _shown(self) -> np.ndarray:
+    def _actor_inputs(self) -> np.ndarray:
         """Return the actor's inputs (N, inputs); commands are shares of their limits."""
         return self._inputs.gather(self.observation, self.task.state.speed, self._past)
 
@@ -218,7 +218,7 @@ class Collector:
             noise, action = np.zeros(size), self.warm_rng.uniform(-1.0, 1.0, size)
         else:
             noise = self.noise.sample()
-            action = agent.act(self._shown()) + noise
+            action = agent.act(self._actor_inputs()) + noise
         if expert_action is not None:
             action[self.expert_rows] = expert_action[self.expert_rows] + noise[self.expert_rows]
         return self._finite(np.minimum(np.maximum(action, -1.0), 1.0))

@@ -59,17 +59,17 @@ class SimReport:
         return status(f"{self._name}: loop", level, text, values)
 
     def _commands(self, steps: list[StepResult]) -> DiagnosticStatus:
-        loop, gate = self._loop, self._loop.gate
+        loop, validator = self._loop, self._loop.validator
         held = loop.waiting or loop.paused or loop.snapshot.fallen
-        level, text = OK, "waiting" if held else f"from {gate.owner!r}"
+        level, text = OK, "waiting" if held else f"from {validator.owner!r}"
         if loop.timed_out:
             what = WITHOUT_COMMANDS[loop.options.on_timeout]
-            level, text = ERROR, f"no valid command for {gate.silence():.2f} s: {what}"
+            level, text = ERROR, f"no valid command for {validator.silence():.2f} s: {what}"
         values: dict[str, object] = {
-            "accepted": gate.accepted,
-            "silence (s)": gate.silence(),
-            "controller": gate.owner or "",
-            **{reason.value: count for reason, count in gate.rejected.items()},
+            "accepted": validator.accepted,
+            "silence (s)": validator.silence(),
+            "controller": validator.owner or "",
+            **{reason.value: count for reason, count in validator.rejected.items()},
             "steps by input": ", ".join(_sources(steps)),
         }
         return status(f"{self._name}: commands", level, text, values)

@@ -192,7 +192,7 @@ class SimNode(Node):
             self._pace_from_now()
             self.get_logger().info(
                 f"episode {message.episode} rides under {message.controller!r} from step "
-                f"{self._loop.gate.newest.step if self._loop.gate.newest else 0}"
+                f"{self._loop.validator.newest.step if self._loop.validator.newest else 0}"
             )
         self._after_step(step)
 
@@ -273,7 +273,7 @@ class SimNode(Node):
             self._begin(self._settings.make_start(), None)
         if now - self._last_state >= STATE_PERIOD:
             self._publish_state()
-        silent = self._loop.lockstep and self._loop.riding and self._loop.gate.silence() > 1.0
+        silent = self._loop.lockstep and self._loop.riding and self._loop.validator.silence() > 1.0
         if silent and not self._was_silent:
             self.get_logger().warning(
                 f"no answer to step {self._loop.snapshot.step} for 1 s, lock-step waits: is the "

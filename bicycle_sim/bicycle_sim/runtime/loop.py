@@ -119,7 +119,7 @@ class Loop:
         )
         self.pacer = Pacer(simulator.time_step, options.real_time_factor, clock)
         self.patience = options.watchdog_timeout / options.real_time_factor
-        self.gate = CommandValidator(
+        self.validator = CommandValidator(
             simulator.scenario.action_limits,
             release=max(self.patience, RELEASE),
             max_age=math.ceil((options.watchdog_timeout or 1e6) / simulator.time_step),
@@ -153,7 +153,7 @@ class Loop:
     def reset(self, start: InitialPose | None, seed: int | None) -> None:
         """Begin a new episode; see `Simulator.reset`, which may raise ValueError."""
         snapshot = self.simulator.reset(start, seed)
-        self.gate.begin(snapshot.episode)
+        self.validator.begin(snapshot.episode)
         self.waiting, self.timed_out = True, False
         self._last_step = None
         self._latency = math.nan
@@ -170,7 +170,7 @@ class Loop:
             A warning, or an empty text; and in lock-step the step that the command led to.
         """
         step = self.snapshot.step
-        decision = self.gate.decide(command, step)
+        decision = self.validator.decide(command, step)
         if not decision.accepted:
             return decision.warning, None
         if command.step == step:
@@ -186,7 +186,7 @@ class Loop:
         self.paused = paused
         if not going_on:
             return None
-        self.gate.keep_alive()
+        self.validator.keep_alive()
         self.pacer.start()
         return self._answer() if self.lockstep else None
 
@@ -206,26 +206,26 @@ class Loop:
             return None
         timing = self.pacer.tick()
         # Do not hold a command if the step would end after the watchdog timeout.
-        ends = self.gate.silence() + self.pacer.period_ns * 1e-9
+        ends = self.validator.silence() + self.pacer.period_ns * 1e-9
         silent = self.patience > 0 and ends > self.patience + ROUNDING
         if silent and self.options.on_timeout == "pause":
             self.waiting, self.timed_out = True, True
             return None
         self.timed_out = silent
-        return self._make(None if silent else self.gate.newest, timing)
+        return self._make(None if silent else self.validator.newest, timing)
 
     def single_step(self) -> StepResult | None:
         """Make one step while paused, under the command that answers this state or zero input."""
         if not self.paused or self.snapshot.fallen:
             return None
-        newest = self.gate.newest
+        newest = self.validator.newest
         fresh = newest is not None and newest.step == self.snapshot.step
         self.waiting = False
         return self._make(newest if fresh else None, StepTiming(math.nan, math.nan))
 
     def _answer(self) -> StepResult | None:
         """Make the step under the answer to the current state, if there is one; lock-step only."""
-        newest = self.gate.newest
+        newest = self.validator.newest
         if not self.riding or newest is None or newest.step != self.snapshot.step:
             return None
         now = self._clock()

@@ -23,7 +23,7 @@ NAMESPACE = "__ns:="
 class Options:
     """Options of a cockpit."""
 
-    door: AccessPolicy
+    access_policy: AccessPolicy
     port: int
     bags: Path
     """Folder of the shown bags and of new ones."""
@@ -55,10 +55,12 @@ class Options:
 
     def url(self, port: int) -> str:
         """Return the address for the browser; the token is behind #, which is never sent."""
-        address = self.door.address
+        address = self.access_policy.address
         host = "localhost" if address in ("0.0.0.0", "::") else address
         host = f"[{host}]" if ":" in host else host
-        return f"http://{host}:{port}/" + (f"#token={self.door.token}" if self.door.token else "")
+        return f"http://{host}:{port}/" + (
+            f"#token={self.access_policy.token}" if self.access_policy.token else ""
+        )
 
 
 def parse(arguments: Sequence[str], workspace: Path) -> Options:
@@ -104,7 +106,7 @@ def _checked(given: argparse.Namespace, ros: list[str]) -> Options:
     token = find_token(given.token, given.token_file, os.environ)
     names = frozenset(name.lower() for name in given.host_name)
     return Options(
-        door=AccessPolicy(given.bind, token, names),
+        access_policy=AccessPolicy(given.bind, token, names),
         port=given.port,
         bags=given.bags,
         models=given.models,

@@ -29,15 +29,24 @@ class PageSocket:
 
     Args:
         request: that opens the WebSocket.
-        hub: queues of all pages.
+        broadcaster: queues of all pages.
         number: of this page in it.
         log: logs one line about a refused message.
     """
 
     def __init__(
-        self, request: web.Request, hub: Broadcaster, number: int, log: Callable[[str], None]
+        self,
+        request: web.Request,
+        broadcaster: Broadcaster,
+        number: int,
+        log: Callable[[str], None],
     ) -> None:
-        self._request, self._hub, self._number, self._log = request, hub, number, log
+        self._request, self._broadcaster, self._number, self._log = (
+            request,
+            broadcaster,
+            number,
+            log,
+        )
         # A greeting has hundreds of kilobytes of numbers; compression reduces it to a quarter.
         self.socket = web.WebSocketResponse(
             heartbeat=HEARTBEAT, max_msg_size=MOST_BYTES, compress=True, timeout=GOOD_BYE
@@ -85,20 +94,20 @@ class PageSocket:
 
     async def _receive(self, on_request: Callable[[int, Request], None]) -> None:
         """Receive a page's requests until it leaves."""
-        bucket, refusals = RateLimiter(MESSAGE_RATE, MESSAGE_BURST), 0
+        rate_limiter, refusals = RateLimiter(MESSAGE_RATE, MESSAGE_BURST), 0
         who = self._request.remote
         async for message in self.socket:
             if message.type == WSMsgType.ERROR:
                 break  # too large, or no WebSocket frame; the reason follows below
             try:
-                if not bucket.take():
+                if not rate_limiter.take():
                     raise RequestError("too many messages: slow down")
                 on_request(self._number, parse(_text(message)))
             except RequestError as error:
                 refusals += 1
                 self._log(f"{who}: message refused: {error}")
                 answer = {"type": "answer", "id": -1, "ok": False, "message": str(error)}
-                self._hub.reliable(json_text(answer), self._number)
+                self._broadcaster.reliable(json_text(answer), self._number)
                 if refusals >= MOST_REFUSALS:
                     self._log(f"{who}: sent away after {refusals} refused messages")
                     code = WSCloseCode.POLICY_VIOLATION

@@ -49,7 +49,7 @@ class Server:
     """Serves pages until it is stopped.
 
     Args:
-        door: access rules, and the address.
+        access_policy: access rules, and the address.
         port: to listen on; 0 selects a free one.
         bags: folder of the bags.
         on_request: called in the server's thread with a page's number and its request.
@@ -60,7 +60,7 @@ class Server:
 
     def __init__(
         self,
-        door: AccessPolicy,
+        access_policy: AccessPolicy,
         port: int,
         bags: Path,
         on_request: Callable[[int, Request], None],
@@ -70,7 +70,7 @@ class Server:
     ) -> None:
         self.port = port
         self.palette = Palette()
-        self._door = door
+        self._door = access_policy
         self._bags = BagDesk(bags)
         self._choices = choices or PolicyCatalogue(None)
         self._on_request, self._on_join = on_request, on_join

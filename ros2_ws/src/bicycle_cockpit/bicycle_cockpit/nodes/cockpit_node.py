@@ -68,7 +68,7 @@ class CockpitNode(Node):
         self._room = EventRoom()
         self._inbox: queue.SimpleQueue[tuple[int, Request | None]] = queue.SimpleQueue()
         self.server = Server(
-            options.door,
+            options.access_policy,
             options.port,
             options.bags,
             on_request=lambda page, request: self._inbox.put((page, request)),
@@ -86,7 +86,7 @@ class CockpitNode(Node):
             self.server.start()
         except OSError as error:
             raise UserError(
-                f"cannot listen on {options.door.address} port {options.port}: "
+                f"cannot listen on {options.access_policy.address} port {options.port}: "
                 f"{os.strerror(error.errno or 0)}; choose another with --port N"
             ) from None
         steady = Clock(clock_type=ClockType.STEADY_TIME)

@@ -18,13 +18,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bicycle_msgs.msg import BicycleCommand, BicycleState, CommandEcho, EpisodeInfo
+from bicycle_msgs.msg import BicycleCommand, CommandEcho, EpisodeInfo
+from bicycle_msgs.msg import BicycleState as StateMessage
 
 from bicycle_bag.errors import BagError
 from bicycle_bag.versions import TodaysReader
 from bicycle_common.nodes import convert
-from bicycle_common.types import BicycleState as Snapshot
-from bicycle_common.types import Command
+from bicycle_common.types import BicycleState, Command
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.goals import Event, Goal, GoalTracker, Pose
 from bicycle_controller.control.guide import PathEnd
@@ -144,11 +144,11 @@ class _Path:
     def policy_id(self) -> str:
         return self.command.policy
 
-    def act(self, snapshot: Snapshot, time: float) -> np.ndarray:
+    def act(self, snapshot: BicycleState, time: float) -> np.ndarray:
         del snapshot, time
         return np.array(self.command.action)
 
-    def heading_error(self, snapshot: Snapshot) -> float:
+    def heading_error(self, snapshot: BicycleState) -> float:
         del snapshot
         return self.command.heading_error
 
@@ -200,7 +200,7 @@ class _Controller:
             self.steps, self.episode = before.steps, before.episode
             self.lost, self.unheard = before.lost, before.unheard
 
-    def estimate(self, recorded: BicycleState) -> BicycleState:
+    def estimate(self, recorded: StateMessage) -> StateMessage:
         """Return the estimate that a recorded one is.
 
         Raises:
@@ -269,7 +269,7 @@ class _Controller:
         return there[len(there) - needed :]
 
     def command(
-        self, state: BicycleState, recorded: BicycleCommand | None, echo: CommandEcho | None
+        self, state: StateMessage, recorded: BicycleCommand | None, echo: CommandEcho | None
     ) -> tuple[Command | None, bool]:
         """Return the command that answers an estimate, and True if a path steered."""
         assert self.loop is not None
@@ -335,8 +335,8 @@ def verify(sensed: Sensed) -> Iterator[EstimateVerdict]:
 
 
 def _computed(
-    controller: _Controller, recorded: BicycleState, verdict: EstimateVerdict
-) -> BicycleState | None:
+    controller: _Controller, recorded: StateMessage, verdict: EstimateVerdict
+) -> StateMessage | None:
     """Return a recorded estimate as it comes out again; None if it cannot be proved."""
     try:
         first = Used.of(recorded.plant_state[1:]).number == 1
@@ -368,7 +368,7 @@ def _newest(setups: list[tuple[int, Setup]], place: int) -> Setup:
     return held[-1] if held else setups[0][1]
 
 
-def _info(sensed: Sensed, state: BicycleState, place: int) -> EpisodeInfo:
+def _info(sensed: Sensed, state: StateMessage, place: int) -> EpisodeInfo:
     found = [(abs(at - place), n) for n, (at, _) in enumerate(sensed.episodes)]
     found = [pair for pair in found if sensed.episodes[pair[1]][1].episode == state.episode]
     if not found:
@@ -383,7 +383,7 @@ def _is_other(controller: _Controller, info: EpisodeInfo) -> bool:
 
 
 def _check_command(
-    sensed: Sensed, verdict: EstimateVerdict, controller: _Controller, state: BicycleState
+    sensed: Sensed, verdict: EstimateVerdict, controller: _Controller, state: StateMessage
 ) -> bool:
     """Compute the command that answers an estimate; return False if it differs."""
     key = state.episode, state.step
@@ -413,7 +413,7 @@ def _numbers(steps: StepEstimator, used: Used) -> list[float]:
     return steps.used.numbers if used.number else list(steps.used.stamps)
 
 
-def _place(state: BicycleState) -> str:
+def _place(state: StateMessage) -> str:
     return f"step {state.step} of episode {state.episode}"
 
 
