@@ -214,15 +214,16 @@ assert load() is not None, "the library is not built"
 """
 
 
-def install(target: Path, sources: Path, *names: str) -> None:
-    """Install packages as pip does, without their dependencies, which are here.
+TRAINER = ("bicycle_common", "bicycle_sim", "bicycle_bag", "bicycle_controller")
+"""Packages of ours that `pip install ./bicycle_controller[train]` installs, the last one last."""
 
-    Args:
-        target: folder to install to.
-        sources: folder for copies of the sources, for pip builds in the folder itself.
-        names: of the packages.
-    """
-    folders = [sources / name for name in names]
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return packages as pip installs them, without their dependencies, which are here."""
+    target = tmp_path_factory.mktemp("site")
+    sources = tmp_path_factory.mktemp("sources")  # pip builds in the folder itself
+    folders = [sources / name for name in TRAINER]
     for folder in folders:
         shutil.copytree(PACKAGES[folder.name], folder)
     words = ["pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
@@ -233,21 +234,6 @@ def install(target: Path, sources: Path, *names: str) -> None:
         env={**os.environ, "PYTHONPATH": ""},
     )
     assert done.returncode == 0, done.stderr
-
-
-@pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder of the installed simulator."""
-    target = tmp_path_factory.mktemp("site")
-    install(target, tmp_path_factory.mktemp("sources"), "bicycle_common", "bicycle_sim")
-    return target
-
-
-@pytest.fixture(scope="module")
-def trainer(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder of what `pip install ./bicycle_controller[train]` installs of ours."""
-    target = tmp_path_factory.mktemp("site")
-    install(target, tmp_path_factory.mktemp("sources"), *TRAINER)
     return target
 
 
@@ -264,7 +250,6 @@ def test_the_environment_works_without_ros(installed: Path, tmp_path: Path) -> N
     assert all(word.startswith(str(installed)) for word in done.stdout.split())
 
 
-TRAINER = ("bicycle_common", "bicycle_sim", "bicycle_bag", "bicycle_controller")
 OTHER_EXTRAS = {"mujoco": "plant=mujoco", "onnxruntime": "policies that are ONNX files"}
 """Libraries that training loads only if it is asked for something, and for what."""
 
@@ -308,8 +293,8 @@ def required(target: Path, names: Sequence[str], extra: str) -> set[str]:
 
 
 @pytest.mark.slow
-def test_the_extra_train_names_what_training_imports(trainer: Path) -> None:
-    named = {name.replace("-", "_").lower() for name in required(trainer, TRAINER, "train")}
+def test_the_extra_train_names_what_training_imports(installed: Path) -> None:
+    named = {name.replace("-", "_").lower() for name in required(installed, TRAINER, "train")}
     assert "bicycle_sim" in named
     used = libraries_of("bicycle_controller.cli.train") - OTHER_EXTRAS.keys()
     assert {"torch", "numpy", "tqdm"} <= used
@@ -318,7 +303,7 @@ def test_the_extra_train_names_what_training_imports(trainer: Path) -> None:
 
 
 @pytest.mark.slow
-def test_training_works_without_ros(trainer: Path, tmp_path: Path) -> None:
+def test_training_works_without_ros(installed: Path, tmp_path: Path) -> None:
     command = ["train", "--preset", "paper", "--out", "run", "--quiet", "--json"]
     for change in (*SMALL, "steps=400"):
         command += ["--set", change]
@@ -327,11 +312,11 @@ def test_training_works_without_ros(trainer: Path, tmp_path: Path) -> None:
         capture_output=True,
         text=True,
         cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(trainer)},
+        env={**os.environ, "PYTHONPATH": str(installed)},
     )
     assert done.returncode == 0, done.stderr
     places, result = done.stdout.splitlines()
-    assert all(word.startswith(str(trainer)) for word in places.split())
+    assert all(word.startswith(str(installed)) for word in places.split())
     assert json.loads(result)["out"] == "run"
 
 
