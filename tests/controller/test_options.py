@@ -60,7 +60,7 @@ def test_an_option_of_two_commands_has_one_definition() -> None:
 def test_shared_options_are_declared_in_one_module() -> None:
     def declared(path: Path) -> set[str]:
         return {
-            word.value
+            str(word.value)
             for node in ast.walk(ast.parse(path.read_text()))
             if isinstance(node, ast.Call)
             for word in node.args
