@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from still_clock import Clock
 
 from bicycle_cockpit.loop_stats import WINDOW, LoopStats, loop_figures
 from bicycle_cockpit.rate_limiter import RateLimiter
@@ -16,14 +17,6 @@ from bicycle_cockpit.ride_state import BURST, HISTORY, PIECE, RATE, SILENCE, Rid
 from bicycle_cockpit.rows import Rows, joined
 from bicycle_cockpit.samples import COLUMNS, Sample, plain_column, plain_row, reward_columns
 from bicycle_sim.task.reward import RewardWeights
-
-
-class Clock:
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
 
 
 def sample(step: int, t: float | None = None, **changes: float) -> Sample:

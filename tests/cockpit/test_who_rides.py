@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from still_clock import Clock
+
 from bicycle_cockpit.hand_over_words import explained
 from bicycle_cockpit.riders import rider
 from bicycle_cockpit.who_rides import SETTLED, HandOver, WhoRides
@@ -9,14 +11,6 @@ from bicycle_controller.control.safety import Reason
 
 NAF, LQR = "naf@cee775ab58", "lqr-cfc5cd8e"
 TAKEN = HandOver(LQR, "lean rate 0.6 rad/s is beyond 0.5 rad/s", 4.2, stop=False)
-
-
-class Clock:
-    def __init__(self) -> None:
-        self.now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
 
 
 def test_a_hand_over_leaves_the_chosen_policy_chosen() -> None:

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 from domains import claimed_domain, shared_memory
-from node_process import NodeProcess
+from node_process import NodeProcess, parameters
 
 StartNode = Callable[..., NodeProcess]
 
@@ -93,6 +93,18 @@ def start_node(
     yield start
     for process in started:
         process.kill()
+
+
+@pytest.fixture
+def start_sim(start_node: StartNode) -> StartNode:
+    """Return a function that starts the simulator with parameters and waits until it is ready."""
+
+    def start(**values: object) -> NodeProcess:
+        process = start_node("bicycle_sim.nodes.sim_node", parameters(**values))
+        process.wait_for_line("episode 1 waits for its first command")
+        return process
+
+    return start
 
 
 @pytest.fixture

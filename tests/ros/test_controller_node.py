@@ -15,7 +15,7 @@ from bicycle_msgs.msg import BicycleState, EpisodeInfo, GoalStatus
 from bicycle_msgs.srv import LoadPolicy
 from diagnostic_msgs.msg import DiagnosticArray
 from nav_msgs.msg import Path as PathMessage
-from node_process import NodeProcess
+from node_process import NodeProcess, parameters
 from probe import Probe, goal
 from visualization_msgs.msg import Marker
 
@@ -44,23 +44,6 @@ SIM = "bicycle_sim.nodes.sim_node"
 CONTROLLER = "bicycle_controller.nodes.controller_node"
 SCENARIO = named("random-start-random-goal")
 StartNode = Callable[..., NodeProcess]
-
-
-def parameters(**values: object) -> list[str]:
-    return [
-        "--ros-args",
-        *(word for name, value in values.items() for word in ("-p", f"{name}:={value}")),
-    ]
-
-
-@pytest.fixture
-def start_sim(start_node: StartNode) -> Callable[..., NodeProcess]:
-    def start(**values: object) -> NodeProcess:
-        process = start_node(SIM, parameters(**values))
-        process.wait_for_line("episode 1 waits")
-        return process
-
-    return start
 
 
 @pytest.fixture

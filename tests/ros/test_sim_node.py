@@ -12,7 +12,7 @@ import pytest
 from bicycle_msgs.msg import BicycleCommand, BicycleState, CommandEcho
 from bicycle_msgs.srv import Push, Reset
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from node_process import NodeProcess
+from node_process import NodeProcess, parameters
 from probe import Probe, command
 from std_srvs.srv import SetBool, Trigger
 
@@ -25,23 +25,6 @@ pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 
 SIM = "bicycle_sim.nodes.sim_node"
 StartNode = Callable[..., NodeProcess]
-
-
-def parameters(**values: object) -> list[str]:
-    words = ["--ros-args"]
-    for name, value in values.items():
-        words += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
-    return words
-
-
-@pytest.fixture
-def start_sim(start_node: StartNode) -> Callable[..., NodeProcess]:
-    def start(**values: object) -> NodeProcess:
-        process = start_node(SIM, parameters(**values))
-        process.wait_for_line("episode 1 waits for its first command")
-        return process
-
-    return start
 
 
 @pytest.fixture

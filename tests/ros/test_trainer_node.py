@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bicycle_msgs.msg import TrainerStatus
-from node_process import NodeProcess
+from node_process import NodeProcess, parameters
 from probe import Probe, goal
 from waiting import PATIENCE
 
@@ -30,13 +30,6 @@ SMALL = (
     " evaluation.max_steps=60 save_every=0.5"
 )
 StartNode = Callable[..., NodeProcess]
-
-
-def parameters(**values: object) -> list[str]:
-    words = ["--ros-args"]
-    for name, value in values.items():
-        words += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
-    return words
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ import pytest
 from busy_machine import UNHURRIED
 from hypothesis import given
 from hypothesis import strategies as st
+from still_clock import Clock
 
 from bicycle_common.types import Command
 from bicycle_sim.runtime.command_validator import QUIET, CommandValidator, Reason
@@ -19,30 +20,23 @@ LIMITS = np.array([2.0, 0.2, 0.0])
 GOOD = Command(1, 0, 1.0, -0.1, 0.0, (3.0, 4.0), 1, "a", "p")
 
 
-class Clock:
-    now = 100.0
-
-    def __call__(self) -> float:
-        return self.now
-
-
 @pytest.fixture
 def clock() -> Clock:
     return Clock()
 
 
 @pytest.fixture
-def gate(clock: Clock) -> CommandValidator:
+def validator(clock: Clock) -> CommandValidator:
     validator = CommandValidator(LIMITS, release=0.25, max_age=10, clock=clock)
     validator.begin(1)
     clock.now += 1.0
     return validator
 
 
-def test_an_answer_to_the_present_state_is_obeyed(gate: CommandValidator) -> None:
-    assert gate.decide(GOOD, 0).accepted
-    assert gate.newest is GOOD
-    assert gate.owner == "a"
+def test_an_answer_to_the_present_state_is_obeyed(validator: CommandValidator) -> None:
+    assert validator.decide(GOOD, 0).accepted
+    assert validator.newest is GOOD
+    assert validator.owner == "a"
 
 
 @pytest.mark.parametrize(
@@ -60,79 +54,85 @@ def test_an_answer_to_the_present_state_is_obeyed(gate: CommandValidator) -> Non
     ],
 )
 def test_a_bad_command_is_refused_once_aloud(
-    gate: CommandValidator, change: dict[str, Any], reason: Reason, words: str
+    validator: CommandValidator, change: dict[str, Any], reason: Reason, words: str
 ) -> None:
     good = replace(GOOD, step=1)
-    assert gate.decide(good, 1).accepted
+    assert validator.decide(good, 1).accepted
     bad = replace(GOOD, **{"step": 2, **change})
-    first, second = gate.decide(bad, 3), gate.decide(bad, 3)
+    first, second = validator.decide(bad, 3), validator.decide(bad, 3)
     assert first.reason is second.reason is reason
     assert words in first.warning
     assert "\n" not in first.warning
     assert second.warning == ""
-    assert gate.rejected[reason] == 2
-    assert gate.newest is good, "a refused command changes nothing"
+    assert validator.rejected[reason] == 2
+    assert validator.newest is good, "a refused command changes nothing"
 
 
 def test_the_same_trouble_is_told_again_after_a_quiet_time(
-    gate: CommandValidator, clock: Clock
+    validator: CommandValidator, clock: Clock
 ) -> None:
     bad = replace(GOOD, torque=math.nan)
     warned = []
     for pause in (0.0, QUIET - 1, QUIET - 1, QUIET + 1):
         clock.now += pause
-        warned.append(bool(gate.decide(bad, 0).warning))
+        warned.append(bool(validator.decide(bad, 0).warning))
     assert warned == [True, False, False, True]
 
 
-def test_a_repeated_answer_keeps_its_sender_alive(gate: CommandValidator, clock: Clock) -> None:
-    assert gate.decide(GOOD, 0).accepted
+def test_a_repeated_answer_keeps_its_sender_alive(
+    validator: CommandValidator, clock: Clock
+) -> None:
+    assert validator.decide(GOOD, 0).accepted
     clock.now += 0.2
-    decision = gate.decide(GOOD, 0)
+    decision = validator.decide(GOOD, 0)
     assert decision.reason is Reason.DUPLICATE
     assert decision.warning == ""
     clock.now += 0.2
-    assert gate.owner == "a"
+    assert validator.owner == "a"
 
 
 def test_another_controller_takes_over_after_silence_only(
-    gate: CommandValidator, clock: Clock
+    validator: CommandValidator, clock: Clock
 ) -> None:
     other = replace(GOOD, controller="b", step=1)
-    assert gate.decide(GOOD, 0).accepted
+    assert validator.decide(GOOD, 0).accepted
     clock.now += 0.24
-    assert gate.decide(other, 1).reason is Reason.SECOND_CONTROLLER
+    assert validator.decide(other, 1).reason is Reason.SECOND_CONTROLLER
     clock.now += 0.02
-    assert gate.decide(other, 1).accepted
-    assert gate.decide(replace(GOOD, step=2), 2).reason is Reason.SECOND_CONTROLLER
+    assert validator.decide(other, 1).accepted
+    assert validator.decide(replace(GOOD, step=2), 2).reason is Reason.SECOND_CONTROLLER
 
 
-def test_rubbish_does_not_keep_its_sender_in_charge(gate: CommandValidator, clock: Clock) -> None:
-    assert gate.decide(GOOD, 0).accepted
+def test_rubbish_does_not_keep_its_sender_in_charge(
+    validator: CommandValidator, clock: Clock
+) -> None:
+    assert validator.decide(GOOD, 0).accepted
     for step in range(1, 5):
         clock.now += 0.1
-        assert not gate.decide(replace(GOOD, step=step, torque=math.nan), step).accepted
-    assert gate.owner is None
+        assert not validator.decide(replace(GOOD, step=step, torque=math.nan), step).accepted
+    assert validator.owner is None
 
 
 def test_an_answer_from_long_ago_is_stale_though_nothing_newer_came(
-    gate: CommandValidator,
+    validator: CommandValidator,
 ) -> None:
-    assert gate.decide(replace(GOOD, step=5), 15).accepted
-    decision = gate.decide(replace(GOOD, step=6), 17)
+    assert validator.decide(replace(GOOD, step=5), 15).accepted
+    decision = validator.decide(replace(GOOD, step=6), 17)
     assert decision.reason is Reason.STALE
     assert "faster controller" in decision.warning
 
 
-def test_answers_in_flight_at_a_reset_are_no_trouble(gate: CommandValidator, clock: Clock) -> None:
-    assert gate.decide(GOOD, 0).accepted
-    gate.begin(2)
-    assert gate.newest is None
+def test_answers_in_flight_at_a_reset_are_no_trouble(
+    validator: CommandValidator, clock: Clock
+) -> None:
+    assert validator.decide(GOOD, 0).accepted
+    validator.begin(2)
+    assert validator.newest is None
     clock.now += 0.1
-    late = gate.decide(replace(GOOD, step=1), 0)
+    late = validator.decide(replace(GOOD, step=1), 0)
     assert (late.reason, late.warning) == (Reason.WRONG_EPISODE, "")
     clock.now += QUIET + 1
-    assert gate.decide(replace(GOOD, step=1), 0).warning
+    assert validator.decide(replace(GOOD, step=1), 0).warning
 
 
 @UNHURRIED
@@ -145,53 +145,53 @@ def test_answers_in_flight_at_a_reset_are_no_trouble(gate: CommandValidator, clo
 def test_whatever_is_obeyed_is_finite_in_range_and_of_the_present(
     action: tuple[float, float, float], episode: int, step: int, controller: str
 ) -> None:
-    gate = CommandValidator(LIMITS, clock=Clock())
-    gate.begin(1)
-    decision = gate.decide(Command(episode, step, *action, controller=controller), 3)
+    validator = CommandValidator(LIMITS, clock=Clock())
+    validator.begin(1)
+    decision = validator.decide(Command(episode, step, *action, controller=controller), 3)
     sound = bool(np.isfinite(action).all() and (np.abs(action) <= LIMITS).all())
     assert decision.accepted == (sound and episode == 1 and step <= 3)
 
 
 def test_a_gate_without_settings_lets_another_in_after_a_quarter_second_and_ten_steps() -> None:
     clock = Clock()
-    gate = CommandValidator(LIMITS, clock=clock)
+    validator = CommandValidator(LIMITS, clock=clock)
     first = replace(GOOD, episode=0, step=0)
-    assert gate.decide(first, 10).accepted, "episodes are counted from 0"
+    assert validator.decide(first, 10).accepted, "episodes are counted from 0"
     clock.now += 0.25
     other = replace(first, controller="b", step=1)
-    assert gate.decide(other, 1).reason is Reason.SECOND_CONTROLLER
+    assert validator.decide(other, 1).reason is Reason.SECOND_CONTROLLER
     clock.now += 0.125
-    assert gate.decide(other, 12).reason is Reason.STALE
-    assert gate.decide(other, 11).accepted
+    assert validator.decide(other, 12).reason is Reason.STALE
+    assert validator.decide(other, 11).accepted
 
 
-def test_a_repeated_answer_is_known_late_in_a_ride(gate: CommandValidator) -> None:
+def test_a_repeated_answer_is_known_late_in_a_ride(validator: CommandValidator) -> None:
     # Python keeps one object of each small number only: from 257 on, equal is not identical.
-    assert gate.decide(replace(GOOD, step=int("100000")), 100_000).accepted
-    decision = gate.decide(replace(GOOD, step=int("100000")), 100_000)
+    assert validator.decide(replace(GOOD, step=int("100000")), 100_000).accepted
+    decision = validator.decide(replace(GOOD, step=int("100000")), 100_000)
     assert decision.reason is Reason.DUPLICATE
 
 
 def test_the_same_trouble_is_told_again_after_just_five_seconds(
-    gate: CommandValidator, clock: Clock
+    validator: CommandValidator, clock: Clock
 ) -> None:
     bad = replace(GOOD, torque=math.nan)
-    assert gate.decide(bad, 0).warning
+    assert validator.decide(bad, 0).warning
     clock.now += 4.75
-    assert not gate.decide(bad, 0).warning
+    assert not validator.decide(bad, 0).warning
     clock.now += 5.0
-    assert gate.decide(bad, 0).warning
+    assert validator.decide(bad, 0).warning
 
 
 def test_silence_and_accepted_commands_are_counted(clock: Clock) -> None:
     clock.now = 1.0
-    gate = CommandValidator(LIMITS, clock=clock)
-    gate.begin(1)
-    assert gate.accepted == 0
+    validator = CommandValidator(LIMITS, clock=clock)
+    validator.begin(1)
+    assert validator.accepted == 0
     for step in range(3):
-        assert gate.decide(replace(GOOD, step=step), step).accepted
-        assert gate.accepted == step + 1
+        assert validator.decide(replace(GOOD, step=step), step).accepted
+        assert validator.accepted == step + 1
     clock.now = 5.5
-    assert gate.silence() == 4.5
-    assert not gate.decide(replace(GOOD, step=1), 3).accepted
-    assert gate.accepted == 3
+    assert validator.silence() == 4.5
+    assert not validator.decide(replace(GOOD, step=1), 3).accepted
+    assert validator.accepted == 3

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import pytest
+from still_clock import NanosecondClock
 
 from bicycle_common.types import Command, CommandSource, InitialPose
 from bicycle_sim.plants.choi.plant import ChoiPlant
@@ -18,19 +19,11 @@ FAR = (0.0, 500.0)
 MS = 1_000_000
 
 
-class Clock:
-    def __init__(self) -> None:
-        self.now = 5_000 * MS
-
-    def __call__(self) -> int:
-        return self.now
-
-
 class Rider:
     """A loop, its clock, and a controller that answers when it is told to."""
 
     def __init__(self, plant: ChoiPlant | None = None, **options: object) -> None:
-        self.clock = Clock()
+        self.clock = NanosecondClock()
         simulator = Simulator(SCENARIO, plant)
         self.loop = Loop(simulator, LoopOptions(**options), self.clock)  # type: ignore[arg-type]
         self.loop.reset(START, None)

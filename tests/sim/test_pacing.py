@@ -5,26 +5,19 @@ from __future__ import annotations
 import math
 
 import pytest
+from still_clock import NanosecondClock
 
 from bicycle_sim.runtime.pacing import Pacer
 
 MS = 1_000_000
 
 
-class Clock:
-    def __init__(self) -> None:
-        self.now = 5_000 * MS
-
-    def __call__(self) -> int:
-        return self.now
-
-
 @pytest.fixture
-def clock() -> Clock:
-    return Clock()
+def clock() -> NanosecondClock:
+    return NanosecondClock()
 
 
-def test_an_hour_of_jitter_drifts_by_nothing(clock: Clock) -> None:
+def test_an_hour_of_jitter_drifts_by_nothing(clock: NanosecondClock) -> None:
     pacer = Pacer(0.025, clock=clock)
     begun = clock.now
     pacer.start()
@@ -35,11 +28,11 @@ def test_an_hour_of_jitter_drifts_by_nothing(clock: Clock) -> None:
     assert (pacer.late, pacer.dropped) == (0, 0)
 
 
-def test_the_real_time_factor_shortens_the_period(clock: Clock) -> None:
+def test_the_real_time_factor_shortens_the_period(clock: NanosecondClock) -> None:
     assert Pacer(0.025, 4.0, clock).period_ns == 6_250_000
 
 
-def test_a_step_later_than_half_a_period_is_late(clock: Clock) -> None:
+def test_a_step_later_than_half_a_period_is_late(clock: NanosecondClock) -> None:
     pacer = Pacer(0.025, clock=clock)
     pacer.start()
     clock.now += 25 * MS + 12 * MS
@@ -54,7 +47,7 @@ def test_a_step_later_than_half_a_period_is_late(clock: Clock) -> None:
     assert pacer.remaining() == pytest.approx(0.012)
 
 
-def test_missed_periods_are_dropped_and_never_made_up_for(clock: Clock) -> None:
+def test_missed_periods_are_dropped_and_never_made_up_for(clock: NanosecondClock) -> None:
     pacer = Pacer(0.025, clock=clock)
     pacer.start()
     clock.now += 25 * MS + 110 * MS
@@ -64,7 +57,7 @@ def test_missed_periods_are_dropped_and_never_made_up_for(clock: Clock) -> None:
     assert pacer.remaining() == pytest.approx(0.015), "the next multiple, not a burst"
 
 
-def test_started_again_it_forgets_the_time_between(clock: Clock) -> None:
+def test_started_again_it_forgets_the_time_between(clock: NanosecondClock) -> None:
     pacer = Pacer(0.025, clock=clock)
     pacer.start()
     clock.now += 25 * MS
@@ -77,6 +70,6 @@ def test_started_again_it_forgets_the_time_between(clock: Clock) -> None:
 
 
 @pytest.mark.parametrize("factor", [0.0, -1.0, math.nan, math.inf])
-def test_a_factor_that_is_no_speed_is_refused(clock: Clock, factor: float) -> None:
+def test_a_factor_that_is_no_speed_is_refused(clock: NanosecondClock, factor: float) -> None:
     with pytest.raises(ValueError, match="real_time_factor must be"):
         Pacer(0.025, factor, clock)

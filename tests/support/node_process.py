@@ -16,6 +16,14 @@ from pathlib import Path
 from waiting import PATIENCE
 
 
+def parameters(**values: object) -> list[str]:
+    """Return the arguments that give a node these parameters."""
+    words = ["--ros-args"]
+    for name, value in values.items():
+        words += ["-p", f"{name}:={str(value).lower() if isinstance(value, bool) else value}"]
+    return words
+
+
 class NodeProcess:
     """One child process in its own process group, its output read line by line.
 
