@@ -131,7 +131,10 @@ def run_command(args: argparse.Namespace) -> int:
 
 
 def _follow(args: argparse.Namespace) -> int:
-    """Train a follower of paths; return the exit status.
+    """Train a follower of paths.
+
+    Returns:
+        The exit status: 0, or 128 + the number of the signal that interrupted it.
 
     Raises:
         ValueError: on a user's mistake.
@@ -156,18 +159,24 @@ def _follow(args: argparse.Namespace) -> int:
 
     with importing():
         from bicycle_controller.training import path_following
-    best = path_following.run(plant, args.out, seed, steps, tell)
-    file = args.out / path_following.NAME
+    result = path_following.run(plant, args.out, seed, steps, tell)
+    file, best = args.out / path_following.NAME, result.best
     if args.json:
-        print(json.dumps({"out": str(args.out), "follower": str(file), **asdict(best)}))
+        scores = {"rms": None, "largest": None, "lost": None} if best is None else asdict(best)
+        ended = {"status": "interrupted" if result.signal else "finished", "steps": result.steps}
+        print(json.dumps({"out": str(args.out), "follower": str(file), **ended, **scores}))
     else:
+        if result.signal:
+            print(f"interrupted after {result.steps} steps")
         print(
-            f"best follower: {file}: {best.rms:.3f} m rms and {best.largest:.2f} m at most off "
-            f"{path_following.ROADS} random roads, {best.lost} lost\n"
+            f"follower without a score: {file}"
+            if best is None
+            else f"best follower: {file}: {best.rms:.3f} m rms and {best.largest:.2f} m at most "
+            f"off {path_following.ROADS} random roads, {best.lost} lost\n"
             f"its courses: bicycle evaluate {file} --course all --bicycle "
             f"{args.bicycle or 'browser-rider'}"
         )
-    return 0
+    return 128 + result.signal if result.signal else 0
 
 
 def result_text(result: online.Result, args: argparse.Namespace) -> str:

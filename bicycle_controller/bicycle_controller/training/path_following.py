@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from bicycle_common.signals import InterruptError, StopRequest
 from bicycle_common.validation import require
 from bicycle_controller.control import followers
 from bicycle_controller.control.learned_follower import LearnedFollower, Network
@@ -50,6 +51,18 @@ class Scored:
         return self.lost, self.rms
 
 
+@dataclass(frozen=True)
+class Result:
+    """End of a run."""
+
+    signal: int
+    """Number of the signal that interrupted it; 0 if it finished."""
+    steps: int
+    """Environment steps made."""
+    best: Scored | None
+    """Score of the follower in the folder; None if it was interrupted before the first one."""
+
+
 def run(
     plant: Plant[Any],
     out: Path,
@@ -57,8 +70,10 @@ def run(
     steps: int = 200_000,
     report: Callable[[str], None] = print,
     torque_limit: float = 2.0,
-) -> Scored:
-    """Train; write follower.npz, log.csv and run.json; return the best score.
+) -> Result:
+    """Train; write follower.npz, log.csv and run.json.
+
+    A signal ends it: the best follower so far stays, or the actor as it is before there is one.
 
     Args:
         plant: the bicycle.
@@ -83,12 +98,19 @@ def run(
     rng = np.random.default_rng([seed, 1])
     rounds = steps // BICYCLES
     every = max(1, rounds // 20)
+    steps_done = 0
     best: Scored | None = None
     begun = time.monotonic()
-    with (out / "log.csv").open("w", newline="") as file:
+
+    def network() -> Network:
+        return Network(*learner.actor.arrays(), plant.to_json(), json.dumps(about))
+
+    with StopRequest() as interrupt, (out / "log.csv").open("w", newline="") as file:
         log = csv.writer(file)
         log.writerow(["steps", "phase", "rms_m", "largest_m", "lost", "wall_s"])
         for number in range(rounds):
+            if interrupt.requested:
+                break
             imitates = number < IMITATION * rounds
             learner.anneal(number / rounds)
             _ride(task, learner, rng, mixed=max(0.0, 1.0 - 3.0 * number / (IMITATION * rounds)))
@@ -98,24 +120,30 @@ def run(
                     learner.improve(actor_too=False)
                 else:
                     learner.improve()
+            steps_done = (number + 1) * BICYCLES
             if (number + 1) % every and number + 1 < rounds:
                 continue
-            network = Network(*learner.actor.arrays(), plant.to_json(), json.dumps(about))
-            scored = score(LearnedFollower(plant, task.follower.config, network), plant)
+            now = network()
+            try:
+                with interrupt.at_once():
+                    scored = score(LearnedFollower(plant, task.follower.config, now), plant)
+            except InterruptError:
+                break
             phase = "imitation" if imitates else "ddpg"
-            done, wall = (number + 1) * BICYCLES, time.monotonic() - begun
+            wall = time.monotonic() - begun
             row = [f"{scored.rms:.4f}", f"{scored.largest:.3f}", scored.lost, f"{wall:.0f}"]
-            log.writerow([done, phase, *row])
+            log.writerow([steps_done, phase, *row])
             file.flush()
             report(
-                f"{done} steps, {phase}: {scored.rms:.3f} m rms, {scored.largest:.2f} m at most, "
-                f"{scored.lost} of {ROADS} lost, {wall:.0f} s"
+                f"{steps_done} steps, {phase}: {scored.rms:.3f} m rms, "
+                f"{scored.largest:.2f} m at most, {scored.lost} of {ROADS} lost, {wall:.0f} s"
             )
             if best is None or scored.rank <= best.rank:
                 best = scored
-                network.save(out / NAME)
-    assert best is not None
-    return best
+                now.save(out / NAME)
+        if best is None:
+            network().save(out / NAME)
+    return Result(interrupt.signal, steps_done, best)
 
 
 def _ride(task: PathTask, learner: PathLearner, rng: np.random.Generator, mixed: float) -> None:
