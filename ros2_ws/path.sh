@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # Lets the bicycle follow a course, and waits for its end.
 #
-# Usage: path.sh NAME|FILE [--laps N] [--speed M_S] [--namespace /name]
+# Usage: path.sh NAME|FILE [--laps N] [--speed M_S] [__ns:=/name]
 #
 #   NAME|FILE        a course, such as slalom or road, or a YAML, CSV or GPX file; docs/paths.md lists them
 #   --laps N         of a loop, its own unless named
 #   --speed M_S      where no turn limits it, its own unless named
-#   --namespace      the bicycle's, where it has one
+#   __ns:=/name      the bicycle's namespace, where it has one; --namespace /name is the same
 #
 # Ctrl-C ends the wait; the bicycle rides on.
 # Exit status: 0 ridden to its end, 2 bad input or a path that this bicycle cannot ride, 3 fallen,

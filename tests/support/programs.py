@@ -25,7 +25,7 @@ from bicycle_bag.writer import BagWriter
 from bicycle_bringup.ride_options import parse as parse_ride
 from bicycle_cockpit.options import parse as parse_cockpit
 from bicycle_controller.cli import main
-from bicycle_tools.nodes import goal, push, reset, service, topic, verify
+from bicycle_tools.nodes import goal, path, push, reset, service, topic, verify
 from bicycle_tools.report_page import command as report
 
 BAG = Path(__file__).parents[1] / "data" / "ride-0.1.0"
@@ -208,6 +208,12 @@ PROGRAMS = (
         main_of(push),
         positionals=lambda _: ["left", "0.3"],
         work=("bicycle_tools.nodes.push:run_tool",),
+    ),
+    Program(
+        "path.sh",
+        main_of(path),
+        positionals=lambda _: ["slalom"],
+        work=("bicycle_tools.nodes.path:start_tool",),
     ),
     *(
         Program(

@@ -190,6 +190,7 @@ class BicycleCommander:
         return Outcome(good, gone, answer.result.message, answer.result)
 
     def _send(self, action: topics.Action, goal: Any) -> None:
+        self._handle = self._result = None  # a failed order must not stand for the one before
         client = self._clients[action]
         deadline = time.monotonic() + READY
         while not client.server_is_ready():

@@ -11,9 +11,11 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import rclpy
 from tqdm import tqdm
 
 from bicycle_common.command_line import OneLineParser
+from bicycle_common.nodes.runner import start_tool
 from bicycle_controller.control import courses
 from bicycle_controller.control.guide import PathEnd
 from bicycle_tools.nodes.commander import BicycleCommander, CommanderError
@@ -30,16 +32,19 @@ def main() -> int:
     add("--laps", type=int, default=0)
     add("--speed", type=float, default=0.0)
     add("--namespace", default="")
-    given = parser.parse_args(sys.argv[1:])
+    given, ros = parser.parse_with_ros(sys.argv[1:])
     try:
         courses.load(given.course)
     except ValueError as error:
         parser.error(str(error))
-    if not 0 <= given.laps <= 10_000 or not 0.0 <= given.speed <= 8.0:
-        parser.error("choose up to 10000 laps and up to 8 m/s")
+    if not 0 <= given.laps <= courses.MOST_LAPS or not 0.0 <= given.speed <= courses.FASTEST:
+        parser.error(f"choose up to {courses.MOST_LAPS} laps and up to {courses.FASTEST:g} m/s")
     name = given.course
     if Path(name).suffix in courses.SUFFIXES:
         name = str(Path(name).resolve())
+    if given.namespace:
+        ros = [*(ros or ["--ros-args"]), "-r", f"__ns:={given.namespace}"]
+    start_tool("path.sh", ros)
     bar = tqdm(disable=None, bar_format="{desc} {elapsed}")
 
     def show(feedback: Any) -> None:
@@ -47,7 +52,7 @@ def main() -> int:
         bar.set_description_str(f"{far}, {feedback.cross_track:+.2f} m beside")
 
     try:
-        with BicycleCommander(given.namespace) as bicycle:
+        with BicycleCommander(context=rclpy.get_default_context()) as bicycle:
             bicycle.follow_course(name, given.laps, given.speed)
             outcome = bicycle.wait(show)
     except CommanderError as error:
@@ -57,6 +62,7 @@ def main() -> int:
         return 130
     finally:
         bar.close()
+        rclpy.try_shutdown()
     end = PathEnd(outcome.result.status)
     print(f"{end.name.lower()}: {outcome.message}")
     return STATUS.get(end, 4)
