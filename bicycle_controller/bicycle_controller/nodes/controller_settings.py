@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +12,7 @@ from bicycle_common import steer_into_lean
 from bicycle_common.geometry import yaw_to_heading
 from bicycle_common.nodes.realtime import priority_parameter
 from bicycle_common.parameters import parameter
-from bicycle_common.validation import require
+from bicycle_common.validation import one_line, require
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.exploration_noise import Noise, NoiseConfig
 from bicycle_controller.control.followers import FOLLOWERS
@@ -26,6 +27,10 @@ from bicycle_sim.sensors.settings import SensorSettings
 
 SAFE = SafetyConfig()
 """Defaults of the safety layer."""
+NAMESPACE = r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*"
+"""Pattern of a namespace without its outer slashes, as ROS 2 allows it."""
+LONGEST_NAME = 200
+"""Letters of a namespace, so that its topics' names stay within ROS 2's 247."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +132,8 @@ class ControllerSettings:
     )
     follower: str = parameter(
         "preview",
-        "what follows paths: an LQR with preview of the curvature, or the baseline",
+        "what follows paths: an LQR with preview of the curvature, the baseline, or the shipped "
+        "network",
         choices=tuple(FOLLOWERS),
     )
     path_speed: float = parameter(3.0, "m/s on paths that name no speed", 1.0, 8.0, live=True)
@@ -186,8 +192,9 @@ class ControllerSettings:
         names = [word.strip().strip("/") for word in self.keep_clear.split(",") if word.strip()]
         for name in names:
             require(
-                name.replace("_", "a").replace("/", "a").isalnum(),
-                f"parameter keep_clear holds {name!r}: write namespaces with commas, as b2,b3",
+                re.fullmatch(NAMESPACE, name) is not None and len(name) <= LONGEST_NAME,
+                f"parameter keep_clear holds {one_line(name)!r}: write namespaces with commas, "
+                "as b2,b3",
             )
         return names
 
