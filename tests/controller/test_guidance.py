@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from typing import Any
 
@@ -179,6 +180,62 @@ def test_a_path_too_sharp_is_refused_with_the_number() -> None:
     ride.step()
     assert ride.reports[-1].status is PathEnd.REJECTED
     assert "m at least" in ride.reports[-1].message
+
+
+def test_the_path_before_is_ridden_on_when_the_next_is_refused() -> None:
+    ride = Ride()
+    first = ride.guidance.follow("first", course((0.0, 0.0), (200.0, 0.0)))
+    ride.settle()
+    ride.step()
+    second = ride.guidance.follow("second", course((0.0, 0.0), (3.0, 0.0), (3.0, 3.0)))
+    ride.settle()
+    ride.step()
+    ends = [(one.path_id, one.status) for one in ride.reports if one.status is not PathEnd.ACTIVE]
+    assert ends == [(second, PathEnd.REJECTED)]
+    assert ride.guidance.path is not None
+    assert ride.guidance.path.path_id == first
+    ride.guidance.cancel(first, "asked for")
+    ride.step()
+    assert (ride.reports[-1].path_id, ride.reports[-1].status) == (first, PathEnd.CANCELLED)
+    assert ride.loop.guide is None
+
+
+def test_a_cancel_while_the_path_is_being_made_is_told_as_one() -> None:
+    ride, made = Ride(), threading.Event()
+    old = ride.guidance.follow("old", course((0.0, 0.0), (200.0, 0.0)))
+    ride.settle()
+    ride.step()
+
+    def slowly(radius: float) -> Course:
+        assert made.wait(60.0)
+        return course((0.0, 0.0), (100.0, 0.0))(radius)  # type: ignore[no-any-return]
+
+    number = ride.guidance.follow("slow", slowly)
+    ride.guidance.cancel(number, "asked for")
+    made.set()
+    ride.settle()
+    for _ in range(8):
+        ride.step()
+    ends = [one for one in ride.reports if one.status is not PathEnd.ACTIVE]
+    assert [(one.path_id, one.status, one.message) for one in ends] == [
+        (number, PathEnd.CANCELLED, "asked for")
+    ]
+    assert ride.guidance.path is not None
+    assert ride.guidance.path.path_id == old  # it was not asked to end
+
+
+def test_a_path_that_cannot_be_made_for_any_reason_is_refused() -> None:
+    ride = Ride()
+
+    def broken(radius: float) -> Course:
+        raise KeyError("no such thing")
+
+    number = ride.guidance.follow("broken", broken)
+    ride.settle()
+    ride.step()
+    (report,) = ride.reports
+    assert (report.path_id, report.status) == (number, PathEnd.REJECTED)
+    assert report.message == "KeyError 'no such thing'"
 
 
 @pytest.mark.parametrize("plant", [registry.default(), WHIPPLE], ids=["choi", "whipple"])

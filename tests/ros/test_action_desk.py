@@ -182,9 +182,63 @@ def test_an_order_can_be_cancelled_and_is_replaced_by_a_newer_one(
         assert other.wait(timeout=PATIENCE).reached
 
 
+def test_an_order_goes_on_until_the_next_path_is_taken(bicycle: BicycleCommander) -> None:
+    bicycle.ride_to(2000.0, 0.0)
+    with BicycleCommander() as other:
+        other.follow_path([(0.0, 0.0), (50.0, 0.0), (5.0, 0.0)])
+        refused = other.wait(timeout=PATIENCE)
+        assert (refused.reached, refused.result.status) == (False, PathEnd.REJECTED)
+        assert "the corner of 180°" in refused.message
+        assert not bicycle.done
+        bicycle.cancel()
+        ended = bicycle.wait(timeout=PATIENCE)
+        assert (ended.cancelled, ended.result.status) == (True, Status.CANCELLED)
+        bicycle.ride_to(2000.0, 0.0)
+        other.follow_course("circle-20")
+        first = bicycle.wait(timeout=PATIENCE)
+        assert (first.cancelled, first.result.status) == (False, Status.REPLACED)
+        assert first.message == "a newer order came"
+        other.cancel()
+        assert other.wait(timeout=PATIENCE).cancelled
+
+
 def test_without_a_controller_the_remedy_is_told(
     ros_domain: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(commander, "READY", 0.3)
-    with BicycleCommander() as alone, pytest.raises(CommanderError, match=r"controller\.sh"):
-        alone.ride_to(1.0, 1.0)
+    with BicycleCommander() as alone:
+        with pytest.raises(CommanderError, match=r"controller\.sh"):
+            alone.ride_to(1.0, 1.0)
+        with pytest.raises(CommanderError, match="no order was given"):
+            alone.wait()
+
+
+def test_a_failed_order_does_not_stand_for_the_one_before(
+    start_node: StartNode, ros_domain: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    controller = start_node("bicycle_controller.nodes.controller_node", words(policy="lqr"))
+    controller.wait_for_line("waits for a goal")
+    with BicycleCommander() as bicycle:
+        bicycle.ride_to(1.0, 1.0)
+        controller.stop()
+        monkeypatch.setattr(commander, "READY", 0.3)
+
+        def refused() -> bool:  # the graph forgets the controller after a moment
+            try:
+                bicycle.ride_to(2.0, 2.0)
+            except CommanderError:
+                return True
+            return False
+
+        until(refused)
+        with pytest.raises(CommanderError, match="no order was given"):
+            bicycle.wait(timeout=1.0)
+
+
+def test_path_sh_takes_a_namespace_as_every_script_does(
+    start_node: StartNode, ros_domain: int
+) -> None:
+    for extra in (["__ns:=/b1"], ["--namespace", "/b1"]):
+        done = start_node("bicycle_tools.nodes.path", ["slalom", *extra])
+        assert done.wait(60.0) == 4
+        assert "nobody serves /b1/bicycle/follow_path" in done.output

@@ -15,6 +15,7 @@ import pytest
 from bicycle_common.nodes.declare_parameters import declare
 from bicycle_common.nodes.runner import run
 from bicycle_common.parameters import Parameter, parameters_of
+from bicycle_controller.nodes.controller_node import ControllerNode
 from bicycle_controller.nodes.controller_settings import ControllerSettings
 from bicycle_controller.nodes.trainer_settings import TrainerSettings
 from bicycle_hardware.nodes.driver_settings import DriverSettings
@@ -109,6 +110,25 @@ def test_the_nodes_themselves_refuse_so(kind: type, capfd: pytest.CaptureFixture
     item = next(found for found in parameters_of(kind) if found.choices)
     assert item.name in refused(capfd, make, "-p", f"{item.name}:=nonsense")
     assert "unknown parameter" in refused(capfd, make, "-p", "nonsense:=1")
+
+
+@pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        ("2b", "holds '2b'"),
+        ("b2,b//3", "holds 'b//3'"),
+        ("é", "holds 'é'"),
+        ("b-2", "holds 'b-2'"),
+        ("b" * 240, "holds 'bbb"),
+        ("b2,b1", "holds 'b1', this bicycle"),
+    ],
+)
+def test_what_is_no_other_bicycle_is_not_kept_clear_of(
+    names: str, said: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    line = refused(capfd, ControllerNode, "-r", "__ns:=/b1", "-p", f"keep_clear:={names}")
+    assert f"parameter keep_clear {said}" in line
 
 
 @pytest.mark.usefixtures("ros_domain")

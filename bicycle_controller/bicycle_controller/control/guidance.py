@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from bicycle_common.geometry import heading_to_yaw
+from bicycle_common.geometry import heading_to_yaw, wrap_angle
 from bicycle_common.types import BicycleState, Point2D
+from bicycle_common.validation import one_line
 from bicycle_controller.control import followers
 from bicycle_controller.control.arrival import RUN_IN, arrival_path, circle_path
 from bicycle_controller.control.control_loop import ControlLoop
@@ -39,6 +40,23 @@ STRAIGHT_ON = 2000.0
 """m of the straight path on which a bicycle slows down."""
 AFTER = ("hold", "circle", "slow")
 """Choices after the last goal: ride straight on, circle it, or ride on at the lowest speed."""
+
+
+NEWER = "a newer order came"
+"""Reason of an order that another one replaces."""
+
+
+@dataclass
+class _Pending:
+    """An order to follow a path that is not ridden yet."""
+
+    number: int
+    name: str
+    make: MakeCourse
+    laps: int
+    speed: float
+    begun: bool = False
+    """True once its path is being made."""
 
 
 @dataclass(frozen=True)
@@ -73,9 +91,8 @@ class Guidance:
         self._limits = np.full(3, np.inf)
         self._key: object = None
         self._ready: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
-        self._waiting: list[tuple[int, str, MakeCourse, int, float]] = []
+        self._pending: _Pending | None = None
         self._next_id = 1
-        self._newest = 0
         self._ride: PathRide | None = None
         self._reports: list[PathReport] = []
         self._ticks = 0
@@ -106,8 +123,8 @@ class Guidance:
             try:
                 with np.errstate(all="ignore"):
                     new_follower = followers.make(self.config.follower, plant, torque, pedal)
-            except (ValueError, ArithmeticError, TypeError) as error:
-                text = f"this bicycle can follow no path: {error}"
+            except Exception as error:  # whatever it is, orders must not wait for ever
+                text = f"this bicycle can follow no path: {_told(error)}"
                 self._ready.put(lambda: self._take_follower(key, None, text))
                 return
             self._ready.put(lambda: self._take_follower(key, new_follower, ""))
@@ -152,44 +169,54 @@ class Guidance:
             speed: m/s; zero takes the course's.
         """
         number, self._next_id = self._next_id, self._next_id + 1
-        self._newest = number
-        order = number, name, make, laps, speed
+        self._drop(PathEnd.REPLACED, NEWER)
+        self._pending = _Pending(number, name, make, laps, speed)
         if self._may_begin:
-            self._begin(*order)
-        else:
-            self._waiting.append(order)
+            self._begin(self._pending)
         return number
 
-    def _begin(self, number: int, name: str, make: MakeCourse, laps: int, speed: float) -> None:
+    def _begin(self, order: _Pending) -> None:
+        order.begun = True
+        number = order.number
         if self._follower is None:
-            self._refuse(number, name, self._unable)
+            self._refuse(number, self._unable)
             return
         follower, radius, slowest = self._follower, self._radius(), self.config.slowest
 
         def work() -> None:
             try:
-                course = make(radius)
-                asked = speed or course.speed
-                course = replace(course, laps=laps or course.laps, speed=max(asked, slowest))
+                course = order.make(radius)
+                asked = order.speed or course.speed
+                laps = order.laps or course.laps
+                course = replace(course, laps=laps, speed=max(asked, slowest))
                 ride = PathRide(follower, course, number, slowest)
-            except (ValueError, ArithmeticError, OSError) as error:
-                text = str(error)
-                self._ready.put(lambda: self._refuse(number, name, text))
+            except Exception as error:  # whatever it is, the order must end
+                text = _told(error)
+                self._ready.put(lambda: self._refuse(number, text))
                 return
             self._ready.put(lambda: self._take_path(ride))
 
         threading.Thread(target=work, daemon=True).start()
 
-    def _refuse(self, number: int, name: str, why: str) -> None:
-        nothing = (0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, math.nan, 0.0)
-        self._reports.append(PathReport(number, name, PathEnd.REJECTED, *nothing, why))
-        self.log_lines.append(f"path {number} {name} rejected: {why}")
+    def _drop(self, status: PathEnd, why: str) -> None:
+        """End an order whose path is not ridden yet."""
+        order, self._pending = self._pending, None
+        if order is not None:
+            self._reports.append(unridden(order.number, order.name, status, why))
+            text = f"path {order.number} {order.name} {status.name.lower()}: {why}"
+            self.log_lines.append(text)
+
+    def _is_pending(self, number: int) -> bool:
+        return self._pending is not None and self._pending.number == number
+
+    def _refuse(self, number: int, why: str) -> None:
+        if self._is_pending(number):
+            self._drop(PathEnd.REJECTED, why)
 
     def _take_path(self, ride: PathRide) -> None:
-        if ride.path_id != self._newest:
-            ride.end(PathEnd.REPLACED, "a newer order came")
-            self._reports.append(ride.report())
-            return
+        if not self._is_pending(ride.path_id):
+            return  # its end is told already
+        self._pending = self._arrival = None
         self._loop.tracker.cancel("a path is followed instead")
         self._steer(ride)
         path = ride.course.path
@@ -204,14 +231,24 @@ class Guidance:
         self._ride, self._twist = ride, None
         self.followed = ride.course.path
 
+    def cancel(self, number: int, why: str) -> None:
+        """Cancel the path of a number, or with zero what is ridden otherwise.
+
+        A path that is not ridden yet and another order that still is do not end one another.
+        """
+        if number and self._is_pending(number):
+            self._drop(PathEnd.CANCELLED, why)
+        elif not number or (self._ride is not None and self._ride.path_id == number):
+            self._stop_riding(why, PathEnd.CANCELLED)
+
     def stop(self, why: str, status: PathEnd = PathEnd.REPLACED) -> None:
-        """Stop the active guide, for a goal or on request."""
-        self._newest, self._arrival, self._arriving, self._wanted = 0, None, None, None
+        """Stop the active guide, and drop a path that is not ridden yet."""
+        self._drop(status, why)
+        self._stop_riding(why, status)
+
+    def _stop_riding(self, why: str, status: PathEnd) -> None:
+        self._arrival = self._arriving = self._wanted = None
         self._loop.tracker.on_the_way = False
-        for number, name, *_ in self._waiting:
-            nothing = (0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, math.nan, 0.0)
-            self._reports.append(PathReport(number, name, status, *nothing, why))
-        self._waiting = []
         if self._loop.guide is not None:
             self._loop.guide.end(status, why)
         self._finish()
@@ -240,6 +277,12 @@ class Guidance:
         is_last = self._wanted is not None and self._wanted[0] == goal
         return self._wanted[1] if self._wanted is not None and is_last else None
 
+    def off(self, yaw: float) -> float:
+        """Return the heading of the newest state less `yaw`, rad; NaN without a state."""
+        if self._snapshot is None:
+            return math.nan
+        return float(wrap_angle(float(heading_to_yaw(self._snapshot.heading)) - yaw))
+
     def _approach(self, goal: Point2D, yaw: float) -> None:
         """Ride to a goal on a path that arrives in a direction."""
         assert self._follower is not None
@@ -251,7 +294,6 @@ class Guidance:
         path = arrival_path(here, (*goal, yaw), radius)
         course = Course("arrival", path, speed)
         number, self._next_id = self._next_id, self._next_id + 1
-        self._newest = number
         ride = PathRide(self._follower, course, number, from_start=True)
         self._steer(ride)
         self._arriving = ride, path.length - RUN_IN - self._loop.tracker.radius - ROOM
@@ -289,7 +331,6 @@ class Guidance:
             if not self._pedals:
                 text = "rides straight on; without a pedal it cannot slow down"
         number, self._next_id = self._next_id, self._next_id + 1
-        self._newest = number
         self._steer(PathRide(self._follower, course, number))
         return text
 
@@ -304,7 +345,7 @@ class Guidance:
         if self._twist is None or self._loop.guide is not self._twist:
             twist = TwistRide(self._follower, self.config.twist)
             twist.command(speed, yaw_rate)
-            self._newest = 0
+            self._drop(PathEnd.REPLACED, "cmd_vel steers instead")
             self._finish()
             self._loop.tracker.cancel("cmd_vel steers instead")
             self._loop.steer_by(twist)
@@ -318,10 +359,8 @@ class Guidance:
         self._snapshot = snapshot
         while not self._ready.empty():
             self._ready.get()()
-        if self._waiting and self._may_begin:
-            waiting, self._waiting = self._waiting, []
-            for order in waiting:
-                self._begin(*order)
+        if self._pending is not None and not self._pending.begun and self._may_begin:
+            self._begin(self._pending)
         self._look_at_arrival()
         tracker = self._loop.tracker
         if self._arrival is not None and tracker.has_goal and tracker.waiting == 0:
@@ -357,12 +396,24 @@ class Guidance:
         """Report the end of the path that was followed."""
         if self._ride is None:
             return
-        self._ride.end(PathEnd.REPLACED, "a newer order came")
+        self._ride.end(PathEnd.REPLACED, NEWER)
         report, self._ride = self._ride.report(), None
         self._reports.append(report)
         self.log_lines.append(
             f"path {report.path_id} {report.name} {report.status.name.lower()}: {report.message}"
         )
+
+
+def unridden(number: int, name: str, status: PathEnd, why: str) -> PathReport:
+    """Return the report of a path that ended before it was ridden."""
+    nothing = (0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, math.nan, math.nan, 0.0)
+    return PathReport(number, name, status, *nothing, why)
+
+
+def _told(error: Exception) -> str:
+    """Return an error in one line, with its kind where the text alone would not tell it."""
+    expected = isinstance(error, (ValueError, OSError)) and str(error)
+    return one_line(str(error) if expected else f"{type(error).__name__} {error}".strip())
 
 
 def _straight_on(now: BicycleState) -> Path:

@@ -1,8 +1,9 @@
 """Actions of the controller, served on a node and a thread of their own.
 
 `bicycle/ride_to_pose` and `bicycle/follow_path` are this project's; where nav2_msgs is installed,
-`navigate_to_pose`, `navigate_through_poses` and `follow_path` are served too. One order holds at a
-time: a newer one, by action or by topic, ends it.
+`navigate_to_pose`, `navigate_through_poses` and `follow_path` are served too. One order is carried
+out at a time: a newer one, by action or by topic, ends it as soon as that one is taken. A path
+takes a moment to be made and may be refused; until it is taken, the order before it goes on.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from bicycle_common.nodes import convert, topics
 from bicycle_common.nodes.topics import ODOM_FRAME
 from bicycle_common.types import BicycleState
 from bicycle_controller.control.goals import Event, Status
+from bicycle_controller.control.guidance import NEWER
 from bicycle_controller.control.guide import PathEnd, PathReport
 from bicycle_sim.nodes.robot_model import frames_of
 
@@ -42,9 +44,9 @@ PERIOD = 0.1
 LAST = 1.0
 """Longest wait at the end for the thread (s)."""
 RUNNING = (Status.QUEUED, Status.ACTIVE)
+RIDDEN = (PathEnd.ACTIVE, PathEnd.FINISHED, PathEnd.LOST, PathEnd.FALLEN)
+"""Statuses of a path that was taken."""
 LATE = "not reached within"
-NEWER = "a newer order came"
-"""Reason of an order that another one replaces."""
 
 
 @dataclass
@@ -70,6 +72,11 @@ class Order:
     timeout: float = math.inf
     """s of simulated time."""
 
+    @property
+    def follows(self) -> bool:
+        """True for a path, False for goals."""
+        return self.kind.endswith("path")
+
 
 @dataclass(frozen=True)
 class Orders:
@@ -81,8 +88,8 @@ class Orders:
     follow: Callable[[Any, str, int, float, float], int]
     """Takes a path, a course's name, laps, speed and noise; returns the path's number or raises
     ValueError."""
-    cancel: Callable[[], None]
-    """Function that ends the ride in progress."""
+    cancel: Callable[[int], None]
+    """Function that ends the path of that number, or with zero the ride to goals."""
     state: Callable[[], tuple[BicycleState | None, float]]
     """Returns the newest state and its simulated time, s."""
 
@@ -94,7 +101,7 @@ class ActionDesk:
         """Start to serve beside `node`, whose namespace holds."""
         self._orders = orders
         self._events: queue.SimpleQueue[Event | PathReport | str] = queue.SimpleQueue()
-        self._order: Order | None = None
+        self._alive: list[Order] = []
         self._node = Node(
             f"{node.get_name()}_actions",
             namespace=node.get_namespace(),
@@ -156,22 +163,28 @@ class ActionDesk:
         order = Order(handle, Future(), kind, [])
         order.began = self._orders.state()[1]
         self._take_events()  # the previous one may have ended
-        previous, self._order = self._order, order
+        self._alive.append(order)
         try:
             self._begin(order, handle.request)
-        except ValueError as error:
-            order.reason = str(error)
-            self._order = previous
+        except Exception as error:  # whatever it is, the client must be answered
+            expected = isinstance(error, ValueError)
+            order.reason = str(error) if expected else f"{type(error).__name__}: {error}"
+            self._alive.remove(order)
             handle.abort()
             return self._result(order, action_type.Result())
-        if previous is not None and not previous.done.done():
-            previous.reason = NEWER
-            previous.done.set_result(None)
+        if not order.follows:  # goals are taken at once
+            self._supersede(order)
         await order.done
-        if self._order is order:
-            self._order = None
+        self._alive.remove(order)
         self._end(order)
         return self._result(order, action_type.Result())
+
+    def _supersede(self, order: Order) -> None:
+        """End all orders before one that is taken now."""
+        for other in self._alive[: self._alive.index(order)]:
+            if not other.done.done():
+                other.reason = NEWER
+                other.done.set_result(None)
 
     def _begin(self, order: Order, request: Any) -> None:
         """Give the order to the controller.
@@ -191,7 +204,7 @@ class ActionDesk:
         poses = list(request.poses) if ending == "poses" else [request.pose]
         if not poses:
             raise ValueError("no pose is given")
-        use = ending == "pose"
+        use = True
         if isinstance(request, RideToPose.Goal):
             poses, use = [*request.through, request.pose], request.use_heading
             if not request.timeout >= 0.0:
@@ -204,16 +217,18 @@ class ActionDesk:
     def _on_timer(self) -> None:
         """Look at events and requests to cancel; publish feedback."""
         self._take_events()
-        order = self._order
-        if order is None or order.done.done():
-            return
-        if self._orders.state()[1] - order.began > order.timeout and not order.cancelled:
-            order.reason = f"{LATE} {order.timeout:g} s"
+        for order in list(self._alive):
+            if not order.done.done():
+                self._look_after(order)
+
+    def _look_after(self, order: Order) -> None:
+        """Cancel an order that is to end, or publish its feedback."""
+        late = self._orders.state()[1] - order.began > order.timeout
+        if (late or order.handle.is_cancel_requested) and not order.cancelled:
             order.cancelled = True
-            self._orders.cancel()
-        if order.handle.is_cancel_requested and not order.cancelled:
-            order.cancelled = True
-            self._orders.cancel()
+            if not order.handle.is_cancel_requested:
+                order.reason = f"{LATE} {order.timeout:g} s"
+            self._orders.cancel(order.ids[0] if order.follows else 0)
         if order.cancelled:
             order.patience -= 1
             if order.patience == 0:  # without states no goal status follows
@@ -224,41 +239,43 @@ class ActionDesk:
     def _take_events(self) -> None:
         """Look at the events that have come."""
         while not self._events.empty():
-            event, order = self._events.get(), self._order
-            if order is None:
-                continue
-            if not isinstance(event, str):
-                self._look(order, event)
-            elif not order.done.done():
-                order.reason = event
-                order.done.set_result(None)
+            event = self._events.get()
+            for order in list(self._alive):
+                if order.done.done():
+                    continue
+                if not isinstance(event, str):
+                    self._look(order, event)
+                else:
+                    order.reason = event
+                    order.done.set_result(None)
 
     def _look(self, order: Order, event: Event | PathReport) -> None:
         """Take one event; end the order if it is its last."""
-        follows = order.kind.endswith("path")
         if isinstance(event, PathReport):
-            if not follows or event.path_id not in order.ids:
+            if not order.follows or event.path_id not in order.ids:
                 return
+            if event.status in RIDDEN:
+                self._supersede(order)
             order.last = event
             over = event.status is not PathEnd.ACTIVE
         else:
-            if follows or event.goal.goal_id not in order.ids:
+            if order.follows or event.goal.goal_id not in order.ids:
                 return
             order.last = event
             ended = event.status not in RUNNING
             order.left -= ended
             bad = ended and event.status is not Status.REACHED
             over = order.left <= 0 or bad
-        if over and not order.done.done():
-            order.done.set_result(None)
+        if not over or order.done.done():
+            return
+        if self._alive[-1] is not order and not order.cancelled and _taken_away(event):
+            order.reason = NEWER
+        order.done.set_result(None)
 
     def _end(self, order: Order) -> None:
         """Tell the client how its order ended."""
         last = order.last
-        good = last is not None and (
-            last.status is Status.REACHED or last.status is PathEnd.FINISHED
-        )
-        if good and not order.reason:
+        if _good(last) and not order.reason:
             order.handle.succeed()
         elif order.handle.is_cancel_requested:
             order.handle.canceled()
@@ -287,8 +304,11 @@ class ActionDesk:
             result.largest = float(report.largest) if report else math.nan
             result.elapsed = float(report.elapsed) if report else 0.0
         if order.reason == NEWER and hasattr(result, "status"):
-            ended = PathEnd.REPLACED if order.kind.endswith("path") else Status.REPLACED
-            result.status = int(ended)
+            result.status = int(PathEnd.REPLACED if order.follows else Status.REPLACED)
+        elif order.handle.is_cancel_requested and hasattr(result, "status") and not _good(last):
+            result.status = int(PathEnd.CANCELLED if order.follows else Status.CANCELLED)
+        if hasattr(result, "error_code"):
+            result.error_code = _error_code(order, result)
         for name in ("message", "error_msg"):
             if hasattr(result, name):
                 setattr(result, name, message)
@@ -333,7 +353,9 @@ class ActionDesk:
         names = {"nav2 pose": "NavigateToPose", "nav2 poses": "NavigateThroughPoses"}
         feedback = getattr(nav2, names.get(order.kind, "FollowPath")).Feedback()
         if order.kind == "nav2 path":
-            left = last.length - last.along if isinstance(last, PathReport) else 0.0
+            if not isinstance(last, PathReport):
+                return
+            left = last.length - last.along
             feedback.distance_to_goal, feedback.speed = float(left), float(snapshot.speed)
         else:
             poses = request.poses if order.kind == "nav2 poses" else [request.pose]
@@ -344,6 +366,37 @@ class ActionDesk:
             if order.kind == "nav2 poses":
                 feedback.number_of_poses_remaining = max(0, order.left)
         order.handle.publish_feedback(feedback)
+
+
+def _good(last: Event | PathReport | None) -> bool:
+    """Return True for the last word of an order that was carried out."""
+    return last is not None and (last.status is Status.REACHED or last.status is PathEnd.FINISHED)
+
+
+def _taken_away(event: Event | PathReport) -> bool:
+    """Return True if another order may have ended this one."""
+    if isinstance(event, PathReport):
+        return event.status in (PathEnd.CANCELLED, PathEnd.REPLACED)
+    return event.status in (Status.CANCELLED, Status.REPLACED)
+
+
+def _error_code(order: Order, result: Any) -> int:
+    """Return nav2's number for why an order was not carried out; 0 if it was, or was cancelled.
+
+    The numbers are the result's own constants, which differ from action to action.
+    """
+    if (_good(order.last) and not order.reason) or order.handle.is_cancel_requested:
+        return 0
+    status = order.last.status if isinstance(order.last, PathReport) else PathEnd.REJECTED
+    name = "TIMEOUT"
+    if order.follows:
+        name = {
+            PathEnd.REJECTED: "INVALID_PATH",
+            PathEnd.LOST: "FAILED_TO_MAKE_PROGRESS",
+        }.get(status, "UNKNOWN")
+    elif not (isinstance(order.last, Event) and order.last.status is Status.GIVEN_UP):
+        name = "UNKNOWN"
+    return int(getattr(result, name, 0) or getattr(result, "UNKNOWN", 0) or 1)
 
 
 def _distance(snapshot: BicycleState, pose: PoseStamped) -> float:

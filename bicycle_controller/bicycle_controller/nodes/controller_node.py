@@ -100,6 +100,7 @@ class ControllerNode(LifecycleNode):
             topics.PATH_STATUS,
             topics.CONTROLLER_SETUP,
         )
+        self._newest: tuple[BicycleState | None, float] = None, 0.0
         self._guidance, self._guiding = self._make_guidance()
         self._goals = GoalDesk(
             self,
@@ -122,7 +123,6 @@ class ControllerNode(LifecycleNode):
         if self._estimator is None:
             listen(self, topics.STATE, self._on_state, depth=1)
         self._goals.listen()
-        self._newest: tuple[BicycleState | None, float] = None, 0.0
         self._loader = PolicyLoader(self, lambda: self._loop.policy.policy_id, self._swap)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(self._settings.diagnostics_period, self._on_report, clock=steady)
@@ -195,7 +195,18 @@ class ControllerNode(LifecycleNode):
         except ValueError as error:
             raise UserError(str(error)) from None
         guidance = Guidance(self._loop, config)
-        return guidance, Guiding(self, guidance, self._publish, others)
+        if (own := self.get_namespace().strip("/")) in others:
+            raise UserError(f"parameter keep_clear holds {own!r}, this bicycle: name the others")
+        guiding = Guiding(
+            self,
+            guidance,
+            self._publish,
+            self._in_use,
+            lambda: self._active,
+            lambda: self._newest[1],
+            others,
+        )
+        return guidance, guiding
 
     def _tell_setup(self, sensors: SensorSettings | None) -> None:
         setup = Setup(self._loop.name, self._settings, sensors)
@@ -288,7 +299,7 @@ class ControllerNode(LifecycleNode):
             place = snapshot.rear_x, snapshot.rear_y
             self._publish(topics.HAND_OVER_MARKERS, self._marks.add(told, place))
             self._warn(f"at step {snapshot.step} {answer.hand_over.message}")
-        for event in answer.events:
+        for event in map(self._goals.judge, answer.events):
             self._desk.tell(event)
             self._goals.report(event)
         with self._in_use:

@@ -6,6 +6,7 @@ import contextlib
 import math
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 from bicycle_msgs.msg import GoalStatus
@@ -18,17 +19,19 @@ from bicycle_common.arrival import UNTURNED
 from bicycle_common.nodes import convert, topics
 from bicycle_common.nodes.topics import ODOM_FRAME, Topic, listen
 from bicycle_common.types import Point2D
+from bicycle_controller.control.courses import FASTEST, MOST_LAPS
 from bicycle_controller.control.goals import Event, GoalTracker, Status
 from bicycle_controller.control.guidance import Guidance
-from bicycle_controller.control.guide import PathEnd
 from bicycle_controller.nodes.controller_settings import ControllerSettings
-from bicycle_controller.nodes.guiding import course_named, course_of, to_points
+from bicycle_controller.nodes.guiding import INACTIVE, course_named, course_of, to_points
 from bicycle_controller.nodes.messages import from_event, goal_marker
 from bicycle_sim.nodes.robot_model import frames_of
 
 MOST_WAYPOINTS = 10_000
-INACTIVE = "the controller is not active: ros2 lifecycle set it active"
-"""Reason why an order is refused."""
+CANCELLED = "cancelled by the client of the action"
+"""Reason of a goal's or a path's end."""
+WRONG_WAY = 10.0
+"""Degrees off the asked direction of arrival from which on it is told."""
 
 
 class GoalDesk:
@@ -62,6 +65,7 @@ class GoalDesk:
         self._in_use, self._publish = in_use, publish
         self._settings, self._active = settings, active
         self._prefix = frames_of(node.get_namespace())
+        self._asked = 0, math.nan
 
     def listen(self) -> None:
         """Subscribe to the topics of goals."""
@@ -95,8 +99,10 @@ class GoalDesk:
         if bool(course) == bool(path.poses):
             raise ValueError("give either a path or a course")
         good = all(math.isfinite(value) and value >= 0.0 for value in (speed, noise))
-        if not good or speed > 8.0 or noise > 100.0 or laps > 10_000:
-            raise ValueError("speed must be 0 to 8 m/s, noise 0 to 100 m, laps 0 to 10000")
+        if not good or speed > FASTEST or noise > 100.0 or laps > MOST_LAPS:
+            raise ValueError(
+                f"speed must be 0 to {FASTEST:g} m/s, noise 0 to 100 m, laps 0 to {MOST_LAPS}"
+            )
         make = (
             course_named(course)
             if course
@@ -105,12 +111,23 @@ class GoalDesk:
         with self._in_use:
             return self._guidance.follow(course, make, laps, speed)
 
-    def cancel(self) -> None:
-        """Cancel what an action has ordered."""
-        why = "cancelled by the client of the action"
+    def cancel(self, path_id: int = 0) -> None:
+        """Cancel an action's path of that number, or with zero its goals."""
         with self._in_use:
-            self._guidance.stop(why, PathEnd.CANCELLED)
-            self._tracker.cancel(why)
+            self._guidance.cancel(path_id, CANCELLED)
+            if not path_id:
+                self._tracker.cancel(CANCELLED)
+
+    def judge(self, event: Event) -> Event:
+        """Return a goal's event; if it was reached in a wrong direction, its message says so."""
+        goal_id, yaw = self._asked
+        if event.status is not Status.REACHED or event.goal.goal_id != goal_id:
+            return event
+        off = abs(math.degrees(self._guidance.off(yaw)))
+        if not off > WRONG_WAY:
+            return event
+        text = f"{event.message}; arrived {off:.0f} degrees off the asked heading"
+        return replace(event, message=text)
 
     def report(self, event: Event) -> None:
         """Publish a goal's new status, and do what follows the last goal."""
@@ -187,6 +204,7 @@ class GoalDesk:
         with self._in_use:
             self._guidance.stop("a newer goal came")
             ids = [goal.goal_id for goal in self._tracker.replace(points)]
+            self._asked = (ids[-1], yaw) if ids else (0, math.nan)
             if math.isfinite(yaw):
                 why = self._guidance.arrive(points, yaw)
         if why:

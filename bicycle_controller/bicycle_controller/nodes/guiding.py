@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -13,12 +14,12 @@ from rclpy.node import Node
 
 from bicycle_common.geometry import heading_to_yaw
 from bicycle_common.nodes import convert, topics
-from bicycle_common.nodes.topics import ODOM_FRAME, Topic, listen
+from bicycle_common.nodes.topics import BASE_FRAME, ODOM_FRAME, Topic, listen
 from bicycle_common.types import BicycleState, Point2D
 from bicycle_controller.control import courses
 from bicycle_controller.control.courses import Course
-from bicycle_controller.control.guidance import Guidance, MakeCourse
-from bicycle_controller.control.guide import PathReport
+from bicycle_controller.control.guidance import Guidance, MakeCourse, unridden
+from bicycle_controller.control.guide import PathEnd, PathReport
 from bicycle_controller.control.path import Path
 from bicycle_controller.control.path_making import Rounding, path_through
 from bicycle_controller.nodes.neighbours import Neighbours
@@ -26,6 +27,10 @@ from bicycle_sim.nodes.robot_model import frames_of
 
 MOST_SHOWN = 2000
 """Largest number of poses of a published path."""
+INACTIVE = "the controller is not active: ros2 lifecycle set it active"
+"""Reason why an order is refused."""
+QUIET = 5.0
+"""s between two warnings of a cmd_vel that is ignored."""
 
 
 class Guiding:
@@ -36,6 +41,9 @@ class Guiding:
         node: Node,
         guidance: Guidance,
         publish: Callable[[Topic, Any], None],
+        in_use: threading.Lock,
+        active: Callable[[], bool],
+        state_time: Callable[[], float],
         others: Sequence[str] = (),
     ) -> None:
         """Subscribe.
@@ -44,12 +52,16 @@ class Guiding:
             node: the controller's node.
             guidance: of its loop.
             publish: of the node.
+            in_use: held by who uses the loop.
+            active: whether the node takes orders.
+            state_time: simulated time of the newest state, s.
             others: namespaces of the bicycles to keep clear of.
         """
         self.guidance = guidance
         self._node, self._publish = node, publish
-        self._twist_refused = False
-        self._frame = frames_of(node.get_namespace()) + ODOM_FRAME
+        self._in_use, self._active, self._state_time = in_use, active, state_time
+        prefix = frames_of(node.get_namespace())
+        self._frame, self._own_frames = prefix + ODOM_FRAME, ("", BASE_FRAME, prefix + BASE_FRAME)
         self.on_report: Callable[[PathReport], None] = lambda report: None
         listen(node, topics.FOLLOW_PATH, self._on_path)
         listen(node, topics.CMD_VEL, self._on_twist_stamped)
@@ -68,28 +80,59 @@ class Guiding:
 
     def _on_path(self, message: PathMessage) -> None:
         try:
+            if not self._active():
+                raise ValueError(INACTIVE)
             points = to_points(message)
         except ValueError as error:
             self._node.get_logger().warning(f"path rejected: {error}")
+            # At once: without a state no other report would take it along.
+            report = unridden(0, "", PathEnd.REJECTED, str(error))
+            self._publish(topics.PATH_STATUS, from_report(report, self._now(), self._frame))
             return
-        self.guidance.follow("", course_of(points, self.guidance.config.speed))
+        with self._in_use:
+            self.guidance.follow("", course_of(points, self.guidance.config.speed))
 
     def _on_twist_stamped(self, message: TwistStamped) -> None:
-        self._on_twist(message.twist)
+        stamp = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+        frame, late = message.header.frame_id, self._age(stamp)
+        if frame not in self._own_frames:
+            self._ignore(f"its frame is {frame!r}: send it in {self._own_frames[-1]!r} or in none")
+        elif late > self.guidance.config.twist.timeout:
+            self._ignore(f"it is {late:.1f} s old, more than cmd_vel_timeout: are the clocks one?")
+        else:
+            self._on_twist(message.twist)
 
     def _on_twist(self, message: Twist) -> None:
         try:
-            self.guidance.twist(float(message.linear.x), float(message.angular.z))
-            self._twist_refused = False
+            if not self._active():
+                raise ValueError(INACTIVE)
+            with self._in_use:
+                self.guidance.twist(float(message.linear.x), float(message.angular.z))
         except ValueError as error:
-            if not self._twist_refused:
-                self._node.get_logger().warning(f"cmd_vel ignored: {error}")
-            self._twist_refused = True
+            self._ignore(str(error))
+
+    def _ignore(self, why: str) -> None:
+        """Tell that a command is ignored, which may go on for long."""
+        text = f"cmd_vel ignored: {why}"
+        self._node.get_logger().warning(text, throttle_duration_sec=QUIET)
+
+    def _age(self, stamp: float) -> float:
+        """Return how old a stamp is, s; zero without one.
+
+        A sender's clock is the computer's or the simulator's: the nearer one counts.
+        """
+        if stamp == 0.0:
+            return 0.0
+        return min((self._now() * 1e-9 - stamp, self._state_time() - stamp), key=abs)
+
+    def _now(self) -> int:
+        """Return the node's time, ns."""
+        return int(self._node.get_clock().now().nanoseconds)
 
     def after_state(self, snapshot: BicycleState) -> None:
         """Publish the guides' new reports."""
         guidance = self.guidance
-        now = self._node.get_clock().now().nanoseconds
+        now = self._now()
         path, guidance.followed = guidance.followed, None
         if path is not None:
             self._publish(topics.FOLLOWED_PATH, to_message(path, now, self._frame))
