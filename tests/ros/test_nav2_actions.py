@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -18,8 +19,10 @@ pytestmark = [
 ]
 
 SUPPORT = Path(__file__).parents[1] / "support"
-SUCCEEDED = 4
+SUCCEEDED, ABORTED = 4, 6
 """action_msgs/GoalStatus."""
+ASKED = (math.pi / 2, math.pi)
+"""rad, directions of arrival of the client's two rides to poses."""
 
 
 @pytest.fixture(scope="module")
@@ -70,10 +73,21 @@ def test_a_program_of_nav2_rides(
     start_node(module, controller, nav2).wait_for_line("waits for a goal")
     client = start_node(sys.executable, [SUPPORT / "nav2_client.py"], nav2)
     assert client.wait(240.0) == 0, client.lines
-    outcomes = [line.split() for line in client.lines if line.partition(":")[1]][-3:]
-    names = ["navigate_to_pose:", "navigate_through_poses:", "follow_path:"]
-    assert [line[0] for line in outcomes] == names
-    for _, status, error, left, count in outcomes:
+    names = ("navigate_to_pose:", "navigate_through_poses:", "follow_path:")
+    outcomes = [line.split() for line in client.lines if line.startswith(names)]
+    assert [line[0] for line in outcomes] == [*names, "follow_path:", "navigate_to_pose:"]
+    for _, status, error, left, count in outcomes[:3]:
         assert (int(status), int(error)) == (SUCCEEDED, 0)
         assert float(left) >= 0.0
         assert int(count) > 1
+    # The orientation of the last of several poses is the direction of arrival, too.
+    yaws = [float(line.split()[1]) for line in client.lines if line.startswith("yaw")]
+    off = [
+        math.remainder(yaw - asked, 2.0 * math.pi) for yaw, asked in zip(yaws, ASKED, strict=True)
+    ]
+    assert max(map(abs, off)) < 0.5, yaws
+    # nav2_msgs names why: INVALID_PATH of FollowPath, UNKNOWN of NavigateToPose.
+    assert [(int(line[1]), int(line[2])) for line in outcomes[3:]] == [
+        (ABORTED, 103),
+        (ABORTED, 9000),
+    ]
