@@ -21,6 +21,7 @@ from node_process import NodeProcess
 pytestmark = pytest.mark.slow
 
 PAGES = ("", "tutorials/first-ride/", "performance/", "interfaces/", "api/plants/")
+"""Pages of every kind, looked through in both schemes; the others in one."""
 ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -109,9 +110,7 @@ def address(site: Path) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize(
-    "page", ["", "tutorials/first-ride/", "performance/", "interfaces/", "api/plants/"]
-)
+@pytest.mark.parametrize("page", PAGES)
 def test_the_site_breaks_no_rule(
     browser: BrowserContext, address: str, page: str, scheme: Any
 ) -> None:
@@ -121,6 +120,25 @@ def test_the_site_breaks_no_rule(
     assert problems(tab) == []
     tab.set_viewport_size({"width": 390, "height": 844})
     assert tab.evaluate("() => document.documentElement.scrollWidth <= innerWidth + 1")
+    tab.close()
+
+
+def test_no_page_of_the_site_breaks_a_rule(
+    browser: BrowserContext, address: str, site: Path
+) -> None:
+    tab = browser.new_page()
+    tab.emulate_media(color_scheme="light", reduced_motion="reduce")
+    found = {}
+    pages = [path.parent.relative_to(site).as_posix() for path in site.rglob("index.html")]
+    assert len(pages) > 40
+    for page in sorted(pages):
+        tab.set_viewport_size({"width": 1280, "height": 800})
+        tab.goto(f"{address}{page}/")
+        found[page] = problems(tab)
+        tab.set_viewport_size({"width": 390, "height": 844})
+        if not tab.evaluate("() => document.documentElement.scrollWidth <= innerWidth + 1"):
+            found[page].append(("wider than a phone", []))
+    assert {page: broken for page, broken in found.items() if broken} == {}
     tab.close()
 
 

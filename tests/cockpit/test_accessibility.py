@@ -65,13 +65,15 @@ def test_its_dialogs_break_no_rule(page: BrowserPage, dialog: str) -> None:
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("size", SIZES)
 def test_the_ride_report_breaks_no_rule(
-    browser: BrowserContext, bag: Path, tmp_path: Path, scheme: Any
+    browser: BrowserContext, bag: Path, tmp_path: Path, size: str, scheme: Any
 ) -> None:
     file = tmp_path / "report.html"
     assert write_report([str(bag), str(bag), "--output", str(file)]) == 0
     tab = browser.new_page()
     tab.emulate_media(color_scheme=scheme)
+    tab.set_viewport_size({"width": SIZES[size][0], "height": SIZES[size][1]})
     tab.goto(file.as_uri())
     assert problems(tab) == []
     tab.close()

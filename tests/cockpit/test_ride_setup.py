@@ -82,12 +82,12 @@ def test_the_simulator_takes_all_that_is_offered() -> None:
     assert set(PLANTS) == set(registry.PLANTS)
     offered = choices()
     assert [name for name, _ in offered["scenarios"]] == list(SCENARIOS)
-    for name, about in offered["bicycles"]:
+    for name, _, about in offered["bicycles"]:
         assert about
         setup = RideSetup(plant="whipple", bicycle=name)
         settings = SimSettings(scenario=setup.scenario, plant=setup.plant, bicycle=setup.bicycle)
         assert settings.make_plant().label
-    for name in offered["sensors"]:
+    for name, _ in offered["sensors"]:
         assert SimSettings(sensors=name).make_sensors() is not None
 
 

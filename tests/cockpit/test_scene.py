@@ -10,13 +10,25 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from chromium import BrowserContext, BrowserPage, chromium, drawn, expect, inside, opened, until
+from chromium import (
+    BrowserContext,
+    BrowserPage,
+    chromium,
+    drawn,
+    expect,
+    inside,
+    opened,
+    shoot,
+    until,
+)
 from made_bag import write_bag
 from served_page import served_page
 
 from bicycle_sim.plants import registry
 
 pytestmark = pytest.mark.slow
+
+RIDE = Path(__file__).resolve().parents[1] / "data" / "film-ride"
 
 
 @pytest.fixture(scope="module")
@@ -472,6 +484,49 @@ def test_the_horizon_is_as_new_as_the_numbers(page: BrowserPage) -> None:
     )
     assert filled[0] == 0
     assert filled[1] > 1000
+
+
+@pytest.fixture(scope="module")
+def race(
+    browser: BrowserContext, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[BrowserPage]:
+    """Yield the page with a ride of two pushes, its ghost, and the guide of the first minute."""
+    folder = tmp_path_factory.mktemp("race")
+    with (
+        served_page([RIDE], folder, against="lqr") as address,
+        opened(browser, address, "bag") as result,
+    ):
+        until(result, "player.bag !== null && views.stage !== null")
+        result.locator("#compare").click()
+        result.locator("#bag-list button", has_text="by lqr").click()
+        expect(result.locator("#gap")).to_be_visible()
+        result.evaluate(
+            """async () => {
+                const { STEPS } = await import("/web/guide.js");
+                const items = Object.values(STEPS).map((textContent) =>
+                    Object.assign(document.createElement("li"), { textContent }));
+                document.getElementById("guide-steps").replaceChildren(...items);
+                document.getElementById("guide").hidden = false;
+            }"""
+        )
+        yield result
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("at", range(5))
+def test_pictures_of_3d_with_a_ghost_are_kept(race: BrowserPage, at: int, scheme: Any) -> None:
+    width, height = SIZES["width"][at], SIZES["height"][at]
+    race.emulate_media(color_scheme=scheme)
+    race.set_viewport_size({"width": width, "height": height})
+    inside(race, "player.seek(9.5)")
+    drawn(race)
+    number = inside(race, "views.stage.renderer.info.render.frame")
+    inside(race, "player.seek(9.6)")
+    until(race, f"views.stage.renderer.info.render.frame > {number}")
+    drawn(race)
+    assert race.evaluate("() => document.documentElement.scrollWidth") <= width
+    assert len(set(shown(race))) > 2
+    shoot(race, f"3d-{width}-{scheme}")
 
 
 def test_on_a_phone_the_guide_is_one_line_with_the_next_step(

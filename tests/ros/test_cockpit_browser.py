@@ -6,7 +6,6 @@ The pictures are kept in the folder of BICYCLE_SCREENSHOTS, or in runs/screensho
 from __future__ import annotations
 
 import math
-import os
 import re
 import shutil
 import sys
@@ -29,9 +28,9 @@ from chromium import (
     place,
     position,
     said,
+    shoot,
     until,
 )
-from cockpit_page import COCKPIT
 from node_process import NodeProcess
 from policies import own_policy
 from probe import Probe
@@ -42,7 +41,6 @@ from bicycle_controller.policy.policy import save_policy
 
 RIDE = Path(__file__).resolve().parents[1] / "data" / "film-ride"
 
-SHOTS = Path(os.environ.get("BICYCLE_SCREENSHOTS", COCKPIT.parent / "runs" / "screenshots"))
 
 SIZES = [(1440, 900), (1280, 800), (820, 1180), (844, 390), (390, 844)]
 COVERED = """() => {
@@ -81,12 +79,6 @@ def page(browser: BrowserContext, started: Started) -> Iterator[BrowserPage]:
     """Yield the page, connected."""
     with opened(browser, started[0], "waits for a goal") as result:
         yield result
-
-
-def shoot(page: BrowserPage, name: str, **more: Any) -> None:
-    """Keep a picture of the page."""
-    SHOTS.mkdir(parents=True, exist_ok=True)
-    page.screenshot(path=str(SHOTS / f"{name}.png"), **more)
 
 
 def test_a_click_sends_the_bicycle_to_where_it_was_made(

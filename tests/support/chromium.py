@@ -8,6 +8,7 @@ import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -51,6 +52,8 @@ MAIN = "bicycle-cockpit-main"
 """Key under which the page stores its large picture."""
 GUIDE = "bicycle-cockpit-guide"
 """Key under which it stores that the guide of the first minute is done."""
+SHOTS = Path(os.environ.get("BICYCLE_SCREENSHOTS", COCKPIT.parent / "runs" / "screenshots"))
+"""Folder in which pictures of the page are kept."""
 WIDE: ViewportSize = {"width": 1280, "height": 800}
 Started = tuple[str, NodeProcess, int]
 """Address, process and domain of a cockpit."""
@@ -117,6 +120,12 @@ def opened(context: BrowserContext, address: str, mode: str = "") -> Iterator[Br
     found = [line for line in errors if "WebSocket connection to" not in line]
     assert not found, found
     page.close()
+
+
+def shoot(page: BrowserPage, name: str, **more: Any) -> None:
+    """Keep a picture of the page."""
+    SHOTS.mkdir(parents=True, exist_ok=True)
+    page.screenshot(path=str(SHOTS / f"{name}.png"), **more)
 
 
 def place(page: BrowserPage, across: float, down: float) -> tuple[float, float]:
@@ -205,6 +214,7 @@ def saw(page: BrowserPage, pattern: str) -> str:
 
 
 __all__ = [
+    "SHOTS",
     "BrowserContext",
     "BrowserPage",
     "Page",
@@ -223,6 +233,7 @@ __all__ = [
     "ridden",
     "said",
     "saw",
+    "shoot",
     "sync_playwright",
     "until",
 ]

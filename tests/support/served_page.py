@@ -13,9 +13,12 @@ from bicycle_cockpit.export_page import export_page
 
 
 @contextmanager
-def served_page(bags: Sequence[Path], folder: Path) -> Iterator[str]:
-    """The address of the page of some bags, which is written to `folder`."""
-    export_page(bags, folder)
+def served_page(bags: Sequence[Path], folder: Path, against: str = "") -> Iterator[str]:
+    """The address of the page of some bags, which is written to `folder`.
+
+    With `against` that controller rides each of them, too.
+    """
+    export_page(bags, folder, against=against)
     server = [sys.executable, "-m", "http.server", "0", "--bind", "127.0.0.1"]
     with NodeProcess(server, cwd=folder) as process:
         port = process.wait_for_line(r"port (\d+)")[1]
