@@ -10,6 +10,7 @@ from typing import Any
 from mcap.records import Channel, Schema
 from mcap.writer import CompressionType, IndexType, Writer
 
+from bicycle_bag import in_use
 from bicycle_bag.container import LIBRARY
 from bicycle_bag.metadata import NO_START, BagMetadata, FileInformation, Topic
 from bicycle_bag.qos import dump_profiles
@@ -49,6 +50,7 @@ class McapFile:
         self._schemas: dict[str, int] = {}
         self._defined_once: list[Schema | Channel] = []
         self._stream = path.open("xb")
+        in_use.claim(self._stream.fileno())  # a repair keeps off it
         self._writer = Writer(
             self._stream,
             chunk_size=chunk_bytes,
@@ -81,6 +83,16 @@ class McapFile:
         except OSError:
             return ""
         return str(Path(f"/proc/self/fd/{mine}").readlink())
+
+    @property
+    def other_name(self) -> Path | None:
+        """Another path of the file in its folder, such as a repair gives what it keeps."""
+        mine = os.fstat(self._stream.fileno())
+        with contextlib.suppress(OSError):
+            for path in self.path.parent.iterdir():
+                if path.is_file() and os.path.samestat(path.stat(), mine):
+                    return path
+        return None
 
     @property
     def first_ns(self) -> int:

@@ -20,6 +20,7 @@ from bicycle_bag import container, metadata
 from bicycle_bag.container import LIBRARY, Registry
 from bicycle_bag.contents import Contents
 from bicycle_bag.errors import BagError
+from bicycle_bag.in_use import held
 from bicycle_bag.metadata import BagMetadata, FileInformation, Topic
 from bicycle_bag.reader import BagReader, bag_in, find_files
 from bicycle_bag.rewrite import Rewrite
@@ -110,9 +111,15 @@ def repair(path: Path | str, progress: Progress = lambda _: None) -> RepairRepor
         progress: Called with the number of bytes read since the last call.
 
     Raises:
-        BagError: There is no bag, a file is foreign, or the disk does not take the copy.
+        BagError: There is no bag, a file is foreign, the disk does not take the copy, or another
+            process records or repairs the bag.
     """
     path = Path(path)
+    with held(path):
+        return _repair(path, progress)
+
+
+def _repair(path: Path, progress: Progress) -> RepairReport:
     report = RepairReport()
     parts: list[BagMetadata] = []
     custom_data: dict[str, str] = {}
@@ -298,10 +305,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     bag = bag_in(parser.parse_args(arguments).bag)
     try:
-        unpack_files(bag)
-        total = sum(container.size_of(file) for file in _readable(bag))
-        with ProgressBar(total=total, unit="B", unit_scale=True) as bar:
-            report = repair(bag, bar.update)
+        with held(bag):
+            unpack_files(bag)
+            total = sum(container.size_of(file) for file in _readable(bag))
+            with ProgressBar(total=total, unit="B", unit_scale=True) as bar:
+                report = _repair(bag, bar.update)
     except BagError as error:
         print(f"record.sh: {error}", file=sys.stderr)
         return 1

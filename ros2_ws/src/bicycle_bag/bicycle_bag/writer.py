@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import os
 import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -196,7 +197,19 @@ class BagWriter:
             return
         with contextlib.suppress(OSError):
             self._file.flush()
+        kept, replaced = self._file.other_name, os.path.lexists(self._file.path)
         self._file.abandon()
+        if place.endswith(DELETED) and replaced and kept is not None:
+            raise BagError(
+                f"{self._file.path} was replaced while it was being recorded: what was recorded "
+                f"lies in {kept}: copy that to a folder of its own and recover it there with "
+                "record.sh --repair"
+            )
+        if place.endswith(DELETED) and replaced:
+            raise BagError(
+                f"{self._file.path} was replaced by another file while it was being recorded: "
+                "what that one lacks is lost; record again into another folder"
+            )
         if place.endswith(DELETED):
             raise BagError(
                 f"{self.path} was deleted while it was being recorded, and what it held is lost: "
