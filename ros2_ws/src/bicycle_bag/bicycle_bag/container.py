@@ -277,6 +277,11 @@ def channel_of(body: bytes) -> int:
     return int.from_bytes(body[:2], "little")
 
 
+def log_time_of(body: bytes) -> int:
+    """Return the log time of a message record, ns."""
+    return int.from_bytes(body[6:14], "little")
+
+
 def parse_channel(body: bytes) -> Channel:
     """Return a channel record; `DamageError` if it is none."""
     return parse(Channel.read, body)

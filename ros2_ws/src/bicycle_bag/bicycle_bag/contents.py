@@ -25,6 +25,7 @@ class Contents:
         unfinished: Why there is none.
         registry: Channels and schemas that are known so far.
         counts: Messages found so far, by channel.
+        span: Their first and last log time in ns; None before there is one.
         has_checksum: True if a checksum of all data could be compared; known at the end.
         library: What wrote it; empty if it does not say.
         orphans: Messages found so far whose channel is unknown, by channel.
@@ -41,6 +42,7 @@ class Contents:
         self.unfinished = ""
         self.registry = Registry()
         self.counts: dict[int, int] = {}
+        self.span: tuple[int, int] | None = None
         self.has_checksum = False
         self.library = ""
         self.orphans: dict[int, int] = {}
@@ -64,6 +66,19 @@ class Contents:
         """Number of messages by the file's statistics; None if it has none."""
         found = self.summary.statistics if self.summary else None
         return found.message_count if found else None
+
+    @property
+    def miscounted(self) -> str:
+        """What the statistics say otherwise than the file, once read; empty if nothing."""
+        found = self.summary.statistics if self.summary else None
+        if found is None or self.span is None:
+            return ""
+        said = {channel: n for channel, n in found.channel_message_counts.items() if n}
+        if said and said != self.counts:
+            return "its statistics count the messages of its channels wrong"
+        if (found.message_start_time, found.message_end_time) != self.span:
+            return "its statistics have wrong times"
+        return ""
 
     def messages(self) -> Iterator[RawMessage]:
         """Return the messages of an undamaged file.
@@ -105,6 +120,7 @@ class Contents:
 
     def _take(self, piece: Piece) -> Iterator[Piece | Damage]:
         known, channels, counts = [], self.registry.channels, self.counts
+        first, last = self.span or (2**64, -1)
         for item in piece.items:
             if item.opcode == Opcode.MESSAGE:
                 channel = container.channel_of(item.body)
@@ -112,6 +128,8 @@ class Contents:
                     self.orphans[channel] = self.orphans.get(channel, 0) + 1
                     continue
                 counts[channel] = counts.get(channel, 0) + 1
+                time = container.log_time_of(item.body)
+                first, last = min(first, time), max(last, time)
             elif piece.content is None and self._contradicts(item):
                 what = f"the record at byte {piece.offset} is not as the summary has it"
                 yield Damage(piece.offset, piece.end, what)
@@ -121,6 +139,8 @@ class Contents:
                     self.library = container.parse(Header.read, item.body).library
                 self.registry.take(item)
             known.append(item)
+        if last >= 0:
+            self.span = first, last
         orphans = len(piece.items) - len(known)
         if orphans:
             what = f"{orphans} messages belong to no channel"

@@ -283,7 +283,7 @@ def _summary(contents: Contents) -> Summary:
 def _inspect(file: Path) -> _Found:
     contents = Contents(file)
     summary = _summary(contents)
-    if summary.statistics is None or not summary.complete:
+    if summary.statistics is None or not (summary.complete and summary.agrees):
         return _scan(contents)
     found = summary.statistics
     counts = dict(found.channel_message_counts)

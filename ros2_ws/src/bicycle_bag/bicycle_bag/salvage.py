@@ -77,6 +77,8 @@ class Salvage:
             elif found.opcode == Opcode.MESSAGE_INDEX and not self._indexes(found.body):
                 self.damages.append(Damage(found.offset, found.offset, "an index is wrong"))
             yield found
+        if not self.damages and (wrong := self.contents.miscounted):
+            self.damages.append(Damage(self.contents.size, self.contents.size, wrong))
         progress(self.contents.size - end)
 
     def _indexes(self, body: bytes) -> bool:

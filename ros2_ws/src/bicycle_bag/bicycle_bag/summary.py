@@ -33,7 +33,7 @@ class Summary(NamedTuple):
     """The summary of a finished file; `statistics` may be missing.
 
     `places` has records that an index names, by offset; `data_end` is the offset of the record
-    that ends the data.
+    that ends the data. `has_checksum` is True if a checksum proves it all.
     """
 
     registry: Registry
@@ -41,6 +41,36 @@ class Summary(NamedTuple):
     chunks: list[ChunkIndex]
     places: dict[int, Place]
     data_end: int
+    has_checksum: bool = False
+
+    @property
+    def agrees(self) -> bool:
+        """True if counts and times of the statistics fit each other and what else is known.
+
+        Those of a file without chunks are proved by a checksum only, and what a writer has
+        counted wrong by none.
+        """
+        found = self.statistics
+        if found is None or sum(found.channel_message_counts.values()) != found.message_count:
+            return False
+        if not found.message_count:
+            return True
+        if not self.is_chunked or not any(one.message_index_length for one in self.chunks):
+            return self.has_checksum and found.message_start_time <= found.message_end_time
+        filled = [one for one in self.chunks if one.message_index_length]
+        first = min(one.message_start_time for one in filled)
+        last = max(one.message_end_time for one in filled)
+        span = found.message_start_time, found.message_end_time
+        return span == (first, last) and self._indexed == found.message_count
+
+    @property
+    def _indexed(self) -> int:
+        """Number of messages in all chunks by the lengths of their indexes."""
+        return sum(
+            (one.message_index_length - _MESSAGE_INDEX_BYTES * len(one.message_index_offsets))
+            // _ENTRY_BYTES
+            for one in self.chunks
+        )
 
     @property
     def complete(self) -> bool:
@@ -58,13 +88,8 @@ class Summary(NamedTuple):
         """True if all messages lie in chunks; None if it does not say."""
         if self.statistics is None:
             return True if self.chunks else None
-        inside = sum(
-            (one.message_index_length - _MESSAGE_INDEX_BYTES * len(one.message_index_offsets))
-            // _ENTRY_BYTES
-            for one in self.chunks
-        )
         unknown = not any(one.message_index_length for one in self.chunks)
-        enough = unknown or inside >= self.statistics.message_count
+        enough = unknown or self._indexed >= self.statistics.message_count
         return self.statistics.chunk_count > 0 and enough
 
 
@@ -90,7 +115,8 @@ def read_summary(stream: BinaryIO, size: int) -> Summary:
     section = stream.read(size - len(MAGIC) - 4 - start)
     if footer.summary_crc and zlib.crc32(section) != footer.summary_crc:
         raise DamageError("its summary's checksum is wrong")
-    summary = Summary(Registry(), None, [], {}, start - DATA_END_BYTES)
+    proved = footer.summary_crc != 0
+    summary = Summary(Registry(), None, [], {}, start - DATA_END_BYTES, proved)
     stream.seek(start)
     for _, record in container.records(stream, size):
         summary.registry.take(record)

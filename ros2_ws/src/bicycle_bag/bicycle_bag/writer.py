@@ -207,8 +207,8 @@ class BagWriter:
             )
         if place.endswith(DELETED) and replaced:
             raise BagError(
-                f"{self._file.path} was replaced by another file while it was being recorded: "
-                "what that one lacks is lost; record again into another folder"
+                f"{self._file.path} was replaced by another file while it was being recorded, "
+                "and what it held is lost: record again"
             )
         if place.endswith(DELETED):
             raise BagError(
