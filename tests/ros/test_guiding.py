@@ -143,7 +143,11 @@ def test_a_figure_eight_by_cmd_vel_alone(probe: Probe, controller: NodeProcess) 
         probe.say(topic, message)
         turned, seen, before = 0.0, len(probe[topics.STATE]), math.nan
         while side * turned < 2.0 * math.pi:
-            heard = probe.spin_until(lambda seen=seen: probe[topics.STATE][seen:])
+
+            def news(first: int = seen) -> list[Any]:
+                return probe[topics.STATE][first:]
+
+            heard = probe.spin_until(news)
             probe.say(topic, message)
             seen += len(heard)
             for state in heard:

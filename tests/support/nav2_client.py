@@ -34,7 +34,7 @@ def order(node: Node, kind: Any, name: str, goal: Any) -> str:
     answer = found.result()
     last = heard[-1] if heard else None
     left = getattr(last, "distance_remaining", getattr(last, "distance_to_goal", math.nan))
-    if hasattr(last, "current_pose"):
+    if last is not None and hasattr(last, "current_pose"):
         turn = last.current_pose.pose.orientation
         print(f"yaw {2.0 * math.atan2(turn.z, turn.w):.2f}")
     client.destroy()

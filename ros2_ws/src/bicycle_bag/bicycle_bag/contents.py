@@ -69,7 +69,7 @@ class Contents:
 
     @property
     def miscounted(self) -> str:
-        """What the statistics say otherwise than the file, once read; empty if nothing."""
+        """Return what the statistics say otherwise than the file, once read; empty if nothing."""
         found = self.summary.statistics if self.summary else None
         if found is None or self.span is None:
             return ""
