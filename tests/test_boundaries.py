@@ -219,6 +219,23 @@ def test_the_names_of_table_1_stand_in_the_papers_plant_alone() -> None:
     assert {name for name, text in sources.items() if words.search(text)} == set(NAMES_OF_TABLE_1)
 
 
+VALUES_OF_TABLE_1 = {
+    "bicycle_cockpit/web/bike.js": "a sketch, the same for every bicycle",
+    "bicycle_controller/policy/trained_for.py": "an example in a docstring",
+    "bicycle_sim/task/gym_env.py": "the documentation of its observations",
+}
+"""Sources outside of the plants with the paper's wheelbase or steering stop, and why."""
+
+
+def test_the_values_of_table_1_stand_in_the_papers_plant_alone() -> None:
+    """The page is told the geometry of every bicycle, and looks for no value of its own."""
+    values = (Constants.wheelbase, Constants.steer_stop)
+    either = "|".join(re.escape(str(value)) for value in values)
+    value = re.compile(rf"(?<![\d.])({either})(?!\d)")
+    found = {name for name, text in outside_the_plants().items() if value.search(text)}
+    assert found == set(VALUES_OF_TABLE_1)
+
+
 ASKED_FOR_BY_NAME = {
     "bicycle_controller/config/loading.py": "the plant of a configuration that names none",
     "bicycle_cockpit/ride_setup.py": "the plant that is chosen at first",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable
+from dataclasses import asdict
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,6 +17,7 @@ from bicycle_cockpit.rate_limiter import RateLimiter
 from bicycle_cockpit.ride_state import BURST, HISTORY, PIECE, RATE, SILENCE, RideState
 from bicycle_cockpit.rows import Rows, joined
 from bicycle_cockpit.samples import COLUMNS, Sample, plain_column, plain_row, reward_columns
+from bicycle_sim.plants import registry
 from bicycle_sim.task.reward import RewardWeights
 
 
@@ -187,3 +189,7 @@ def test_a_bucket_lets_a_burst_through_and_then_the_rate() -> None:
     assert [bucket.take() for _ in range(4)] == [True, True, True, False]
     clock.now += 0.5
     assert [bucket.take() for _ in range(2)] == [True, False]
+
+
+def test_a_page_knows_a_bicycle_before_a_simulator_tells_its_own() -> None:
+    assert RideState(Clock()).hello()["facts"] == {"geometry": asdict(registry.default().geometry)}

@@ -18,6 +18,7 @@ from bicycle_cockpit.riders import rider
 from bicycle_cockpit.rows import Rows, row_text
 from bicycle_cockpit.samples import COLUMNS, Sample, plain
 from bicycle_cockpit.who_rides import WhoRides
+from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.task.reward import RewardWeights
 from bicycle_sim.task.scenario import Scenario
@@ -64,7 +65,8 @@ class RideState:
         self.mode = "held"
         self.paused = False
         self.weights = RewardWeights()
-        self.facts: dict[str, Any] = {}
+        # Until a simulator tells its bicycle, a page draws the one that is ridden by default.
+        self.facts: dict[str, Any] = {"geometry": asdict(registry.default().geometry)}
         self.setting: tuple[Plant[Any], Scenario] | None = None
         self.unlike = ""
         self.names: dict[str, str] = {}

@@ -65,7 +65,7 @@ export class Pictures {
     const { facts } = live;
     const ghost = this.comparison.at(moment, row ? row.t : 0);
     drawMap(byId("map"), this.view, {
-      mark: this.mark, drag: this.drag, ...moment, ghost, wheelbase: moment.geometry?.wheelbase ?? facts.wheelbase ?? 1.11, whole: Boolean(bag),
+      mark: this.mark, drag: this.drag, ...moment, ghost, wheelbase: moment.geometry?.wheelbase, whole: Boolean(bag),
       fallen: Math.abs(row?.lean) > fallAngle, clear: this.views.main === "map" ? underLegend() : 0,
     });
     drawHorizon(byId("horizon"), row ?? undefined, fallAngle);

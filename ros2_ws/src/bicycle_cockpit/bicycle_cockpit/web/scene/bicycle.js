@@ -4,9 +4,6 @@
 import * as THREE from "../vendor/three.module.min.js";
 import { ball, joint, merged, ring, rods, stretch, tube, vector } from "./solids.js";
 
-/** The paper's bicycle, where nothing else is known. */
-export const PAPER = { wheelbase: 1.11, trail: 0, steer_axis_tilt: 0, rear_radius: 0.34, front_radius: 0.34, mass: 75, crank_ratio: 0.5 };
-
 /** kg: a lighter one has no rider. */
 const RIDERLESS = 35;
 const CRANK = 0.17;
@@ -47,11 +44,11 @@ function wheel(radius, paint, axle) {
 
 export class Bicycle {
   /**
-   * @param {object} geometry of the bicycle, as the cockpit tells it; missing numbers are the paper's
+   * @param {object} geometry of the bicycle, as the cockpit tells it
    * @param {boolean} ghost whether it is drawn translucent
    */
-  constructor(geometry = {}, ghost = false) {
-    this.size = { ...PAPER, ...geometry };
+  constructor(geometry, ghost = false) {
+    this.size = geometry;
     this.paint = materials(ghost);
     this.group = new THREE.Group();
     this.leaning = new THREE.Group();

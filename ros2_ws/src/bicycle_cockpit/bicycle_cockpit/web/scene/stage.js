@@ -117,7 +117,7 @@ export class Stage {
   }
 
   build(geometry) {
-    const wanted = JSON.stringify(geometry ?? {});
+    const wanted = JSON.stringify(geometry);
     if (wanted === this.built && this.bicycle) return;
     this.built = wanted;
     this.bicycle?.dispose();
@@ -138,7 +138,7 @@ export class Stage {
    * @param {number} now ms
    */
   draw(shown, now) {
-    if (this.lost || !this.sized()) return;
+    if (this.lost || !shown.geometry || !this.sized()) return; // the cockpit tells it first of all
     const elapsed = Math.min(0.25, Math.max(0, (now - this.last) / 1000));
     this.watch(now - this.last);
     this.last = now;
