@@ -208,7 +208,7 @@ def test_a_cancel_while_the_path_is_being_made_is_told_as_one() -> None:
 
     def slowly(radius: float) -> Course:
         assert made.wait(60.0)
-        return course((0.0, 0.0), (100.0, 0.0))(radius)
+        return Course("slow", path_through([(0.0, 0.0), (100.0, 0.0)]), 3.0)
 
     number = ride.guidance.follow("slow", slowly)
     ride.guidance.cancel(number, "asked for")

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator
+from functools import partial
 
 import pytest
+from bicycle_msgs.msg import BicycleState
 from geometry_msgs.msg import Twist, TwistStamped
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
@@ -76,6 +78,11 @@ def refusal(probe: Probe, message: Path) -> str:
     return str(status.message)
 
 
+def newer(probe: Probe, seen: int) -> list[BicycleState]:
+    """Return the states after the first `seen`."""
+    return probe[topics.STATE][seen:]
+
+
 def twist(speed: float, yaw_rate: float) -> Twist:
     message = Twist()
     message.linear.x, message.angular.z = speed, yaw_rate
@@ -143,11 +150,7 @@ def test_a_figure_eight_by_cmd_vel_alone(probe: Probe, controller: NodeProcess) 
         probe.say(topic, message)
         turned, seen, before = 0.0, len(probe[topics.STATE]), math.nan
         while side * turned < 2.0 * math.pi:
-
-            def news(first: int = seen) -> list[Any]:
-                return probe[topics.STATE][first:]
-
-            heard = probe.spin_until(news)
+            heard = probe.spin_until(partial(newer, probe, seen))
             probe.say(topic, message)
             seen += len(heard)
             for state in heard:

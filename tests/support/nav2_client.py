@@ -32,7 +32,7 @@ def order(node: Node, kind: Any, name: str, goal: Any) -> str:
     found = sent.result().get_result_async()
     rclpy.spin_until_future_complete(node, found)
     answer = found.result()
-    last = heard[-1] if heard else None
+    last: Any = heard[-1] if heard else None
     left = getattr(last, "distance_remaining", getattr(last, "distance_to_goal", math.nan))
     if last is not None and hasattr(last, "current_pose"):
         turn = last.current_pose.pose.orientation
