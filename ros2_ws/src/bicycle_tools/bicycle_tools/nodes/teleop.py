@@ -8,6 +8,7 @@ if __name__ == "__main__":
     run_module("bicycle_tools.nodes.teleop")
 
 import contextlib
+import os
 import select
 import sys
 import termios
@@ -71,10 +72,12 @@ def ride(node: Node, stream: int) -> None:
     while True:
         ready, _, _ = select.select([stream], [], [], PERIOD)
         if ready:
-            key = sys.stdin.read(1)
-            if key in ("q", "\x04", ""):
+            # Not sys.stdin: it would keep all but the first of the keys that came together.
+            keys = os.read(stream, 64).decode(errors="ignore")
+            if not keys or "q" in keys or "\x04" in keys:
                 return
-            wish = wish.pressed(key)
+            for key in keys:
+                wish = wish.pressed(key)
             print(f"\r{wish.speed:.2f} m/s, {wish.yaw_rate:+.2f} rad/s  ", end="", flush=True)
         message = TwistStamped()
         message.header.stamp = node.get_clock().now().to_msg()
