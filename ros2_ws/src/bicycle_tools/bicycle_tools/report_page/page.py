@@ -45,7 +45,9 @@ def html(pages: Sequence[RidePage], step: Callable[[], object] = lambda: None) -
         parts.append(_section("Rides together" if len(pages) > 1 else "Look into it", together))
     for drawing in DRAWINGS:
         note = f"<p><small>{KEY}</small></p>" if drawing.title == "State" else ""
-        still = f"{note}<figure>{svg(drawing, pages)}</figure>"
+        # On a phone it is scrolled sideways, which the keyboard must be able to do, too.
+        figure = f'<figure tabindex="0" aria-label="{escape(drawing.title)}">'
+        still = f"{note}{figure}{svg(drawing, pages)}</figure>"
         if together and drawing.title != "Timing":
             still = f'<details class="still" open><summary>as a picture</summary>{still}</details>'
         parts.append(_section(drawing.title, still))
