@@ -53,7 +53,7 @@ __all__ = [
 class BicycleEnv(EnvProperties, gymnasium.Env[np.ndarray, np.ndarray]):
     """Balance a bicycle and ride it to a goal (Choi, Le et al. 2019).
 
-    ## Action space
+    # Action space
 
     `Box(-1, 1, (k,), float32)`: one number for each action that the scenario allows, in this
     order, as a share of its limit. A scenario with a limit of zero lacks that action.
@@ -64,7 +64,7 @@ class BicycleEnv(EnvProperties, gymnasium.Env[np.ndarray, np.ndarray]):
     | displacement | d      | 0.2 or 0.02, by scenario    | m    |
     | pedal force  | F      | 100; none at a fixed speed  | N    |
 
-    ## Observation space
+    # Observation space
 
     `Box((6,), float32)`, in the paper's signs: lean and steering positive to the left, the
     heading error positive when the goal lies to the right. With `observation_scale` each
@@ -80,16 +80,16 @@ class BicycleEnv(EnvProperties, gymnasium.Env[np.ndarray, np.ndarray]):
     | lean acceleration | omega dot dot  | -300    | 300    | rad/s^2 |
     | heading error     | psi_g          | -pi     | pi     | rad     |
 
-    ## Reward
+    # Reward
 
     -(omega^2 + 0.1 omega_dot^2 + 0.01 omega_dot_dot^2 + 2 psi_g^2) (eq. 20), never positive.
 
-    ## Starting state
+    # Starting state
 
     Upright, straight, at the scenario's speed; place, heading and goal drawn as it says, or given
     by `reset(options={"start": (x, y), "goal": (x, y), "heading": rad, "speed": m/s})`.
 
-    ## Episode end
+    # Episode end
 
     Terminated: the rear contact is within 1 m of the goal, upright. Truncated: the scenario's
     `max_steps` (`spec.max_episode_steps`). A fall, |omega| > pi/6, ends nothing: the state
@@ -97,14 +97,14 @@ class BicycleEnv(EnvProperties, gymnasium.Env[np.ndarray, np.ndarray]):
     reward is what repeating it for ever is worth, r / (1 - discount). With `fall="terminate"` it
     terminates and counts once; since no reward is positive, that invites an agent to fall early.
 
-    ## Training variant
+    # Training variant
 
     With `variant="training"`, or an id `bicycle/<scenario>-train-v0`, stock learners can learn:
     a step costs at most 4, rewards are multiplied by 0.05, a fall ends with its value, half of the
     goals are within 15 m, bicycles start tilted, and an episode has at most 600 steps. Each is a
     field of `TrainingVariant`. Evaluate on the scenario itself, with the same observation scale.
 
-    ## Information
+    # Information
 
     | key                        | meaning                                        | unit |
     | -------------------------- | ---------------------------------------------- | ---- |
