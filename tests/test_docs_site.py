@@ -29,7 +29,8 @@ ROOT = Path(__file__).resolve().parents[1]
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the built site."""
     folder = tmp_path_factory.mktemp("docs") / "site"
-    words = ["build", "--strict", "--quiet", "--site-dir", str(folder)]
+    # --quiet would hide warnings from --strict.
+    words = ["build", "--strict", "--site-dir", str(folder)]
     subprocess.run([sys.executable, "-m", "mkdocs", *words], cwd=ROOT, check=True)
     return folder
 
