@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
+from foreign_bag import UNCHUNKED, ride_with_times
+from mcap.writer import IndexType
 from ride_bag import COMMAND, EPISODE, PERIOD_NS, START_NS, STATE, make_bag
 
 from bicycle_bag.errors import BagError
@@ -75,6 +78,28 @@ def test_timeline_is_the_recording_s_at_a_rate(tmp_path: Path) -> None:
     due = [time for time, _ in playback.timeline()]
     first = (START_NS - BagReader(tmp_path / "bag").starting_time_ns) / 1e9
     assert due == pytest.approx([(first + 0.025 * step) / 2.0 for step in range(40)], abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{}, UNCHUNKED, {"index_types": IndexType.NONE}, {"index_types": IndexType.CHUNK}],
+    ids=["indexed", "without chunks", "without index", "without index of messages"],
+)
+@pytest.mark.parametrize(("gaps", "jumps"), [([], False), ([50], True)])
+def test_a_chunk_may_be_longer_than_a_silence(
+    tmp_path: Path, options: dict[str, Any], gaps: list[int], jumps: bool
+) -> None:
+    """A slow topic fills a chunk of minutes; a silence in it is a silence all the same."""
+    second, ahead, times = 1_000_000_000, 0, []
+    for step in range(130):
+        ahead += 1000 if step in gaps else 0
+        times.append((START_NS + (step + ahead) * second,) * 2)
+    file = ride_with_times(tmp_path / "slow.mcap", times, **options)
+    playback = Playback(BagReader(file), PlayOptions())
+    last = list(playback.timeline())[-1][0]
+    assert playback.duration == pytest.approx(last, abs=1.5)
+    assert last == pytest.approx(129.0, abs=1.5)
+    assert playback.clock_jumps == jumps
 
 
 def test_start_offset_and_topics(tmp_path: Path) -> None:

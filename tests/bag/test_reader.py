@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from foreign_bag import UNCHUNKED, ForeignFile, ride_with_times
+from foreign_bag import SECOND, UNCHUNKED, ForeignFile, ride_with_times
 from ride_bag import COMMAND, EPISODE, STATE, make_bag
 
 from bicycle_bag import metadata
@@ -28,19 +28,20 @@ def test_first_and_last_time_come_from_index_or_from_the_messages(
     assert reader.duration_ns == 4
     assert reader.message_count == 4
     assert reader.counts == {EPISODE: 1, STATE: 2, COMMAND: 1}
-    assert reader.spans() == [(5, 9)]
+    assert list(reader.moments(SECOND)) == [5, 9]
 
 
 def test_a_file_without_messages_spans_nothing(tmp_path: Path) -> None:
     reader = BagReader(ride_with_times(tmp_path / "bag.mcap", [], **UNCHUNKED))
-    assert (reader.spans(), reader.message_count) == ([], 0)
+    assert (list(reader.moments(SECOND)), reader.message_count) == ([], 0)
     assert (reader.starting_time_ns, reader.duration_ns) == (NO_START, 0)
 
 
-def test_spans_are_those_of_the_chunks_in_recorded_order(tmp_path: Path) -> None:
+def test_moments_are_those_of_the_chunks_in_recorded_order(tmp_path: Path) -> None:
     times = [(1000 - index, index) for index in range(120)]
     reader = BagReader(ride_with_times(tmp_path / "bag.mcap", times, chunk_size=2000))
-    spans = reader.spans()
+    moments = list(reader.moments(SECOND))
+    spans = list(zip(moments[::2], moments[1::2], strict=True))
     assert len(spans) > 3
     assert spans == sorted(spans, reverse=True)
     assert (spans[0][1], spans[-1][0]) == (1000, 1000 - 119)

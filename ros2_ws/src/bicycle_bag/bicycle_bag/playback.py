@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
-from itertools import chain
 from typing import NamedTuple, NoReturn
 
 from bicycle_bag.errors import BagError
@@ -137,7 +136,7 @@ class Playback:
             self.clock_jumps = True
 
         time = self._time(jumped)
-        for moment in chain.from_iterable(self._reader.spans()):
+        for moment in self._reader.moments(int(self._options.max_gap * 1e9)):
             time.due(BagMessage("", "", moment, 0, b""))
         self.clock_jumps = self.clock_jumps or time.now_ns == 0
         return time.now_ns / 1e9

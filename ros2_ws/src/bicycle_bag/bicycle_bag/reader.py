@@ -7,12 +7,12 @@ from collections.abc import Collection, Iterator
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
-from bicycle_bag import metadata
+from bicycle_bag import container, metadata
 from bicycle_bag.container import CONVERT, DamageError, Registry
 from bicycle_bag.contents import Contents
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import NO_START, BagMetadata, FileInformation, Topic
-from bicycle_bag.summary import Summary
+from bicycle_bag.summary import Summary, indexed_times
 
 PACKED = ".mcap.zstd"
 """Endings of the files that rosbag2 has compressed as a whole."""
@@ -97,24 +97,22 @@ class BagReader:
         """Time from the first message to the last, ns."""
         return self.metadata.duration_ns
 
-    def spans(self) -> list[tuple[int, int]]:
-        """Return first and last log time of each chunk in recorded order, or of a chunkless file.
+    def moments(self, longest_ns: int) -> Iterator[int]:
+        """Yield log times in recorded order, with no message between two that is of interest.
+
+        Args:
+            longest_ns: Of a chunk that is no longer, only the first and the last time are
+                yielded; of a longer one, that of each message.
 
         Raises:
             BagError: A file has been damaged since the bag was opened.
         """
-        found: list[tuple[int, int]] = []
         for file, about in zip(self.files, self._informations, strict=True):
-            try:
-                chunks = _summary(Contents(file)).chunks
-            except DamageError as error:
-                raise damaged(file, error) from None
-            start = about.starting_time_ns
-            whole = [(start, start + about.duration_ns)] if about.message_count else []
-            chunks.sort(key=lambda chunk: chunk.chunk_start_offset)
-            times = [(chunk.message_start_time, chunk.message_end_time) for chunk in chunks]
-            found += times or whole
-        return found
+            if about.message_count:
+                try:
+                    yield from _moments(file, about, longest_ns)
+                except DamageError as error:
+                    raise damaged(file, error) from None
 
     def definition(self, topic: str) -> str:
         """Return the `ros2msg` text of a topic's type; empty if the bag has none.
@@ -295,6 +293,22 @@ def _scan(contents: Contents) -> _Found:
     for message in contents.messages():
         first, last = min(first, message.log_time_ns), max(last, message.log_time_ns)
     return _Found(contents.registry, contents.counts, first, last)
+
+
+def _moments(file: Path, about: FileInformation, longest_ns: int) -> Iterator[int]:
+    contents = Contents(file)
+    chunks = _summary(contents).chunks
+    if not chunks and about.duration_ns <= longest_ns:
+        yield from (about.starting_time_ns, about.starting_time_ns + about.duration_ns)
+    elif not chunks:
+        yield from (message.log_time_ns for message in contents.messages())
+    chunks.sort(key=lambda chunk: chunk.chunk_start_offset)
+    with container.open_binary(file) as stream:
+        for chunk in chunks:
+            span = chunk.message_start_time, chunk.message_end_time
+            if span == (0, 0) and not chunk.message_index_offsets:  # it has only definitions
+                continue
+            yield from span if span[1] - span[0] <= longest_ns else indexed_times(stream, chunk)
 
 
 def _file_messages(

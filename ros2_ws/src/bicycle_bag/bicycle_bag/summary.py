@@ -133,3 +133,31 @@ def read_summary(stream: BinaryIO, size: int) -> Summary:
             offset, length = _PLACE.unpack_from(record.body)
             summary.places[offset] = Place(opcode, length)
     return summary
+
+
+def indexed_times(stream: BinaryIO, chunk: ChunkIndex) -> list[int]:
+    """Return the log times of a chunk's messages in recorded order, ns.
+
+    They come from the message indexes behind the chunk, or from the chunk if it has none.
+
+    Raises:
+        DamageError: The indexes or the chunk are corrupt.
+    """
+    stream.seek(chunk.chunk_start_offset)
+    head = stream.read(HEAD.size)
+    opcode, length = HEAD.unpack(head) if len(head) == HEAD.size else (0, 0)
+    if opcode != Opcode.CHUNK or length > container.MAX_RECORD_BYTES:
+        raise DamageError("its index names a chunk where there is none")
+    if not chunk.message_index_offsets:
+        items = container.chunk_records(stream.read(length))
+        return [container.log_time_of(one.body) for one in items if one.opcode == Opcode.MESSAGE]
+    entries: list[tuple[int, int]] = []
+    for offset in chunk.message_index_offsets.values():
+        stream.seek(offset)
+        body = stream.read(_MESSAGE_INDEX_BYTES)
+        if len(body) < _MESSAGE_INDEX_BYTES or body[0] != Opcode.MESSAGE_INDEX:
+            raise DamageError("its index names a message index where there is none")
+        size = int.from_bytes(body[-4:], "little")
+        found = stream.read(min(size, chunk.message_index_length))
+        entries += container.ENTRY.iter_unpack(found[: len(found) // _ENTRY_BYTES * _ENTRY_BYTES])
+    return [time for time, _ in sorted(entries, key=lambda entry: entry[1])]
