@@ -16,6 +16,8 @@ from bicycle_common import yaml_text
 VERSION = 9
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"
+PACKED_MESSAGES = "messages are compressed one by one: record.sh --repair unpacks them"
+"""What a reader says of such a bag."""
 NO_START = 2**63 - 1
 """Start of a bag without messages in rosbag2, which has no later time."""
 
@@ -174,7 +176,10 @@ def _require_mcap(content: Mapping[str, Any]) -> None:
             f"the bag is stored as {storage!s:.40}, and only mcap can be read here: {ours}"
             f"ros2 bag convert {does} on a machine that has ROS 2"
         )
-    if str(content.get("compression_mode") or "none").lower() != "none":
+    mode = str(content.get("compression_mode") or "none").lower()
+    if mode == "message" and ".zstd" not in str(content.get("relative_file_paths")):
+        raise BagError(f"the bag's {PACKED_MESSAGES}")
+    if mode != "none":
         raise BagError(
             "the bag's files are compressed as a whole: record.sh --repair unpacks them"
         )

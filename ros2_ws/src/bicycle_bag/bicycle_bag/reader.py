@@ -11,6 +11,7 @@ from bicycle_bag import container, metadata
 from bicycle_bag.container import CONVERT, DamageError, Registry
 from bicycle_bag.contents import Contents
 from bicycle_bag.errors import BagError
+from bicycle_bag.message_packing import MARK
 from bicycle_bag.metadata import NO_START, BagMetadata, FileInformation, Topic
 from bicycle_bag.summary import Summary, indexed_times
 
@@ -324,6 +325,8 @@ def _file_messages(
                 wanted[channel_id] = _kind(contents.registry, channel_id, topics)
             if (kind := wanted[channel_id]) is not None:
                 topic, type_name, encoding = kind
+                if data.startswith(MARK) and encoding == "cdr":
+                    raise BagError(f"{file} cannot be read: its {metadata.PACKED_MESSAGES}")
                 yield BagMessage(topic, type_name, log_time, publish_time, data, encoding, number)
     except DamageError as error:
         raise damaged(file, error) from None

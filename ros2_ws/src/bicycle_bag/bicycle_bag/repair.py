@@ -8,8 +8,6 @@ if __name__ == "__main__":
     run_module("bicycle_bag.repair")
 
 import contextlib
-import itertools
-import os
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
@@ -21,6 +19,8 @@ from bicycle_bag.container import LIBRARY, Registry
 from bicycle_bag.contents import Contents
 from bicycle_bag.errors import BagError
 from bicycle_bag.in_use import held
+from bicycle_bag.keeping import keep
+from bicycle_bag.message_packing import MessageUnpacker
 from bicycle_bag.metadata import BagMetadata, FileInformation, Topic
 from bicycle_bag.reader import BagReader, bag_in, find_files
 from bicycle_bag.rewrite import Rewrite
@@ -38,6 +38,8 @@ MOST_SPANS = 5
 @dataclass
 class RepairReport:
     """Result of a repair; `kept` are copies of the damaged files, `converted` were databases.
+
+    The messages of `unpacked` files, whose originals are kept, were compressed one by one.
 
     `lost_messages` is known only of files that were finished; `lost_spans` are the first and last
     times of lost chunks in ns; `lost_bytes` belong to no recognisable record. Of the `unproved`
@@ -57,6 +59,7 @@ class RepairReport:
     starting_time_ns: int = metadata.NO_START
     kept: list[Path] = field(default_factory=list)
     converted: list[Path] = field(default_factory=list)
+    unpacked: list[Path] = field(default_factory=list)
 
     def __str__(self) -> str:
         of = f" of {self.messages + self.lost_messages}" if self.lost_messages else ""
@@ -65,6 +68,11 @@ class RepairReport:
         )
         if self.converted:
             line += f"; made of sqlite3: {', '.join(path.name for path in self.converted)}"
+        if self.unpacked:
+            line += (
+                "; messages that were compressed one by one were unpacked, originals kept as "
+                + ", ".join(str(path) for path in self.unpacked)
+            )
         losses = {
             "messages": self.lost_messages,
             "chunks": self.lost_chunks,
@@ -173,7 +181,7 @@ def _write_metadata(
             named = [file.name for file in find_files(folder)]
             if named == [file.path for file in files] and stored.counts == counts:
                 return
-        report.kept.append(_keep(old))
+        report.kept.append(keep(old))
     metadata.write(folder, BagMetadata(tuple(topics.values()), counts, files, custom_data, distro))
 
 
@@ -190,10 +198,10 @@ def _repair_file(source: Path, report: RepairReport, progress: Progress) -> Salv
         with _disk_errors(source):
             scratch.unlink(missing_ok=True)
             adopted = _adopted(check.contents)
-            salvage = _copy(source, scratch, adopted)
-            counts = salvage.contents.counts
+            salvage, counts, lost = _copy(source, scratch, adopted, check.packed > 0)
             report.adopted += sum(counts.get(channel, 0) for channel in adopted.channels)
-            _read_again(scratch, salvage)
+            _read_again(scratch, source, counts)
+            report.lost_messages += lost
             _swap(source, scratch, salvage, report)
     finally:
         scratch.unlink(missing_ok=True)
@@ -221,34 +229,39 @@ def _adopted(contents: Contents) -> Registry:
     return found
 
 
-def _copy(source: Path, scratch: Path, adopted: Registry) -> Salvage:
+def _copy(
+    source: Path, scratch: Path, adopted: Registry, is_packed: bool
+) -> tuple[Salvage, dict[int, int], int]:
+    """Write the new file; returns what was read, the messages by channel, and those lost."""
     salvage = Salvage(source)
     registry = salvage.contents.registry
     registry.channels.update(adopted.channels)
     registry.schemas.update(adopted.schemas)
+    unpacker = MessageUnpacker(registry)
     with contextlib.closing(Rewrite(source, scratch, registry)) as written:
         for piece in salvage.pieces(lambda _: None):
-            written.add(piece)
+            for one in unpacker.pieces(piece) if is_packed else (piece,):
+                written.add(one)
         if salvage.is_rosbag2:
             topics = {number: registry.topic_of(one) for number, one in registry.channels.items()}
             counts = dict.fromkeys((topic.name for topic in topics.values()), 0)
             for number, count in written.counts.items():
                 counts[topics[number].name] += count
             first, last = written.span or (metadata.NO_START, metadata.NO_START)
-            file = FileInformation(source.name, first, last - first, salvage.messages)
+            file = FileInformation(source.name, first, last - first, sum(counts.values()))
             about = BagMetadata(tuple(topics.values()), counts, (file,), salvage.custom_data)
             written.add_metadata("rosbag2", about.to_record())
         written.finish()
-    return salvage
+    return salvage, written.counts, unpacker.lost
 
 
-def _read_again(scratch: Path, salvage: Salvage) -> None:
+def _read_again(scratch: Path, source: Path, counts: dict[int, int]) -> None:
     again = Salvage(scratch)
     for _ in again.pieces(lambda _: None):
         pass
-    if not again.whole or again.contents.counts != salvage.contents.counts:
+    if not again.whole or again.contents.counts != counts:
         raise BagError(
-            f"cannot repair {salvage.path}: the new file was not read back as it was written; the "
+            f"cannot repair {source}: the new file was not read back as it was written; the "
             "bag is as it was; check the disk and the memory, then try again"
         )
 
@@ -265,23 +278,13 @@ def _swap(source: Path, scratch: Path, salvage: Salvage, report: RepairReport) -
     if damages and not salvage.explained:
         report.unproved += salvage.unproved
     if damages:
-        report.kept.append(_keep(source))
+        report.kept.append(keep(source))
+    elif salvage.packed:
+        report.unpacked.append(keep(source, "packed"))
     shutil.copymode(source, scratch)
     scratch.replace(source)
     sync_folder(source.parent)
     report.rewritten.append(source)
-
-
-def _keep(file: Path) -> Path:
-    """Keep a file under a second name; earlier copies stay."""
-    for number in itertools.count(1):
-        kept = file.with_name(f"{file.name}.damaged{f'.{number}' if number > 1 else ''}")
-        with contextlib.suppress(FileExistsError):
-            os.link(file, kept)
-            return kept
-        if kept.samefile(file):
-            return kept
-    raise AssertionError
 
 
 @contextlib.contextmanager

@@ -77,7 +77,7 @@ class Rewrite:
                 message = container.parse_message(item.body)
                 self._define({message.channel_id})
                 self._count(message.channel_id, 1, (message.log_time_ns, message.log_time_ns))
-                self._copy(piece)
+                self._write(HEAD.pack(item.opcode, len(item.body)) + item.body)
         elif piece.opcode not in (Opcode.MESSAGE_INDEX, Opcode.DATA_END):
             offset = self._copy(piece)
             length = piece.end - piece.offset

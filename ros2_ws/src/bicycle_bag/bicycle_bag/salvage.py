@@ -11,6 +11,7 @@ from bicycle_bag import container, metadata
 from bicycle_bag.container import ENTRY
 from bicycle_bag.contents import Contents
 from bicycle_bag.errors import BagError
+from bicycle_bag.message_packing import is_packed
 from bicycle_bag.walk import WRONG_CHECKSUM, Damage, Piece
 from bicycle_common import yaml_text
 
@@ -25,6 +26,7 @@ class Salvage:
         custom_data: From the metadata in it.
         damages: What it holds besides.
         unproved: Messages that have no checksum of their own.
+        packed: Messages that are compressed one by one.
         is_rosbag2: True if it has rosbag2's metadata in it.
 
     Raises:
@@ -37,6 +39,7 @@ class Salvage:
         self.custom_data: dict[str, str] = {}
         self.damages: list[Damage] = []
         self.unproved = 0
+        self.packed = 0
         self.is_rosbag2 = False
         self._index: dict[int, bytearray] = {}
 
@@ -52,8 +55,8 @@ class Salvage:
 
     @property
     def whole(self) -> bool:
-        """True if, once read, the file has its index and no damage."""
-        return self.contents.summary is not None and not self.damages
+        """True if, once read, the file has its index, no damage, and messages as they are."""
+        return self.contents.summary is not None and not self.damages and not self.packed
 
     def pieces(self, progress: Progress) -> Iterator[Piece]:
         """Yield everything valid.
@@ -70,6 +73,8 @@ class Salvage:
                 continue
             if found.content is None or not found.content.has_checksum:
                 self.unproved += sum(item.opcode == Opcode.MESSAGE for item in found.items)
+            registry = self.contents.registry
+            self.packed += sum(is_packed(item, registry) for item in found.items)
             if found.opcode == Opcode.METADATA:
                 self._remember(found.body)
             elif found.opcode == Opcode.CHUNK:
@@ -91,7 +96,7 @@ class Salvage:
         self.is_rosbag2 = self.is_rosbag2 or record.name == "rosbag2"
         text = record.metadata.get("serialized_metadata", "")
         try:
-            stored = metadata.from_yaml_map(yaml_text.load(text))
+            stored = metadata.from_yaml_map(yaml_text.load(text), of_any_storage=True)
         except (yaml_text.YAMLError, BagError, KeyError, TypeError, ValueError, AttributeError):
             return
         self.custom_data.update(stored.custom_data)

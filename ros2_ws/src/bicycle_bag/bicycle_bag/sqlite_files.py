@@ -12,16 +12,14 @@ from urllib.parse import quote
 
 import zstandard
 
-from bicycle_bag.container import MAX_RECORD_BYTES
 from bicycle_bag.errors import BagError
 from bicycle_bag.mcap_file import McapFile
+from bicycle_bag.message_packing import MARK, unpack
 from bicycle_bag.metadata import BagMetadata, Topic
 from bicycle_bag.qos import parse_profiles
 from bicycle_bag.schemas import Schemas
 
 SUFFIX = ".db3"
-_ZSTD = b"\x28\xb5\x2f\xfd"
-"""First bytes of a message that rosbag2 compressed by itself; no CDR begins so."""
 _WANTED = {
     "topics": ("id", "name", "type", "serialization_format"),
     "messages": ("id", "topic_id", "timestamp", "data"),
@@ -157,10 +155,10 @@ def _messages(
 
 def _unpacked(database: Path, data: bytes) -> bytes:
     """Return a message; unpack one that was compressed alone (`--compression-mode message`)."""
-    if not data.startswith(_ZSTD):
+    if not data.startswith(MARK):
         return data
     try:
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=MAX_RECORD_BYTES)
+        return unpack(data)
     except zstandard.ZstdError as error:
         raise BagError(
             f"cannot unpack a message of {database} ({error}): take another copy of it"
