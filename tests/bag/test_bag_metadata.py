@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ import yaml
 import zstandard
 from ride_bag import make_bag, ride
 
-from bicycle_bag import repair
+from bicycle_bag import repair, unpacking
 from bicycle_bag.errors import BagError
 from bicycle_bag.metadata import Topic
 from bicycle_bag.reader import BagReader
@@ -221,3 +223,67 @@ def test_a_pipe_in_place_of_a_file_is_not_waited_for(bag: Path) -> None:
     (bag / "metadata.yaml").unlink()
     os.mkfifo(bag / "metadata.yaml")
     assert "holds no .mcap file" in refusal(bag)
+
+
+def packed_bag(tmp_path: Path) -> tuple[Path, bytes]:
+    """Return the packed file of a bag that rosbag2 compressed as a whole, and its bytes."""
+    made = tmp_path / "packed"
+    make_bag(made, 500, compression="none")
+    plain = made / "packed_0.mcap"
+    packed = made / "packed_0.mcap.zstd"
+    packed.write_bytes(zstandard.compress(plain.read_bytes()))
+    plain.unlink()
+    content = stored(made)
+    content["files"][0]["path"] = content["relative_file_paths"][0] = packed.name
+    content.update(compression_format="zstd", compression_mode="FILE")
+    store(made, content)
+    return packed, packed.read_bytes()
+
+
+def test_a_packed_file_that_is_cut_off_is_told_and_not_taken_for_the_bag(tmp_path: Path) -> None:
+    packed, whole = packed_bag(tmp_path)
+    packed.write_bytes(whole[:-200])
+    for _ in range(2):
+        with pytest.raises(BagError, match=r"cut off.* all later ones are lost") as raised:
+            repair.repair(packed.parent)
+        assert list(packed.parent.glob("*.mcap")) == []
+    said = re.search(r"first (\d+) messages .* --repair (\S+) makes", str(raised.value))
+    assert said is not None
+    assert 0 < int(said[1]) < 1001
+    report = repair.repair(Path(said[2]))
+    assert report.messages == int(said[1])
+    packed.write_bytes(whole)
+    assert repair.repair(packed.parent).messages == 1001
+    assert BagReader(packed.parent).message_count == 1001
+
+
+def test_a_whole_packed_file_replaces_what_a_cut_one_left(tmp_path: Path) -> None:
+    packed, whole = packed_bag(tmp_path)
+    left = packed.with_suffix("")
+    left.write_bytes(zstandard.decompress(whole)[:9000])
+    assert repair.repair(packed.parent).messages == 1001
+    assert left.with_name(f"{left.name}.damaged").stat().st_size == 9000
+
+
+def test_a_packed_file_of_several_frames_is_whole(tmp_path: Path) -> None:
+    packed, whole = packed_bag(tmp_path)
+    plain = zstandard.decompress(whole)
+    packed.write_bytes(zstandard.compress(plain[:5000]) + zstandard.compress(plain[5000:]))
+    assert repair.repair(packed.parent).messages == 1001
+
+
+@pytest.mark.parametrize("limit", ["size", "disk"])
+def test_a_packed_bomb_ends_with_one_line(
+    tmp_path: Path, limit: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    packed, _ = packed_bag(tmp_path)
+    packed.write_bytes(zstandard.compress(bytes(20 * 2**20)))
+    if limit == "size":
+        monkeypatch.setattr(unpacking, "LEAST_LIMIT", 2**20)
+    else:
+        usage = shutil.disk_usage(tmp_path)._replace(free=17 * 2**20)
+        monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
+    said = "more than 2000 times its size" if limit == "size" else "more than the 1 MiB"
+    with pytest.raises(BagError, match=said):
+        repair.repair(packed.parent)
+    assert {file.name for file in packed.parent.iterdir()} == {packed.name, "metadata.yaml"}
