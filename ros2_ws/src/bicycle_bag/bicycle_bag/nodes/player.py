@@ -225,17 +225,22 @@ class Player:
             BagError: Another node publishes what is played.
         """
         deadline = time.monotonic() + patience
-        while not other_publishers(self._node, self._guarded, own):
+        while not (found := self._others(own)):
             if time.monotonic() >= deadline:
                 return
             time.sleep(SLICE)
-        time.sleep(SETTLE_SECONDS)
-        found = other_publishers(self._node, self._guarded, own)
         raise BagError(
             f"the same topics are published by {listed(found)}: end that (stop.sh), play on "
             "another ROS_DOMAIN_ID, leave topics out with --exclude-topics, or rename them with "
             "--remap"
         )
+
+    def _others(self, own: int) -> dict[str, list[str]]:
+        """Return the others and their topics; nobody if those who were seen end meanwhile."""
+        if not other_publishers(self._node, self._guarded, own):
+            return {}
+        time.sleep(SETTLE_SECONDS)
+        return other_publishers(self._node, self._guarded, own)
 
     def finish(self) -> None:
         """Give reliable subscribers a moment to confirm the last messages."""
