@@ -94,7 +94,7 @@ def test_one_that_is_corrupt_is_counted_as_lost(tmp_path: Path) -> None:
 
 
 def test_a_bag_that_an_earlier_repair_called_whole_is_unpacked(bag: Path) -> None:
-    """Its metadata no longer name the compression."""
+    """The metadata no longer name the compression."""
     path = bag / metadata.FILE_NAME
     path.write_text(path.read_text().replace("MESSAGE", "''"))
     with pytest.raises(BagError, match=REMEDY):

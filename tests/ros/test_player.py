@@ -1,4 +1,4 @@
-"""What a replay makes of others that publish the same topics."""
+"""Rules of a replay for others that publish the same topics."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ VERSION = 9
 FILE_NAME = "metadata.yaml"
 ROOT = "rosbag2_bagfile_information"
 PACKED_MESSAGES = "messages are compressed one by one: record.sh --repair unpacks them"
-"""What a reader says of such a bag."""
+"""Answer of a reader to such a bag."""
 NO_START = 2**63 - 1
 """Start of a bag without messages in rosbag2, which has no later time."""
 
