@@ -158,6 +158,7 @@ def run_module(name: str) -> NoReturn:
     _on_signals(_leave)
     unblock()
     _check_shared_memory(name)
+    _check_progress_settings(name)
     main = importlib.import_module(name).main
     try:
         signal.signal(signal.SIGINT, _interrupt)
@@ -191,6 +192,15 @@ def _check_shared_memory(name: str) -> None:
     if ".nodes." in name and (reason := shared_memory.refusal()):
         print(f"{name.rpartition('.')[2]}: {reason}", file=sys.stderr)
         sys.exit(1)
+
+
+def _check_progress_settings(name: str) -> None:
+    """Set aside the settings with which the progress bar cannot even be imported."""
+    from bicycle_common import progress_settings
+
+    if said := progress_settings.set_aside():
+        with contextlib.suppress(OSError, AttributeError):  # standard error is closed
+            print(f"{name.rpartition('.')[2]}: {said}", file=sys.stderr)
 
 
 def _status_of(main: Callable[[], int | None]) -> tuple[str | int | None, OSError | None]:
