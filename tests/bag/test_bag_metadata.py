@@ -5,12 +5,14 @@ from __future__ import annotations
 import os
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 import zstandard
+from foreign_bag import ForeignFile
 from ride_bag import make_bag, ride
 
 from bicycle_bag import repair, unpacking
@@ -287,3 +289,98 @@ def test_a_packed_bomb_ends_with_one_line(
     with pytest.raises(BagError, match=said):
         repair.repair(packed.parent)
     assert {file.name for file in packed.parent.iterdir()} == {packed.name, "metadata.yaml"}
+
+
+@pytest.mark.parametrize("number", [float("inf"), float("-inf"), float("nan")])
+@pytest.mark.parametrize("where", ["topic", "file", "start", "duration"])
+def test_a_number_that_is_none_is_one_line_and_repaired(
+    bag: Path, number: float, where: str
+) -> None:
+    content = stored(bag)
+    (file,) = content["files"]
+    if where == "topic":
+        content["topics_with_message_count"][0]["message_count"] = number
+    elif where == "file":
+        file["message_count"] = number
+    elif where == "start":
+        file["starting_time"]["nanoseconds_since_epoch"] = number
+    else:
+        file["duration"]["nanoseconds"] = number
+    store(bag, content)
+    assert "is not rosbag2 metadata" in refusal(bag)
+    assert repair.repair(bag).messages == 2 * STEPS + 1
+    assert BagReader(bag).odd == ""
+
+
+def test_a_number_that_is_none_in_the_metadata_of_a_file_is_left_out(tmp_path: Path) -> None:
+    text = (
+        "topics_with_message_count: []\nrelative_file_paths: []\nfiles: [{path: a, starting_time: "
+        "{nanoseconds_since_epoch: .inf}, duration: {nanoseconds: 0}, message_count: 1}]\n"
+    )
+    with ForeignFile(tmp_path / "x.mcap", library="rosbag2") as file:
+        file.ride_channels()
+        for topic, data, now in ride(STEPS):
+            file.write(topic, data, now)
+        file.writer.add_metadata("rosbag2", {"serialized_metadata": text})
+    assert repair.repair(tmp_path / "x.mcap").messages == 2 * STEPS + 1
+
+
+ODD: dict[str, Callable[[dict[str, Any]], object]] = {
+    "it names a file twice": lambda content: content.update(
+        files=2 * content["files"], relative_file_paths=2 * content["relative_file_paths"]
+    ),
+    "it names no file": lambda content: content.update(files=[], relative_file_paths=[]),
+    "it counts 0 messages where there are 41": lambda content: content.update(
+        topics_with_message_count=None
+    ),
+    "it counts 1e+24 messages where there are 41": lambda content: content[
+        "topics_with_message_count"
+    ][0].update(message_count=10**24),
+    "it counts the messages of its topics wrong": lambda content: [
+        one.update(message_count=number)
+        for one, number in zip(content["topics_with_message_count"], (40, 1, 0), strict=True)
+    ],
+    "its times are wrong": lambda content: content["files"][0].update(
+        duration={"nanoseconds": 10**30}
+    ),
+}
+
+
+@pytest.mark.parametrize("odd", ODD)
+def test_what_the_metadata_have_wrong_is_told_and_taken_from_the_files(
+    bag: Path, odd: str
+) -> None:
+    right = BagReader(bag)
+    content = stored(bag)
+    ODD[odd](content)
+    store(bag, content)
+    reader = BagReader(bag)
+    assert odd.startswith(reader.odd)
+    assert reader.odd
+    assert [(m.topic, m.data, m.log_time_ns) for m in reader.messages()] == ride(STEPS)
+    assert reader.counts == right.counts
+    assert reader.duration_ns == right.duration_ns
+    assert f"written anew, as {reader.odd}" in str(repair.repair(bag))
+    assert BagReader(bag).odd == ""
+    assert repair.repair(bag).odd == ""
+
+
+def test_files_that_macos_leaves_are_no_part_of_the_bag(bag: Path) -> None:
+    for ending in ("mcap", "db3", "mcap.zstd"):
+        (bag / f"._bag_0.{ending}").write_bytes(b"\0\5\x16\7" + bytes(100))
+    (bag / "metadata.yaml").unlink()
+    assert BagReader(bag).message_count == 2 * STEPS + 1
+    assert repair.repair(bag).rewritten == []
+    assert BagReader(bag).odd == ""
+
+
+@pytest.mark.parametrize("has_metadata", [True, False])
+def test_a_bag_that_is_only_a_link_names_the_link(bag: Path, has_metadata: bool) -> None:
+    file = bag / "bag_0.mcap"
+    file.rename(bag.parent / "elsewhere.mcap")
+    file.symlink_to(bag.parent / "elsewhere.mcap")
+    if not has_metadata:
+        (bag / "metadata.yaml").unlink()
+    assert f"{file.name} is a link to {bag.parent / 'elsewhere.mcap'}, out of the bag" in refusal(
+        bag
+    )

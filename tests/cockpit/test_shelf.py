@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from foreign_bag import ride_with_times
 from made_bag import PERIOD, STEPS, write_bag
 
 from bicycle_bag.errors import BagError
@@ -121,25 +122,34 @@ def test_a_bag_without_a_message_is_listed_so(tmp_path: Path) -> None:
     assert entry("bag", tmp_path / "bag") == {"name": "bag", "problem": "it holds no message"}
 
 
-def test_a_start_that_no_calendar_has_is_left_out(bag: Path, tmp_path: Path) -> None:
-    shutil.copytree(bag, tmp_path / "bag")
-    content = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())[ROOT]
-    content["files"][0]["starting_time"]["nanoseconds_since_epoch"] = 2**63 - 1
-    change_metadata(tmp_path / "bag", files=content["files"])
-    assert entry("bag", tmp_path / "bag")["start"] is None
-
-
-@pytest.mark.parametrize("number", [2**63 + 10**18, 2**70, 2**90, -5])
-def test_a_start_beyond_all_calendars_leaves_the_bag_listed(
+@pytest.mark.parametrize("number", [2**63 - 1, 2**63 + 10**18, 2**70, 2**90, -5])
+def test_what_the_metadata_have_wrong_is_taken_from_the_files(
     bag: Path, tmp_path: Path, number: int
 ) -> None:
     shutil.copytree(bag, tmp_path / "bag")
     content = yaml.safe_load((tmp_path / "bag" / "metadata.yaml").read_text())[ROOT]
-    content["files"][0]["starting_time"]["nanoseconds_since_epoch"] = number
-    change_metadata(tmp_path / "bag", files=content["files"], storage_identifier="")
-    found = entry("bag", tmp_path / "bag")
-    assert found["start"] == (number / 1e9 if number < 2**64 and number > 0 else None)
-    assert found["messages"] == 2 * STEPS + 6
+    (file,) = content["files"]
+    file["starting_time"]["nanoseconds_since_epoch"] = file["duration"]["nanoseconds"] = number
+    file["message_count"] = number
+    change_metadata(
+        tmp_path / "bag", files=[file], storage_identifier="", topics_with_message_count=None
+    )
+    assert entry("bag", tmp_path / "bag") == entry("bag", bag)
+
+
+def test_files_that_macos_leaves_are_no_bags(bag: Path, tmp_path: Path) -> None:
+    shutil.copytree(bag, tmp_path / "bag")
+    for folder in (tmp_path, tmp_path / "bag"):
+        (folder / "._bag_0.mcap").write_bytes(b"\0\5\x16\7" + bytes(100))
+    assert list(BagShelf(tmp_path).found()) == ["bag"]
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    assert entry("bag", tmp_path / "bag") == entry("bag", bag)
+
+
+def test_a_start_that_no_calendar_has_is_left_out(tmp_path: Path) -> None:
+    file = ride_with_times(tmp_path / "late.mcap", [(2**63 - 1,) * 2, (2**63 - 1,) * 2])
+    assert entry("late", file)["start"] is None
+    assert entry("late", file)["messages"] == 2
 
 
 def test_a_signature_changes_with_the_bag(bag: Path, tmp_path: Path) -> None:

@@ -160,10 +160,15 @@ def read(folder: Path, of_any_storage: bool = False) -> BagMetadata:
         return from_yaml_map(content[ROOT], of_any_storage)
     except (OSError, UnicodeDecodeError, yaml_text.YAMLError) as error:
         raise BagError(f"cannot read {path} ({_one_line(error)}): {_REMEDY}") from None
-    except (KeyError, TypeError, ValueError, AttributeError):
+    except NOT_METADATA:
         raise BagError(f"{path} is not rosbag2 metadata: {_REMEDY}") from None
 
 
+_MANY = 10**15
+_SLACK_NS = 3600 * 10**9
+"""Difference of two durations that is no rounding."""
+NOT_METADATA = KeyError, TypeError, ValueError, OverflowError, AttributeError
+"""Errors of `from_yaml_map` on what is not rosbag2's."""
 _REMEDY = "remove it and run record.sh --repair on the bag to write it anew"
 
 
@@ -194,7 +199,7 @@ def from_yaml_map(content: Mapping[str, Any], of_any_storage: bool = False) -> B
 
     Raises:
         BagError: The files are not MCAP or are compressed as a whole.
-        KeyError, TypeError, ValueError: The map is not rosbag2's.
+        KeyError, TypeError, ValueError, OverflowError: The map is not rosbag2's.
     """
     if not of_any_storage:
         _require_mcap(content)
@@ -214,6 +219,31 @@ def from_yaml_map(content: Mapping[str, Any], of_any_storage: bool = False) -> B
         custom_data={str(key): str(value) for key, value in custom.items()},
         ros_distro=str(content.get("ros_distro") or ""),
     )
+
+
+def oddity(stored: BagMetadata, found: BagMetadata) -> str:
+    """Return what a `metadata.yaml` says otherwise than the files; empty if nothing.
+
+    Args:
+        stored: What it says.
+        found: What the files hold.
+    """
+    names = [file.path for file in stored.files]
+    if not names:
+        return "it names no file"
+    if len(set(names)) < len(names):
+        return "it names a file twice"
+    said = {name: count for name, count in stored.counts.items() if count}
+    if said != {name: count for name, count in found.counts.items() if count}:
+        total = sum(said.values())
+        if total == found.message_count:
+            return "it counts the messages of its topics wrong"
+        many = str(total) if abs(total) < _MANY else f"{total:.0e}"
+        return f"it counts {many} messages where there are {found.message_count}"
+    late = stored.duration_ns - found.duration_ns
+    if stored.message_count and (stored.duration_ns < 0 or late > _SLACK_NS):
+        return "its times are wrong"
+    return ""
 
 
 def _read_topic(entry: Mapping[str, Any]) -> Topic:

@@ -129,7 +129,7 @@ def parse_profiles(offered: object) -> tuple[QosProfile, ...]:
     for entry in entries if isinstance(entries, list) else []:
         try:
             profiles.append(from_yaml_map(entry))
-        except (ValueError, TypeError, KeyError, AttributeError):
+        except (ValueError, TypeError, KeyError, OverflowError, AttributeError):
             continue
     return tuple(profiles)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Collection, Iterator
 from pathlib import Path, PurePosixPath
@@ -11,12 +12,16 @@ from bicycle_bag import container, metadata
 from bicycle_bag.container import CONVERT, DamageError, Registry
 from bicycle_bag.contents import Contents
 from bicycle_bag.errors import BagError
+from bicycle_bag.folder import visible
 from bicycle_bag.message_packing import MARK
 from bicycle_bag.metadata import NO_START, BagMetadata, FileInformation, Topic
 from bicycle_bag.summary import Summary, indexed_times
 
 PACKED = ".mcap.zstd"
 """Endings of the files that rosbag2 has compressed as a whole."""
+
+
+_NO_METADATA = BagMetadata(ros_distro="")
 
 
 class BagMessage(NamedTuple):
@@ -42,6 +47,10 @@ class BagReader:
     Args:
         path: Bag directory, MCAP file, or the folder of a run of ride.sh.
 
+    Attributes:
+        files: Its MCAP files.
+        odd: What its `metadata.yaml` says otherwise than they do; empty if nothing.
+
     Raises:
         BagError: There is no such bag, it is foreign, or it was never finished.
     """
@@ -56,11 +65,13 @@ class BagReader:
         self._stored = self._stored_metadata()
         for file in self.files:
             self._open(file)
+        has_metadata = self._stored is not _NO_METADATA
+        self.odd = metadata.oddity(self._stored, self.metadata) if has_metadata else ""
 
     def _stored_metadata(self) -> BagMetadata:
         if (self.path / metadata.FILE_NAME).is_file():
             return metadata.read(self.path)
-        return BagMetadata(ros_distro="")
+        return _NO_METADATA
 
     @property
     def topics(self) -> dict[str, Topic]:
@@ -194,7 +205,7 @@ def bag_in(path: Path) -> Path:
     """Return the bag of a path, which may be the folder of a run of ride.sh."""
     inside = path / "bag"
     try:
-        is_run = inside.is_dir() and not any(path.glob("*.mcap"))
+        is_run = inside.is_dir() and not visible(path, ".mcap")
     except OSError:
         return path
     return inside if is_run else path
@@ -219,28 +230,44 @@ def find_files(path: Path, listed: bool = True) -> list[Path]:
     if not is_folder:
         raise BagError(f"there is no bag {path}: name a bag directory or a .mcap file")
     if listed and (path / metadata.FILE_NAME).is_file():
-        return _listed_files(path)
-    files = sorted((file for file in path.glob("*.mcap") if _lies_in(path, file)), key=_natural)
-    if not files and any(path.glob("*.db3")):
+        files = _listed_files(path)
+        if files:
+            return files
+    files = sorted((one for one in visible(path, ".mcap") if _lies_in(path, one)), key=_natural)
+    if not files and visible(path, ".db3"):
         raise BagError(f"{path} is stored as sqlite3, and only mcap can be read here: {CONVERT}")
-    if not files and any(path.glob(f"*{PACKED}")):
+    if not files and visible(path, PACKED):
         raise BagError(f"{path} is compressed as a whole: record.sh --repair unpacks it")
     if not files:
-        raise BagError(f"{path} holds no .mcap file: name the directory that record.sh made")
+        note = _link_note(visible(path, ".mcap"))
+        raise BagError(f"{path} holds no .mcap file{note}: name the directory that record.sh made")
     return files
 
 
 def _listed_files(path: Path) -> list[Path]:
-    files = []
+    files: dict[Path, Path] = {}
     for information in metadata.read(path).files:
         file = _listed_file(path, PurePosixPath(information.path))
         if file is None:
+            note = _link_note([path / Path(information.path).name])
             raise BagError(
-                f"{path} lacks its file {information.path[:100]!r}: put it into that folder, or "
-                "go on without it after record.sh --repair"
+                f"{path} lacks its file {information.path[:100]!r}{note}: put it into that "
+                "folder, or go on without it after record.sh --repair"
             )
-        files.append(file)
-    return files
+        files.setdefault(file.resolve(), file)
+    return list(files.values())
+
+
+def _link_note(files: Collection[Path]) -> str:
+    """Return a note about a file that is a link out of the bag, or to nowhere; else empty."""
+    with contextlib.suppress(OSError, RuntimeError, ValueError):
+        for file in files:
+            if file.is_symlink():
+                return (
+                    f" ({file.name} is a link to {file.readlink()}, out of the bag or to no file, "
+                    "and is not followed)"
+                )
+    return ""
 
 
 def _listed_file(folder: Path, name: PurePosixPath) -> Path | None:

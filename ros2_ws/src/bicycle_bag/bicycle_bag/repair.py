@@ -18,6 +18,7 @@ from bicycle_bag import container, metadata
 from bicycle_bag.container import LIBRARY, Registry
 from bicycle_bag.contents import Contents
 from bicycle_bag.errors import BagError
+from bicycle_bag.folder import visible
 from bicycle_bag.in_use import held
 from bicycle_bag.keeping import keep
 from bicycle_bag.message_packing import MessageUnpacker
@@ -39,7 +40,8 @@ MOST_SPANS = 5
 class RepairReport:
     """Result of a repair; `kept` are copies of the damaged files, `converted` were databases.
 
-    The messages of `unpacked` files, whose originals are kept, were compressed one by one.
+    The messages of `unpacked` files, whose originals are kept, were compressed one by one. `odd`
+    is what `metadata.yaml` said otherwise than the files.
 
     `lost_messages` is known only of files that were finished; `lost_spans` are the first and last
     times of lost chunks in ns; `lost_bytes` belong to no recognisable record. Of the `unproved`
@@ -60,6 +62,7 @@ class RepairReport:
     kept: list[Path] = field(default_factory=list)
     converted: list[Path] = field(default_factory=list)
     unpacked: list[Path] = field(default_factory=list)
+    odd: str = ""
 
     def __str__(self) -> str:
         of = f" of {self.messages + self.lost_messages}" if self.lost_messages else ""
@@ -68,6 +71,8 @@ class RepairReport:
         )
         if self.converted:
             line += f"; made of sqlite3: {', '.join(path.name for path in self.converted)}"
+        if self.odd:
+            line += f"; metadata.yaml was written anew, as {self.odd}"
         if self.unpacked:
             line += (
                 "; messages that were compressed one by one were unpacked, originals kept as "
@@ -155,7 +160,7 @@ def present_files(path: Path) -> list[Path]:
 def _readable(path: Path) -> list[Path]:
     """Return the files that will be read: databases where there are no MCAP files yet."""
     with contextlib.suppress(OSError, ValueError):  # a name that is too long, or no name
-        if not any(path.glob("*.mcap")) and (found := sorted(path.glob(f"*{SUFFIX}"))):
+        if not visible(path, ".mcap") and (found := visible(path, SUFFIX)):
             return found
     return present_files(path)
 
@@ -179,7 +184,10 @@ def _write_metadata(
             custom_data.update(stored.custom_data)
             distro = stored.ros_distro or distro
             named = [file.name for file in find_files(folder)]
-            if named == [file.path for file in files] and stored.counts == counts:
+            new = BagMetadata(tuple(topics.values()), counts, files)
+            report.odd = metadata.oddity(stored, new)
+            same = named == [file.path for file in files] and stored.counts == counts
+            if same and not report.odd:
                 return
         report.kept.append(keep(old))
     metadata.write(folder, BagMetadata(tuple(topics.values()), counts, files, custom_data, distro))

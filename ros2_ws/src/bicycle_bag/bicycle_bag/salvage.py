@@ -97,6 +97,6 @@ class Salvage:
         text = record.metadata.get("serialized_metadata", "")
         try:
             stored = metadata.from_yaml_map(yaml_text.load(text), of_any_storage=True)
-        except (yaml_text.YAMLError, BagError, KeyError, TypeError, ValueError, AttributeError):
+        except (yaml_text.YAMLError, BagError, *metadata.NOT_METADATA):
             return
         self.custom_data.update(stored.custom_data)

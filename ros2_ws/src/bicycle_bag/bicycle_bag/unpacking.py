@@ -11,6 +11,7 @@ import zstandard
 from bicycle_bag import container
 from bicycle_bag.contents import Contents
 from bicycle_bag.errors import BagError
+from bicycle_bag.folder import visible
 from bicycle_bag.keeping import keep
 from bicycle_bag.reader import PACKED
 
@@ -37,10 +38,10 @@ def unpack_files(folder: Path) -> None:
     """
     if not os.path.isdir(folder):  # noqa: PTH112 (a Path raises on a name that is too long)
         return
-    for packed in sorted(folder.glob(f"*{PACKED}")):
+    for packed in visible(folder, PACKED):
         target = packed.with_suffix("")
         is_there = os.path.lexists(target)
-        if packed.name.startswith(".") or (is_there and _is_finished(target)):
+        if is_there and _is_finished(target):
             continue
         scratch = packed.with_name(f".{packed.name}.repair")
         try:

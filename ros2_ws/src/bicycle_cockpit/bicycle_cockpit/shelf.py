@@ -12,8 +12,9 @@ from typing import Any
 
 from bicycle_bag import metadata
 from bicycle_bag.errors import BagError
+from bicycle_bag.folder import visible
 from bicycle_bag.metadata import NO_START
-from bicycle_bag.reader import BagReader, find_files
+from bicycle_bag.reader import BagReader
 from bicycle_cockpit.ridden import ridden
 
 MOST_BAGS = 200
@@ -23,8 +24,8 @@ DEEPEST = 3
 FRESH = 10.0
 """Age of an unfinished bag's last write up to which it counts as being recorded (s)."""
 
-FILES = ("*.mcap", "*.db3")
-"""Files of a bag; the second kind is listed with the remedy."""
+FILES = (".mcap", ".db3")
+"""Endings of a bag's files; the second kind is listed with the remedy."""
 
 Signature = tuple[tuple[str, int, int], ...]
 """Name, size and time of change of each of a bag's files: equal while the bag is unchanged."""
@@ -66,12 +67,11 @@ def entry(name: str, path: Path) -> dict[str, Any]:
         `problem`, one line.
     """
     try:
-        about = _metadata(path)
-        files = find_files(path)
+        reader = BagReader(path)
     except BagError as error:
         fresh = time.time() - _written(path) < FRESH
         return {"name": name, "problem": "it is being written" if fresh else str(error)}
-    messages = sum(about.counts.values())
+    about, messages = reader.metadata, reader.message_count
     if not messages:
         return {"name": name, "problem": "it holds no message"}
     known = 0 < about.starting_time_ns < 2**64 and about.starting_time_ns != NO_START
@@ -79,7 +79,7 @@ def entry(name: str, path: Path) -> dict[str, Any]:
         "name": name,
         "start": about.starting_time_ns / 1e9 if known else None,
         "duration": about.duration_ns / 1e9,
-        "ridden": ridden(files),
+        "ridden": ridden(reader.files),
         "messages": messages,
     }
 
@@ -105,13 +105,6 @@ def signature(path: Path) -> Signature:
     return tuple(found)
 
 
-def _metadata(path: Path) -> metadata.BagMetadata:
-    """Return the bag's metadata, or, without any, the contents of its files."""
-    if (path / metadata.FILE_NAME).is_file():
-        return metadata.read(path)
-    return BagReader(path).metadata
-
-
 def _bags_below(folder: Path, depth: int) -> Iterator[Path]:
     """Yield folders that contain a bag, and the files in `folder` itself."""
     try:
@@ -120,9 +113,11 @@ def _bags_below(folder: Path, depth: int) -> Iterator[Path]:
         return
     for path in inside:
         if not path.is_dir():
-            if path.suffix == ".mcap" and path.is_file():
+            if path.suffix == ".mcap" and path.name[0] != "." and path.is_file():
                 yield path
-        elif (path / metadata.FILE_NAME).is_file() or any(map(any, map(path.glob, FILES))):
+        elif (path / metadata.FILE_NAME).is_file() or any(
+            visible(path, ending) for ending in FILES
+        ):
             yield path
         elif depth > 1:
             yield from _bags_below(path, depth - 1)

@@ -136,6 +136,8 @@ def play(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
     names = renamed(options.remap, reader)
     for name in sorted(overrides.keys() - reader.topics.keys()):
         print(f"replay.sh: the bag has no {name}: its QoS profile is not used", file=sys.stderr)
+    if reader.odd:
+        print(f"replay.sh: {options.bag}/metadata.yaml: {reader.odd}", file=sys.stderr)
     tempo = Tempo(options.start_paused)
     with ros_node("bicycle_player", ros_arguments) as node:
         player = Player(node, reader, playback, tempo, chosen.clock_hz > 0.0, overrides, names)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_bag.errors import BagError
+from bicycle_bag.folder import visible
 from bicycle_bag.metadata import BagMetadata
 from bicycle_bag.reader import BagReader, bag_in
 from bicycle_bag.repair import repair
@@ -154,7 +155,7 @@ def _copy(bag: Path, copy: Path) -> None:
         shutil.copyfile(bag, copy)
         return
     copy.mkdir()
-    for file in bag.glob("*.mcap"):
+    for file in visible(bag, ".mcap"):
         shutil.copyfile(file, copy / file.name)
 
 
