@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import shutil
 import sqlite3
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -199,3 +201,32 @@ def test_the_cockpit_lists_it_with_the_remedy(bag: Path) -> None:
         problem: Any = entry(name, path)["problem"]
         assert "record.sh --repair makes one of it" in problem or "written" in problem
         (bag / "metadata.yaml").unlink(missing_ok=True)
+
+
+KILLED_IN_A_CHANGE = """
+import os, sqlite3, sys
+database = sqlite3.connect(sys.argv[1], isolation_level=None)
+database.execute("PRAGMA cache_size = 1")
+database.execute("BEGIN")
+for number in range(2000):
+    database.execute(
+        "INSERT INTO messages(topic_id, timestamp, data) VALUES(1, ?, ?)", (number, bytes(500))
+    )
+os.kill(os.getpid(), 9)
+"""
+
+
+@pytest.mark.parametrize("single", [True, False])
+def test_a_change_that_a_killed_recorder_did_not_end_is_undone(bag: Path, single: bool) -> None:
+    database, journal = bag / "bag.db3", bag / "bag.db3-journal"
+    with sqlite3.connect(database) as opened:
+        opened.execute("PRAGMA journal_mode = DELETE")
+    opened.close()
+    subprocess.run([sys.executable, "-c", KILLED_IN_A_CHANGE, database], check=False)
+    assert journal.stat().st_size
+    before = database.read_bytes(), journal.read_bytes()
+    repair.repair(database if single else bag)
+    assert contents(bag / "bag.mcap") == ride(STEPS)
+    assert before == (database.read_bytes(), journal.read_bytes())
+    names = {"bag.db3", "bag.db3-journal", "bag.mcap", "metadata.yaml"}
+    assert {path.name.removesuffix(".damaged") for path in bag.iterdir()} == names

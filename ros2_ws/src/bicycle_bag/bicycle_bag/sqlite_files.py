@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 import sqlite3
+import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +15,7 @@ from urllib.parse import quote
 import zstandard
 
 from bicycle_bag.errors import BagError
+from bicycle_bag.folder import visible
 from bicycle_bag.mcap_file import McapFile
 from bicycle_bag.message_packing import MARK, unpack
 from bicycle_bag.metadata import BagMetadata, Topic
@@ -20,6 +23,8 @@ from bicycle_bag.qos import parse_profiles
 from bicycle_bag.schemas import Schemas
 
 SUFFIX = ".db3"
+_JOURNAL = "-journal"
+"""Suffix of what SQLite undoes a change with."""
 _WANTED = {
     "topics": ("id", "name", "type", "serialization_format"),
     "messages": ("id", "topic_id", "timestamp", "data"),
@@ -41,7 +46,7 @@ def convert_files(path: Path) -> list[Path]:
     """
     try:
         single = path.suffix == SUFFIX and path.is_file()
-        found = [path] if single else sorted(path.glob(f"*{SUFFIX}"))
+        found = [path] if single else visible(path, SUFFIX)
     except (OSError, ValueError):  # a name that is too long, or no name
         return []
     targets = []
@@ -70,10 +75,29 @@ def convert_files(path: Path) -> list[Path]:
     return targets
 
 
+@contextlib.contextmanager
+def _opened(database: Path) -> Iterator[sqlite3.Connection]:
+    """Yield the database, as it was before a change that its recorder did not end.
+
+    The journal of such a change can only be undone in a database that may be written, so that
+    this is a copy.
+    """
+    with contextlib.ExitStack() as stack:
+        path, mode = database.resolve(), "ro"
+        journal = path.with_name(path.name + _JOURNAL)
+        if journal.is_file() and journal.stat().st_size:
+            folder = tempfile.TemporaryDirectory(prefix=".repair-", dir=database.parent)
+            copy = Path(stack.enter_context(folder)) / "copy.db3"
+            shutil.copyfile(path, copy)
+            shutil.copyfile(journal, copy.with_name(copy.name + _JOURNAL))
+            path, mode = copy, "rw"
+        uri = f"file:{quote(str(path))}?mode={mode}"
+        yield stack.enter_context(contextlib.closing(sqlite3.connect(uri, uri=True)))
+
+
 def _convert(database: Path, scratch: Path, name: str) -> None:
     """Write the messages of a database, in recorded order, into a new MCAP file."""
-    uri = f"file:{quote(str(database.resolve()))}?mode=ro"
-    with contextlib.closing(sqlite3.connect(uri, uri=True)) as source:
+    with _opened(database) as source:
         source.execute("PRAGMA trusted_schema = OFF")
         (verdict,) = source.execute("PRAGMA quick_check(1)").fetchone()
         if verdict != "ok":
