@@ -15,38 +15,36 @@ _NUMBERS = {"MININTERVAL", "MAXINTERVAL", "MINITERS", "SMOOTHING", "TOTAL", "DEL
 _WHOLE = {"INITIAL", "UNIT_DIVISOR", "NCOLS", "NROWS", "POSITION"}
 _UNUSABLE = {"FILE", "ITERABLE", "GUI", "LOCK_ARGS"}
 """Settings that no text can have."""
-_FIELDS = set(
-    [
-        "l_bar",
-        "bar",
-        "r_bar",
-        "n",
-        "n_fmt",
-        "total",
-        "total_fmt",
-        "percentage",
-        "elapsed",
-        "elapsed_s",
-        "ncols",
-        "nrows",
-        "desc",
-        "unit",
-        "rate",
-        "rate_fmt",
-        "rate_noinv",
-        "rate_noinv_fmt",
-        "rate_inv",
-        "rate_inv_fmt",
-        "postfix",
-        "unit_divisor",
-        "remaining",
-        "remaining_s",
-        "eta",
-        "prefix",
-        "bar_format",
-        "colour",
-    ]
-)
+_FIELDS = {
+    "l_bar",
+    "bar",
+    "r_bar",
+    "n",
+    "n_fmt",
+    "total",
+    "total_fmt",
+    "percentage",
+    "elapsed",
+    "elapsed_s",
+    "ncols",
+    "nrows",
+    "desc",
+    "unit",
+    "rate",
+    "rate_fmt",
+    "rate_noinv",
+    "rate_noinv_fmt",
+    "rate_inv",
+    "rate_inv_fmt",
+    "postfix",
+    "unit_divisor",
+    "remaining",
+    "remaining_s",
+    "eta",
+    "prefix",
+    "bar_format",
+    "colour",
+}
 
 
 def set_aside(environment: MutableMapping[str, str] = os.environ) -> str:
