@@ -11,7 +11,7 @@ from rclpy.node import Node
 from std_msgs.msg import String
 
 from bicycle_bag.errors import BagError
-from bicycle_bag.nodes import player
+from bicycle_bag.nodes import others, player
 from bicycle_bag.nodes.player import Player
 
 pytestmark = pytest.mark.ros
@@ -37,7 +37,7 @@ def test_others_that_end_while_it_looks_are_no_reason_to_refuse(
     publisher = other.create_publisher(String, TOPIC, 1)
     looking = Player.__new__(Player)
     looking._node, looking._guarded = node, [TOPIC]
-    really, looks = player.other_publishers, []
+    really, looks = others.other_publishers, []
 
     def look(*words: object) -> dict[str, list[str]]:
         """Look, and end the other one after the first look that has found it."""
