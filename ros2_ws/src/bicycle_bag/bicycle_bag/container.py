@@ -160,6 +160,15 @@ class Content(NamedTuple):
     plain: bytes
     has_checksum: bool
 
+    def holds_more_than(self, most: int) -> bool:
+        """Return True if there are more records than so many, whatever they are."""
+        offset, size = 0, len(self.plain)
+        for _ in range(most if size > most * HEAD.size else 0):
+            if offset + HEAD.size > size:
+                return False
+            offset += HEAD.size + HEAD.unpack_from(self.plain, offset)[1]
+        return 0 < offset < size
+
     def records(self) -> Iterator[tuple[int, Record]]:
         """Yield each record with its offset in `plain`; `DamageError` if there is none."""
         view, offset, size = memoryview(self.plain), 0, len(self.plain)

@@ -31,6 +31,8 @@ from bicycle_bag.summary import Summary
 
 PRIVATE = 0x80
 """First opcode reserved for applications."""
+MOST_RECORDS = 2**21
+"""Largest number of records in a chunk: more than any writer packs, few enough for any machine."""
 _CHUNK = struct.Struct("<QQQII")
 _DEFINING = (Opcode.SCHEMA, Opcode.CHANNEL)
 _LIKELY = re.compile(rb"(?=[\x03-\x07\x09\x0c\x0f].{3}\0{5})", re.DOTALL)
@@ -39,6 +41,7 @@ _CHUNKS = re.compile(rb"(?=\x06.{3}\0{5})", re.DOTALL)
 _WINDOW = 2**20
 WRONG_CHECKSUM = "the checksum of its data is wrong"
 _SMALLER = f"chunks of more than {MAX_RECORD_BYTES >> 20} MiB cannot be read here"
+_FEWER = "so many cannot be read here"
 _PACK = "only zstd, lz4 and none can be read here"
 _HUGE = 2**40
 _PATIENCE = 300
@@ -226,6 +229,8 @@ class Walk:
         end = offset + HEAD.size + length
         try:
             content = container.unpack(chunk)
+            if content.holds_more_than(MOST_RECORDS):
+                raise UnreadableError(f"a chunk holds more than {MOST_RECORDS} records: {_FEWER}")
             items = [record for _, record in content.records()]
             for opcode, inner in items:
                 short = opcode == Opcode.MESSAGE and len(inner) < MESSAGE_BYTES
