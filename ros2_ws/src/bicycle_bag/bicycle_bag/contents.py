@@ -49,14 +49,19 @@ class Contents:
         self.unproved = Registry()
         self._start = ""
         with container.open_binary(path) as stream:
+            foreign: BagError | None = None
             try:
                 container.check_magic(path, stream)
             except DamageError as error:
                 self._start = str(error)
+            except BagError as error:
+                foreign, self._start = error, "its first bytes are wrong"
             try:
                 self.summary = read_summary(stream, self.size)
             except DamageError as error:
                 self.unfinished = str(error)
+        if foreign is not None and self.summary is None:  # else its end is that of an MCAP file
+            raise foreign
         if self.summary is not None:
             self.registry.channels.update(self.summary.registry.channels)
             self.registry.schemas.update(self.summary.registry.schemas)
