@@ -75,13 +75,21 @@ class Registry:
         self.channels: dict[int, Channel] = {}
         self.schemas: dict[int, Schema] = {}
 
-    def take(self, record: Record) -> None:
-        """Note the record if it defines a channel or a schema."""
+    def take(self, record: Record, lenient: bool = False) -> None:
+        """Note the record if it defines a channel or a schema.
+
+        Args:
+            record: Any record.
+            lenient: Spell out bytes of a text that are not UTF-8: a checksum proves them.
+
+        Raises:
+            DamageError: It is of such a kind, and corrupt.
+        """
         if record.opcode == Opcode.CHANNEL:
-            channel = parse_channel(record.body)
+            channel = parse(Channel.read, record.body, lenient=lenient)
             self.channels[channel.id] = channel
         elif record.opcode == Opcode.SCHEMA:
-            schema = parse_schema(record.body)
+            schema = parse(Schema.read, record.body, lenient=lenient)
             self.schemas[schema.id] = schema
 
     def type_of(self, channel: Channel) -> str:
@@ -208,7 +216,7 @@ def unpack(chunk: Chunk) -> Content:
         if chunk.compression == "zstd":
             plain = _unpack_zstd(chunk.data, size)
         elif chunk.compression == "lz4":
-            plain = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+            plain = _unpack_lz4(chunk.data, size)
         elif chunk.compression == "":
             plain = chunk.data
         else:
@@ -224,10 +232,24 @@ def unpack(chunk: Chunk) -> Content:
 
 def _unpack_zstd(data: bytes, size: int) -> bytes:
     # The frame announces a size of its own, and the library would reserve it.
-    announced = zstandard.frame_content_size(data)
+    announced = zstandard.frame_content_size(data) if data else 0
     if announced > size:
         raise DamageError(f"a chunk holds {announced} bytes instead of {size}")
-    return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+    if announced == size > 0:
+        return bytes(zstandard.ZstdDecompressor().decompress(data, max_output_size=size))
+    # Several frames, or one that does not announce its size.
+    reading = zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True)
+    with reading as stream:
+        return bytes(stream.read(size + 1))
+
+
+def _unpack_lz4(data: bytes, size: int) -> bytes:
+    plain = b""
+    while data and len(plain) <= size:
+        frame = lz4.frame.LZ4FrameDecompressor()
+        plain += frame.decompress(data, max_length=size + 1 - len(plain))
+        data = (frame.unused_data or b"") if frame.eof else b""
+    return plain
 
 
 def definitions_of_a_damaged_chunk(body: bytes) -> Registry:
@@ -282,7 +304,7 @@ def parse_message(body: bytes) -> RawMessage:
 
 
 def channel_of(body: bytes) -> int:
-    """Return the channel of a message record."""
+    """Return the channel of the record of a message or a channel."""
     return int.from_bytes(body[:2], "little")
 
 
@@ -306,18 +328,21 @@ def parse_metadata(body: bytes) -> Metadata:
     return parse(Metadata.read, body)
 
 
-def parse(read: Callable[[ReadDataStream], _T], body: bytes, whole: bool = False) -> _T:
+def parse(
+    read: Callable[[ReadDataStream], _T], body: bytes, whole: bool = False, lenient: bool = False
+) -> _T:
     """Return a record of the `mcap` package.
 
     Args:
         read: Its reader.
         body: Its bytes.
         whole: It must fill them; others may be followed by fields of a later version.
+        lenient: Spell out bytes of a text that are not UTF-8.
 
     Raises:
         DamageError: It is none.
     """
-    stream = _Strict(body)
+    stream = _Lenient(body) if lenient else _Strict(body)
     try:
         found = read(stream)
         if whole and stream.count < len(body):
@@ -340,6 +365,13 @@ class _Strict(ReadDataStream):
             raise McapError("it ends too soon")
         self._left -= length
         return super().read(length)
+
+
+class _Lenient(_Strict):
+    """A stream that reads texts which are not UTF-8."""
+
+    def read_prefixed_string(self) -> str:
+        return self.read(self.read4()).decode(errors="backslashreplace")
 
 
 def size_of(path: Path) -> int:

@@ -142,7 +142,7 @@ class Contents:
             else:
                 if item.opcode == Opcode.HEADER:
                     self.library = container.parse(Header.read, item.body).library
-                self.registry.take(item)
+                self.registry.take(item, lenient=piece.content is not None)
             known.append(item)
         if last >= 0:
             self.span = first, last

@@ -144,7 +144,7 @@ class Rewrite:
         compression, packed, plain, _ = piece.content
         index = message_index(piece.items)
         defining = (item.body for item in piece.items if item.opcode == Opcode.CHANNEL)
-        inside = {container.parse_channel(body).id for body in defining}
+        inside = {container.channel_of(body) for body in defining}
         if sum(HEAD.size + len(item.body) for item in piece.items) < len(plain):
             # Messages that belong to no channel were left out.
             plain = b"".join(HEAD.pack(code, len(body)) + body for code, body in piece.items)

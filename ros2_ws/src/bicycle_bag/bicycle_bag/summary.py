@@ -19,6 +19,17 @@ _PLACED: dict[int, int] = {
     Opcode.ATTACHMENT_INDEX: Opcode.ATTACHMENT,
     Opcode.METADATA_INDEX: Opcode.METADATA,
 }
+_WRONG_BITS = 3
+_OF_DATA = {
+    Opcode.HEADER,
+    Opcode.MESSAGE,
+    Opcode.CHUNK,
+    Opcode.MESSAGE_INDEX,
+    Opcode.ATTACHMENT,
+    Opcode.METADATA,
+    Opcode.DATA_END,
+}
+"""Kinds of records that no summary has."""
 _MESSAGE_INDEX_BYTES, _ENTRY_BYTES = HEAD.size + 6, 16
 
 
@@ -33,7 +44,8 @@ class Summary(NamedTuple):
     """The summary of a finished file; `statistics` may be missing.
 
     `places` has records that an index names, by offset; `data_end` is the offset of the record
-    that ends the data. `has_checksum` is True if a checksum proves it all.
+    that ends the data, or of what follows if `has_data_end` is False. `has_checksum` is True if a
+    checksum proves it all.
     """
 
     registry: Registry
@@ -42,6 +54,7 @@ class Summary(NamedTuple):
     places: dict[int, Place]
     data_end: int
     has_checksum: bool = False
+    has_data_end: bool = True
 
     @property
     def agrees(self) -> bool:
@@ -116,10 +129,15 @@ def read_summary(stream: BinaryIO, size: int) -> Summary:
     if footer.summary_crc and zlib.crc32(section) != footer.summary_crc:
         raise DamageError("its summary's checksum is wrong")
     proved = footer.summary_crc != 0
-    summary = Summary(Registry(), None, [], {}, start - DATA_END_BYTES, proved)
+    stream.seek(start - DATA_END_BYTES)
+    has_end = _is_like_a_data_end(stream.read(HEAD.size))
+    data_end = start - DATA_END_BYTES if has_end else start
+    summary = Summary(Registry(), None, [], {}, data_end, proved, has_end)
     stream.seek(start)
     for _, record in container.records(stream, size):
-        summary.registry.take(record)
+        if record.opcode in _OF_DATA:
+            raise DamageError("its footer is corrupt")
+        summary.registry.take(record, lenient=proved)
         if record.opcode == Opcode.STATISTICS:
             summary = summary._replace(statistics=container.parse(Statistics.read, record.body))
         elif record.opcode == Opcode.CHUNK_INDEX:
@@ -133,6 +151,14 @@ def read_summary(stream: BinaryIO, size: int) -> Summary:
             offset, length = _PLACE.unpack_from(record.body)
             summary.places[offset] = Place(opcode, length)
     return summary
+
+
+def _is_like_a_data_end(head: bytes) -> bool:
+    """Return True for the head of the record that ends the data, also with a few wrong bits."""
+    wrong = int.from_bytes(head, "little") ^ int.from_bytes(
+        HEAD.pack(Opcode.DATA_END, 4), "little"
+    )
+    return wrong.bit_count() <= _WRONG_BITS
 
 
 def indexed_times(stream: BinaryIO, chunk: ChunkIndex) -> list[int]:

@@ -31,6 +31,8 @@ from bicycle_bag.summary import Summary
 
 PRIVATE = 0x80
 """First opcode reserved for applications."""
+LAST_KNOWN = 0x0F
+"""Last opcode of this version of the format."""
 MOST_RECORDS = 2**21
 """Largest number of records in a chunk: more than any writer packs, few enough for any machine."""
 _CHUNK = struct.Struct("<QQQII")
@@ -100,16 +102,21 @@ class Walk:
         self._registry = registry
         self._summary = summary
         self._data_end = summary.data_end if summary else None
+        self._has_data_end = summary is None or summary.has_data_end
         self._limit = size if self._data_end is None else self._data_end
         self._places = summary.places if summary else {}
         self._offsets = sorted(at for at in self._places if len(MAGIC) <= at < self._limit)
         self._is_chunked = summary.is_chunked if summary else None
         self._patience = _PATIENCE
+        self._reached = len(MAGIC)  # in sequence, each record behind a sound one
 
     def __iter__(self) -> Iterator[Piece | Damage]:
-        offset, sound = len(MAGIC), True
+        offset, sound, in_sequence = len(MAGIC), True, True
         checksum: int | None = zlib.crc32(self._read(0, offset))
         while offset < self._size:
+            if offset == self._data_end and not self._has_data_end:
+                return
+            self._reached = offset if in_sequence else -1
             found = self._at(offset)
             if found is None:
                 end = self._resume(offset)
@@ -128,8 +135,9 @@ class Walk:
             if sound:
                 checksum = self._checksum(offset, found.end, checksum)
             yield found
-            offset = found.end
-            if offset == self._data_end and self._at(offset) is None:
+            offset, in_sequence = found.end, isinstance(found, Piece)
+            ended = self._has_data_end and offset == self._data_end
+            if ended and self._at(offset) is None:
                 yield Damage(offset, offset, "its data has no end")
                 return
 
@@ -142,7 +150,7 @@ class Walk:
         if opcode == Opcode.CHUNK and self._is_chunked is None:
             self._is_chunked = True
         own = self._record(opcode, offset, length)
-        if opcode >= PRIVATE:
+        if opcode > LAST_KNOWN:
             own = self._chunk_with_a_wrong_head(offset) or own
         place = self._places.get(offset)
         if place is None:
@@ -202,23 +210,43 @@ class Walk:
         if opcode == Opcode.CHUNK:
             return self._chunk(offset, length)
         body = self._read(offset + HEAD.size, length)
+        if LAST_KNOWN < opcode < PRIVATE and self._is_another(opcode, offset, length):
+            return None
         proof = PROOFS.get(opcode, unproved)(body)
         if proof is None or (not proof and not self._goes_on(offset, end)):
             return None
-        if opcode == Opcode.MESSAGE:
+        if opcode == Opcode.MESSAGE and not self._is_chunked:
             self._is_chunked = False
         return Piece(offset, end, opcode, body, None, (Record(opcode, body),))
 
-    def _fits(self, opcode: int, offset: int, end: int) -> bool:
-        """Return True if a record of this kind may be there and fits into the file."""
+    def _is_another(self, opcode: int, offset: int, length: int) -> bool:
+        """Return True if a record of an unknown kind is one of a known kind with a wrong bit."""
+        near = [known for known in PROOFS if (opcode ^ known).bit_count() == 1]
+        return any(self._likely(known, offset + HEAD.size, length) for known in near)
+
+    def _fits(self, opcode: int, offset: int, end: int, in_sequence: bool | None = None) -> bool:
+        """Return True if a record of this kind may be there and fits into the file.
+
+        Args:
+            opcode: Of the record.
+            offset: Of the record.
+            end: Of the record.
+            in_sequence: True if it follows a sound record; by default, if it is the next one.
+        """
+        follows = offset == self._reached if in_sequence is None else in_sequence
         if opcode == Opcode.DATA_END:
             return end <= self._size and self._data_end in (None, offset)
         if opcode == Opcode.HEADER:
             return end <= self._limit and offset == len(MAGIC)
-        if opcode == Opcode.MESSAGE and self._is_chunked:
-            return False
+        if opcode == Opcode.MESSAGE and self._is_chunked and not (follows and self._may_be_mixed):
+            return False  # as they lie in a broken chunk
         known = opcode in PROOFS or opcode == Opcode.CHUNK or opcode >= PRIVATE
-        return known and end <= self._limit
+        return (known or (follows and opcode > LAST_KNOWN)) and end <= self._limit
+
+    @property
+    def _may_be_mixed(self) -> bool:
+        """True if nothing says that all messages lie in chunks."""
+        return self._summary is None or self._summary.statistics is None
 
     def _chunk(self, offset: int, length: int) -> Piece | Damage | None:
         body = self._read(offset + HEAD.size, length)
@@ -234,8 +262,10 @@ class Walk:
             items = [record for _, record in content.records()]
             for opcode, inner in items:
                 short = opcode == Opcode.MESSAGE and len(inner) < MESSAGE_BYTES
-                if short or (opcode in _DEFINING and PROOFS[opcode](inner) is None):
+                if short:
                     raise DamageError("a record in a chunk is corrupt")
+                if opcode in _DEFINING:
+                    Registry().take(Record(opcode, inner), content.has_checksum)
         except DamageError as error:
             span = chunk.message_start_time, chunk.message_end_time
             return self._lost(offset, end, str(error), span)
@@ -248,10 +278,11 @@ class Walk:
         ahead = self._read(end, HEAD.size)
         if end == self._limit or end in self._places or len(ahead) < HEAD.size:
             return True
-        if self._begins(end, self._limit):
+        follows = offset == self._reached
+        if self._begins(end, self._limit, in_sequence=follows):
             return True
         opcode, length = HEAD.unpack(ahead)
-        if opcode < PRIVATE and self._begins(end, self._limit, 1):
+        if opcode <= LAST_KNOWN and self._begins(end, self._limit, 1, follows):
             return True
         # The next record's head may be broken, or cut off.
         after, resumed = end + HEAD.size + length, self._resume(offset)
@@ -279,14 +310,16 @@ class Walk:
             start += _WINDOW
         return bound
 
-    def _begins(self, offset: int, bound: int, chain: int = _CHAIN) -> bool:
+    def _begins(
+        self, offset: int, bound: int, chain: int = _CHAIN, in_sequence: bool = False
+    ) -> bool:
         """Return True if a sequence of consistent records begins here."""
         for _ in range(chain):
             head = self._read(offset, HEAD.size)
             if len(head) < HEAD.size:
                 return False
             opcode, length = HEAD.unpack(head)
-            if not self._fits(opcode, offset, offset + HEAD.size + length):
+            if not self._fits(opcode, offset, offset + HEAD.size + length, in_sequence):
                 return False
             if opcode == Opcode.CHUNK:
                 if self._summary is not None and self._summary.chunks:
@@ -303,8 +336,8 @@ class Walk:
         if opcode == Opcode.MESSAGE:
             (channel,) = struct.unpack("<H", self._read(body, 2).ljust(2, b"\0"))
             return length >= MESSAGE_BYTES and channel in self._registry.channels
-        if opcode >= PRIVATE or length > _WINDOW:
-            return opcode >= PRIVATE
+        if opcode > LAST_KNOWN or length > _WINDOW:
+            return opcode > LAST_KNOWN
         return PROOFS[opcode](self._read(body, length)) is not None
 
     def _head_is(self, piece: Piece) -> bool:
