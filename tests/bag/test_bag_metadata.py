@@ -340,6 +340,9 @@ ODD: dict[str, Callable[[dict[str, Any]], object]] = {
         one.update(message_count=number)
         for one, number in zip(content["topics_with_message_count"], (40, 1, 0), strict=True)
     ],
+    "its times are wrong: the start": lambda content: content["files"][0].update(
+        starting_time={"nanoseconds_since_epoch": 10**40}
+    ),
     "its times are wrong": lambda content: content["files"][0].update(
         duration={"nanoseconds": 10**30}
     ),

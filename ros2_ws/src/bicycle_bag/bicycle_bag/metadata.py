@@ -166,7 +166,7 @@ def read(folder: Path, of_any_storage: bool = False) -> BagMetadata:
 
 _MANY = 10**15
 _SLACK_NS = 3600 * 10**9
-"""Difference of two durations that is no rounding."""
+"""Difference of two times that is no rounding."""
 NOT_METADATA = KeyError, TypeError, ValueError, OverflowError, AttributeError
 """Errors of `from_yaml_map` on what is not rosbag2's."""
 _REMEDY = "remove it and run record.sh --repair on the bag to write it anew"
@@ -240,8 +240,10 @@ def oddity(stored: BagMetadata, found: BagMetadata) -> str:
             return "it counts the messages of its topics wrong"
         many = str(total) if abs(total) < _MANY else f"{total:.0e}"
         return f"it counts {many} messages where there are {found.message_count}"
-    late = stored.duration_ns - found.duration_ns
-    if stored.message_count and (stored.duration_ns < 0 or late > _SLACK_NS):
+    longer = stored.duration_ns - found.duration_ns
+    shifted = abs(stored.starting_time_ns - _signed(found.starting_time_ns))
+    wrong = stored.duration_ns < 0 or longer > _SLACK_NS or shifted > _SLACK_NS
+    if stored.message_count and found.message_count and wrong:
         return "its times are wrong"
     return ""
 

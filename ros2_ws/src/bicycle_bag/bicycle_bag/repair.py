@@ -185,10 +185,12 @@ def _write_metadata(
             distro = stored.ros_distro or distro
             named = [file.name for file in find_files(folder)]
             new = BagMetadata(tuple(topics.values()), counts, files)
-            report.odd = metadata.oddity(stored, new)
+            odd = metadata.oddity(stored, new)
             same = named == [file.path for file in files] and stored.counts == counts
-            if same and not report.odd:
+            if same and not odd:
                 return
+            if not (report.rewritten or report.converted or report.unpacked):
+                report.odd = odd  # else the files have changed, not what was said of them
         report.kept.append(keep(old))
     metadata.write(folder, BagMetadata(tuple(topics.values()), counts, files, custom_data, distro))
 
