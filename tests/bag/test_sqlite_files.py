@@ -203,6 +203,14 @@ def test_the_cockpit_lists_it_with_the_remedy(bag: Path) -> None:
         (bag / "metadata.yaml").unlink(missing_ok=True)
 
 
+def test_more_topics_than_a_file_may_have_are_one_line(bag: Path) -> None:
+    many = "WITH RECURSIVE n(i) AS (SELECT 10 UNION ALL SELECT i + 1 FROM n LIMIT 65600) "
+    kind = "'std_msgs/msg/String', 'cdr', '', '' FROM n"
+    change(bag, f"INSERT INTO topics {many} SELECT i, '/t' || i, {kind}")
+    with pytest.raises(BagError, match="topics, and an MCAP file has 65535 at most"):
+        repair.repair(bag)
+
+
 KILLED_IN_A_CHANGE = """
 import os, sqlite3, sys
 database = sqlite3.connect(sys.argv[1], isolation_level=None)

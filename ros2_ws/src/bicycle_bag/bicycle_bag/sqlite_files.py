@@ -23,6 +23,7 @@ from bicycle_bag.qos import parse_profiles
 from bicycle_bag.schemas import Schemas
 
 SUFFIX = ".db3"
+MOST_TOPICS = 65_535
 _JOURNAL = "-journal"
 """Suffix of what SQLite undoes a change with."""
 _WANTED = {
@@ -148,6 +149,11 @@ def _topics(
                 "SELECT topic_type, encoded_message_definition FROM message_definitions "
                 "WHERE encoding = 'ros2msg'"
             )
+        )
+    (count,) = source.execute("SELECT count(*) FROM topics").fetchone()
+    if count > MOST_TOPICS:
+        raise BagError(
+            f"{database} has {count} topics, and an MCAP file has {MOST_TOPICS} at most"
         )
     topics, definitions, schemas = {}, {}, Schemas()
     for row in source.execute(f"SELECT {', '.join(columns)} FROM topics ORDER BY id"):
