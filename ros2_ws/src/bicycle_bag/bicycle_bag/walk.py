@@ -212,6 +212,8 @@ class Walk:
         body = self._read(offset + HEAD.size, length)
         if LAST_KNOWN < opcode < PRIVATE and self._is_another(opcode, offset, length):
             return None
+        if opcode == Opcode.MESSAGE and self._is_chunked and _is_like_an_index(body):
+            return None
         proof = PROOFS.get(opcode, unproved)(body)
         if proof is None or (not proof and not self._goes_on(offset, end)):
             return None
@@ -353,3 +355,12 @@ class Walk:
     def _read(self, offset: int, length: int) -> bytes:
         self._stream.seek(offset)
         return self._stream.read(length)
+
+
+def _is_like_an_index(body: bytes) -> bool:
+    """Return True for a message's body that is a chunk's message index: its kind is wrong.
+
+    Where a message has the time at which it was published, an index has an offset in the chunk.
+    """
+    offset = int.from_bytes(body[14:22], "little")
+    return offset < MAX_RECORD_BYTES and PROOFS[Opcode.MESSAGE_INDEX](body) is True
