@@ -142,6 +142,19 @@ def test_a_message_whose_kind_is_wrong_is_no_record_of_a_later_version(tmp_path:
     assert report.lost_bytes
 
 
+@pytest.mark.parametrize("bit", [1, 3, 9, 33])
+def test_a_wrong_head_outside_chunks_loses_one_message(tmp_path: Path, bit: int) -> None:
+    broken = bytearray(MESSAGES[HALF + 3])
+    broken[bit // 8] ^= 1 << bit % 8
+    rest = [*MESSAGES[HALF : HALF + 3], broken, *MESSAGES[HALF + 4 :]]
+    file = tmp_path / "x.mcap"
+    inside = chunk(b"".join(MESSAGES[:HALF]))
+    file.write_bytes(BEGIN + DEFINED + inside + b"".join(rest) + END)
+    report = repair.repair(file)
+    assert report.kept
+    assert contents(file) == RIDE[: HALF + 3] + RIDE[HALF + 4 :]
+
+
 def test_messages_in_a_broken_chunk_are_not_taken_for_others(tmp_path: Path) -> None:
     file = tmp_path / "x.mcap"
     first, second = bytearray(chunk(BODY)), chunk(BODY)

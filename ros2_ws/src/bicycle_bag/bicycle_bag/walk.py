@@ -109,6 +109,7 @@ class Walk:
         self._is_chunked = summary.is_chunked if summary else None
         self._patience = _PATIENCE
         self._reached = len(MAGIC)  # in sequence, each record behind a sound one
+        self._among_messages = False  # outside chunks
 
     def __iter__(self) -> Iterator[Piece | Damage]:
         offset, sound, in_sequence = len(MAGIC), True, True
@@ -136,6 +137,8 @@ class Walk:
                 checksum = self._checksum(offset, found.end, checksum)
             yield found
             offset, in_sequence = found.end, isinstance(found, Piece)
+            if isinstance(found, Piece):
+                self._among_messages = found.opcode == Opcode.MESSAGE
             ended = self._has_data_end and offset == self._data_end
             if ended and self._at(offset) is None:
                 yield Damage(offset, offset, "its data has no end")
@@ -240,7 +243,8 @@ class Walk:
             return end <= self._size and self._data_end in (None, offset)
         if opcode == Opcode.HEADER:
             return end <= self._limit and offset == len(MAGIC)
-        if opcode == Opcode.MESSAGE and self._is_chunked and not (follows and self._may_be_mixed):
+        is_placed = self._may_be_mixed and (follows or self._among_messages)
+        if opcode == Opcode.MESSAGE and self._is_chunked and not is_placed:
             return False  # as they lie in a broken chunk
         known = opcode in PROOFS or opcode == Opcode.CHUNK or opcode >= PRIVATE
         return (known or (follows and opcode > LAST_KNOWN)) and end <= self._limit
