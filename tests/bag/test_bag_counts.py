@@ -86,7 +86,7 @@ def test_a_repair_corrects_them(tmp_path: Path, form: str, change: str) -> None:
 
 
 @pytest.mark.parametrize("form", FORMS)
-@pytest.mark.parametrize("change", sorted(CHANGES.keys() - {"two channels"}))
+@pytest.mark.parametrize("change", sorted([name for name in CHANGES if name != "two channels"]))
 def test_a_reader_counts_for_itself(tmp_path: Path, form: str, change: str) -> None:
     file = written(tmp_path / "x.mcap", **FORMS[form])
     right = BagReader(file)

@@ -146,7 +146,7 @@ def test_a_message_whose_kind_is_wrong_is_no_record_of_a_later_version(tmp_path:
 def test_a_wrong_head_outside_chunks_loses_one_message(tmp_path: Path, bit: int) -> None:
     broken = bytearray(MESSAGES[HALF + 3])
     broken[bit // 8] ^= 1 << bit % 8
-    rest = [*MESSAGES[HALF : HALF + 3], broken, *MESSAGES[HALF + 4 :]]
+    rest = [*MESSAGES[HALF : HALF + 3], bytes(broken), *MESSAGES[HALF + 4 :]]
     file = tmp_path / "x.mcap"
     inside = chunk(b"".join(MESSAGES[:HALF]))
     file.write_bytes(BEGIN + DEFINED + inside + b"".join(rest) + END)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Collection, Iterator
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
@@ -49,7 +50,6 @@ class BagReader:
 
     Attributes:
         files: Its MCAP files.
-        odd: What its `metadata.yaml` says otherwise than they do; empty if nothing.
 
     Raises:
         BagError: There is no such bag, it is foreign, or it was never finished.
@@ -65,8 +65,6 @@ class BagReader:
         self._stored = self._stored_metadata()
         for file in self.files:
             self._open(file)
-        has_metadata = self._stored is not _NO_METADATA
-        self.odd = metadata.oddity(self._stored, self.metadata) if has_metadata else ""
 
     def _stored_metadata(self) -> BagMetadata:
         if (self.path / metadata.FILE_NAME).is_file():
@@ -98,6 +96,13 @@ class BagReader:
             custom_data=self._stored.custom_data,
             ros_distro=self._stored.ros_distro or "jazzy",
         )
+
+    @property
+    def odd(self) -> str:
+        """Return what `metadata.yaml` says otherwise than the files do; empty if nothing."""
+        if self._stored is _NO_METADATA:
+            return ""
+        return metadata.oddity(self._stored, replace(self.metadata, counts=dict(self._counts)))
 
     @property
     def starting_time_ns(self) -> int:
