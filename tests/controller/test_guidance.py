@@ -12,7 +12,7 @@ import pytest
 
 from bicycle_common.geometry import heading_to_yaw, wrap_angle
 from bicycle_common.types import Command, InitialPose
-from bicycle_controller.control import followers
+from bicycle_controller.control import courses, followers
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.courses import Course
 from bicycle_controller.control.goals import GoalTracker, Status
@@ -21,6 +21,7 @@ from bicycle_controller.control.guide import PathEnd, PathReport
 from bicycle_controller.control.lqr import LqrController
 from bicycle_controller.control.path import sampled
 from bicycle_controller.control.path_making import Rounding, path_through
+from bicycle_controller.control.safety import Safety
 from bicycle_controller.control.twist_ride import TwistLimits
 from bicycle_sim.plants import registry
 from bicycle_sim.runtime.simulator import Simulator
@@ -57,14 +58,14 @@ class Ride:
             assert time.monotonic() < deadline
             time.sleep(0.005)
 
-    def step(self) -> None:
+    def step(self, push: float = 0.0) -> None:
         snapshot = self.simulator.snapshot
         self.guidance.poll(snapshot)
         out = self.loop.answer(snapshot, snapshot.step * 0.025)
         self.events += out.events
         self.reports += self.guidance.reports()
         command = out.command or Command(snapshot.episode, snapshot.step, 0.0, 0.0, 0.0)
-        self.simulator.step(command)
+        self.simulator.step(command, push)
 
     def until(self, condition: Any, most: int = 8000) -> None:
         for _ in range(most):
@@ -271,6 +272,54 @@ def test_after_the_last_goal_it_circles_or_slows_down() -> None:
     for _ in range(400):
         ride.step()
     assert ride.simulator.snapshot.speed == pytest.approx(2.5, abs=0.1)
+
+
+def watched(follower: str = "preview") -> Ride:
+    """A ride with the safety layer and the LQR as its fallback, as in the node."""
+    ride = Ride(follower=follower)
+    ride.loop.fallback = LqrController(plant=WHIPPLE)
+    ride.loop.safety = Safety(None, WHIPPLE)
+    return ride
+
+
+@pytest.mark.parametrize(
+    ("follower", "name"),
+    [("preview", "slalom"), ("preview", "circle-10"), ("learned", "circle-10")],
+)
+def test_the_turns_of_a_path_are_no_reason_to_hand_over(follower: str, name: str) -> None:
+    """A measured bicycle's turns are further from riding straight than the layer's limit."""
+    ride = watched(follower)
+    ride.guidance.follow(name, lambda radius: courses.load(name, radius))
+    ride.settle()
+    ride.until(lambda: any(one.status is PathEnd.FINISHED for one in ride.reports))
+    assert ride.loop.handed_over == 0
+    assert ride.reports[-1].rms < 0.1
+
+
+def test_cmd_vel_turns_both_ways_without_a_hand_over() -> None:
+    ride = watched()
+    for sign in (1.0, -1.0, 1.0):
+        for _ in range(240):
+            ride.guidance.twist(3.0, sign * 0.25)
+            ride.step()
+            assert not ride.simulator.snapshot.fallen
+    assert ride.loop.handed_over == 0
+
+
+def test_a_kick_takes_a_path_from_a_network_and_leaves_it_its_speed() -> None:
+    ride = watched("learned")
+    ride.guidance.follow("made", course((10.0, 0.0), (300.0, 0.0), speed=3.5))
+    ride.settle()
+    for _ in range(200):
+        ride.step()
+    assert ride.loop.handed_over == 0
+    ride.step(push=0.7)
+    for _ in range(30):
+        ride.step()
+        assert ride.loop.handed_over > 0
+    assert ride.simulator.snapshot.speed == pytest.approx(3.5, abs=0.15)
+    ride.until(lambda: not ride.loop.driving)
+    assert not ride.simulator.snapshot.fallen
 
 
 def test_a_figure_eight_by_cmd_vel_alone_and_its_time_out() -> None:

@@ -10,7 +10,7 @@ import pytest
 from faulty_policies import FAULTS, ride
 
 from bicycle_common.types import Command, CommandSource, InitialPose
-from bicycle_controller.control import recoverable, safety
+from bicycle_controller.control import followers, recoverable, safety
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.control_output import ControllerSwitch
 from bicycle_controller.control.goals import GoalTracker, Status
@@ -431,3 +431,20 @@ def test_a_step_without_command_is_stale() -> None:
     (taken,), _ = drive(loop, simulator, 1)
     assert taken.reason is Reason.STALE
     assert taken.message.startswith("no command led to the state: lqr-")
+
+
+@pytest.mark.parametrize("bicycle", ["benchmark", "browser-rider"])
+@pytest.mark.parametrize("speed", [2.5, 4.0])
+def test_a_steady_turn_is_beside_nothing(bicycle: str, speed: float) -> None:
+    plant = registry.named(plant="whipple", bicycle=bicycle)
+    follower, layer = followers.make("preview", plant), Safety(None, plant)
+    turns = follower.turns(speed, 0.0, 0.05)
+    seen, there = np.zeros((1, 6)), np.array([speed])
+    seen[:, 0], seen[:, 2] = turns.left * turns.steer, turns.left * turns.lean
+    layer.limit(np.array([[float(turns.left[0] * turns.torque[0]), 0.0, 0.0]]), 8)
+    beyond, left = layer.beside(seen, there, turns)
+    assert layer.extrapolated_lean(seen, there) > 20.0 * beyond
+    assert 0.2 <= left < 1.0
+    # In the other direction the same turn is a fall.
+    other, _ = layer.beside(-seen, there, turns)
+    assert other >= layer.extrapolated_lean(seen, there) * 0.9

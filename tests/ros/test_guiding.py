@@ -40,9 +40,8 @@ def controller(start_node: StartNode) -> NodeProcess:
     bicycle = {"plant": "whipple", "bicycle": "browser-rider", "start_speed": 3.0}
     sim = words(pace="lockstep", scenario="learned-speed", **bicycle)
     start_node("bicycle_sim.nodes.sim_node", sim).wait_for_line("episode 1 waits")
-    # In lock-step the next command may come after many simulated seconds; and cmd_vel steers
-    # by itself, where the safety layer would let its fallback ride the same turn.
-    settings = words(policy="lqr-pedal", managed="true", cmd_vel_timeout=20.0, safety="none")
+    # In lock-step the next command may come after many simulated seconds.
+    settings = words(policy="lqr-pedal", managed="true", cmd_vel_timeout=20.0)
     node = start_node("bicycle_controller.nodes.controller_node", settings)
     node.wait_for_line("waits to be configured and activated")
     return node

@@ -15,7 +15,7 @@ from bicycle_controller.control.control_output import ControllerSwitch, ControlO
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.exploration_noise import Noise
 from bicycle_controller.control.goals import GoalTracker, Pose
-from bicycle_controller.control.guide import Guide, PathEnd
+from bicycle_controller.control.guide import Guide, PathEnd, PlannedTurns
 from bicycle_controller.control.riding import Riding
 from bicycle_controller.control.safety import Reason, Safety, stopping_pedal
 from bicycle_controller.control.standby import Standby
@@ -23,6 +23,8 @@ from bicycle_sim.plants.base import Plant
 
 TIMES_KEPT = 2000
 """Number of answers whose computing times are kept: 50 s at 40 Hz."""
+SPEED_IS_WELL = (Reason.EXTRAPOLATED_LEAN, Reason.LEAN, Reason.LEAN_RATE, Reason.STALE)
+"""Reasons for which the fallback steers while a guide may still choose the speed."""
 QUICK = 0.0005
 """Largest duration of a policy that is warmed up (s); a slower one would delay the next state."""
 
@@ -237,12 +239,13 @@ class ControlLoop:
     ) -> tuple[np.ndarray, str, str, ControllerSwitch | None]:
         """Return the action (3,), the id of its controller, and the text to report."""
         before = self._driven_by_fallback
-        may = self.safety is None or self._judge(self.safety, seen, speed, lateness)
-        trouble, guided = "", None
+        trouble, guided, turns = "", None, None
         if guide is not None:  # it is asked even while the fallback drives: it counts the way
             guided = guide.act(snapshot, self._time)
+            turns = guide.turns(snapshot.speed)
             if not np.isfinite(guided).all():
                 guided, trouble = None, "gave no finite command on the path"
+        may = self.safety is None or self._judge(self.safety, seen, speed, lateness, turns)
         action: np.ndarray | None = None
         if may and guided is not None:
             action = guided
@@ -260,6 +263,8 @@ class ControlLoop:
             riding = self._fallback_riding
             given = _answer(riding, seen, speed)[0] if riding else None
             action = np.zeros(3) if given is None else given
+            if guided is not None and self.safety and self.safety.reason[0] in SPEED_IS_WELL:
+                action[2] = guided[2]  # the path's speed; the fallback has one of its own
             if self._stopped_for is not None:
                 action[2] = stopping_pedal(snapshot.speed)
             in_charge = self._fallback_id
@@ -337,7 +342,14 @@ class ControlLoop:
             bool(self.safety.reason[0]) or self._stopped_for is not None
         )
 
-    def _judge(self, safety: Safety, seen: np.ndarray, speed: np.ndarray, lateness: float) -> bool:
+    def _judge(
+        self,
+        safety: Safety,
+        seen: np.ndarray,
+        speed: np.ndarray,
+        lateness: float,
+        turns: PlannedTurns | None,
+    ) -> bool:
         """Return True if the policy may answer a state, whose command was late by some steps."""
         if self.policy is not self._judged:
             self._judged = self.policy
@@ -345,7 +357,7 @@ class ControlLoop:
         goal = self.tracker.active
         if self._stopped_for is not None and goal and goal.goal_id != self._stopped_for:
             self._stopped_for = None
-        reason = safety.judge(seen, speed, np.array([lateness]))[0]
+        reason = safety.judge(seen, speed, np.array([lateness]), turns)[0]
         return not reason and self._stopped_for is None
 
     def _tell(self, snapshot: BicycleState, trouble: str) -> ControllerSwitch:

@@ -51,6 +51,27 @@ class PathReport:
     message: str
 
 
+@dataclass(frozen=True)
+class PlannedTurns:
+    """Steady turns that a guide may ride about now: from `right` to `left` times the one named.
+
+    The safety layer judges a bicycle by what it is beside these turns. Arrays of (N,).
+    """
+
+    lean: np.ndarray
+    """rad in the named turn, which is to the left; as in an observation."""
+    steer: np.ndarray
+    """rad in it."""
+    torque: np.ndarray
+    """N m that holds it."""
+    right: np.ndarray
+    """Share of the named turn, zero or less."""
+    left: np.ndarray
+    """Share of the named turn, zero or more."""
+    room: float = 1.0
+    """Times the limit of extrapolated lean that the guide is trusted with."""
+
+
 class Guide(Protocol):
     """Steers one bicycle in place of the policy."""
 
@@ -66,6 +87,10 @@ class Guide(Protocol):
 
     def act(self, snapshot: BicycleState, time: float) -> np.ndarray:
         """Return the action (3,), N m, m, N, for a state at a simulated time, s."""
+        ...
+
+    def turns(self, speed: float) -> PlannedTurns | None:
+        """Return the turns that it may ride about now, at a speed, m/s; None if it cannot tell."""
         ...
 
     def heading_error(self, snapshot: BicycleState) -> float:

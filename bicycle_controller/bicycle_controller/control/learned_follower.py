@@ -117,6 +117,9 @@ class Network:
 class LearnedFollower(PathFollower):
     """Rides near the path by a network, and joins it from afar as the classical follower does."""
 
+    room = 1.0
+    """A network is trusted with no more than the limit."""
+
     def __init__(
         self, plant: Plant[Any], config: FollowConfig | None = None, network: Network | None = None
     ) -> None:

@@ -17,6 +17,7 @@ import numpy as np
 
 from bicycle_common.geometry import wrap_angle
 from bicycle_controller.control.follow_gains import SPEEDS, FollowConfig, design
+from bicycle_controller.control.guide import PlannedTurns
 from bicycle_controller.control.path import Paths, Place
 from bicycle_sim.plants.base import Plant
 
@@ -36,6 +37,10 @@ STANLEY_SHARE = 0.3
 
 class PathFollower:
     """The classical follower; it holds no state between calls."""
+
+    room = math.inf
+    """Times the limit of extrapolated lean that it is trusted with: it balances by a feedback law
+    that catches the kicks that the fallback catches, so that a hand-over would save nothing."""
 
     def __init__(self, plant: Plant[Any], config: FollowConfig | None = None) -> None:
         """Compute the gains for every speed of SPEEDS."""
@@ -66,6 +71,27 @@ class PathFollower:
         Lean, steering and the torque that holds the turn limit it.
         """
         return np.interp(speed, SPEEDS, self._sharpest)
+
+    def turns(self, speed: float, right: float, left: float) -> PlannedTurns:
+        """Return the steady turns between two curvatures, as far as they can be ridden.
+
+        Args:
+            speed: m/s.
+            right: 1/m, zero or less.
+            left: 1/m, zero or more.
+        """
+        there = np.array([speed])
+        row = self._row(there)
+        tight = self._tight[row]
+        steer = np.arctan(tight * self._steer[row])
+        return PlannedTurns(
+            lean=self._lean_law(steer, there),
+            steer=steer,
+            torque=self._hold[row] * tight,
+            right=np.maximum(right / tight, -1.0),
+            left=np.minimum(left / tight, 1.0),
+            room=self.room,
+        )
 
     def act(
         self,

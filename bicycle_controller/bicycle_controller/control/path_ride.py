@@ -11,10 +11,10 @@ from bicycle_common.geometry import heading_error
 from bicycle_common.observation import observation
 from bicycle_common.types import BicycleState
 from bicycle_controller.control.courses import Course
-from bicycle_controller.control.guide import PathEnd, PathReport
+from bicycle_controller.control.guide import PathEnd, PathReport, PlannedTurns
 from bicycle_controller.control.keep_clear import Mover, keep_clear
 from bicycle_controller.control.path import Paths, Place
-from bicycle_controller.control.path_follower import PathFollower
+from bicycle_controller.control.path_follower import ALONG, PathFollower
 from bicycle_controller.control.speed_profile import speed_profile
 
 END = 0.3
@@ -25,6 +25,8 @@ PATIENCE = 3.0
 """Times the profile's own time after which a path is given up, and 60 s more."""
 SIGHT = 8.0
 """m ahead on the path that the fallback steers to."""
+TURNING = np.linspace(-1.0, 2.0, 31)
+"""s of riding: a bicycle leans before a turn of its path, and rises after it."""
 
 
 class PathRide:
@@ -158,6 +160,17 @@ class PathRide:
             self.end(PathEnd.LOST, f"{abs(cross):.0f} m off the path")
         elif self._now - self._begun > self._patience:
             self.end(PathEnd.LOST, f"not ridden within {self._patience:.0f} s")
+
+    def turns(self, speed: float) -> PlannedTurns | None:
+        """Return the path's turns about here; away from the path any that it could ask for."""
+        if self._along is None:
+            return None
+        off = max(abs(self._cross) / self._follower.config.near, abs(self._error) / ALONG)
+        if off > 1.0:
+            sharp = float(self._follower.sharpest(np.array([speed]))[0])
+            return self._follower.turns(speed, -sharp, sharp)
+        near = self._paths.curvature(self._along[:, None] + speed * TURNING)
+        return self._follower.turns(speed, min(0.0, near.min()), max(0.0, near.max()))
 
     def heading_error(self, snapshot: BicycleState) -> float:
         """Return psi_g to a point ahead on the path, rad."""

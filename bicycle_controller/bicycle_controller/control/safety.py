@@ -22,6 +22,7 @@ import numpy as np
 
 from bicycle_common.validation import require
 from bicycle_controller.control import recoverable
+from bicycle_controller.control.guide import PlannedTurns
 from bicycle_controller.control.unseen import settled_in, through_commands
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
@@ -34,6 +35,9 @@ LARGEST = 0.5
 """rad of extrapolated lean, where the bicycle lies at `base.FALL_ANGLE`, 0.524 rad."""
 TORQUE_LIMIT = 2.0
 """N m of a bicycle that names none, as in the scenarios."""
+
+TURN_LEAVES = 0.2
+"""Least share of the limit that a planned turn leaves for what is beside it."""
 
 SPEEDS = np.linspace(1.0, 8.0, 141)
 """m/s, for which the unstable mode is computed."""
@@ -170,27 +174,67 @@ class Safety:
             observation: (N, 6), see `bicycle_sim.task.task.OBSERVATION_FIELDS`.
             speed: (N,) m/s.
         """
+        return np.asarray(np.abs(self._in_mode(observation, self._sent, speed)))
+
+    def _in_mode(self, observation: np.ndarray, sent: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """Return the share of states and torques under way in the unstable mode, (N,) complex."""
         nearest = np.rint((speed - SLOWEST) / SPACING).astype(np.intp)
         mode = self._mode.take(nearest, axis=0, mode="clip")
         if not self._memory:
-            return np.asarray(np.abs((mode * observation[:, MODE_ORDER]).sum(axis=1)))
+            return np.asarray((mode * observation[:, MODE_ORDER]).sum(axis=1))
         # Count commands under way as applied.
-        known = np.concatenate([observation[:, MODE_ORDER], self._sent], axis=1)
-        return np.asarray(np.abs((mode * known).sum(axis=1)))
+        known = np.concatenate([observation[:, MODE_ORDER], sent], axis=1)
+        return np.asarray((mode * known).sum(axis=1))
 
-    def judge(self, observation: np.ndarray, speed: np.ndarray, age: np.ndarray) -> np.ndarray:
+    def beside(
+        self, observation: np.ndarray, speed: np.ndarray, turns: PlannedTurns
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far the bicycle is beside its planned turns.
+
+        A steady turn has a lean and a steering of its own, which are no fall; the torque and the
+        steering that hold it are no longer there to save the bicycle.
+
+        Args:
+            observation: (N, 6), see `bicycle_sim.task.task.OBSERVATION_FIELDS`.
+            speed: (N,) m/s.
+            turns: of the N bicycles.
+
+        Returns:
+            (N,) rad of extrapolated lean beyond the nearest of the turns, and (N,) the share of
+            the limit that the sharpest of them leaves.
+        """
+        steady = np.zeros((len(speed), observation.shape[1]))
+        steady[:, 0], steady[:, 2] = turns.steer, turns.lean
+        held = np.repeat(turns.torque[:, None], self._memory, axis=1)
+        named = self._in_mode(steady, held, speed)
+        now = self._in_mode(observation, self._sent, speed)
+        size = np.maximum(np.abs(named), 1e-9) ** 2
+        nearest = np.clip((now * named.conj()).real / size, turns.right, turns.left)
+        most = self.plant.torque_limit or TORQUE_LIMIT
+        used = np.maximum(np.abs(turns.torque) / most, np.abs(turns.steer) / STEERING)
+        left = 1.0 - used * np.maximum(-turns.right, turns.left)
+        return np.asarray(np.abs(now - nearest * named)), np.maximum(left, TURN_LEAVES)
+
+    def judge(
+        self,
+        observation: np.ndarray,
+        speed: np.ndarray,
+        age: np.ndarray,
+        turns: PlannedTurns | None = None,
+    ) -> np.ndarray:
         """Look at new states, one step after the last ones.
 
         Args:
             observation: (N, 6), see `bicycle_sim.task.task.OBSERVATION_FIELDS`.
             speed: (N,) m/s.
             age: (N,) steps that the command which led to each state was late by.
+            turns: planned by a guide; None where a goal or nothing is ridden to.
 
         Returns:
             (N,) the reasons for which the fallback must answer; 0 where the policy may.
         """
         with np.errstate(all="ignore"):  # a state that is not finite is beyond every limit
-            shares = self._measure(observation, speed, age)
+            shares = self._measure(observation, speed, age, turns)
             within = shares <= 1.0
         if within.all() and not self.reason.any():
             self._quiet += 1
@@ -251,11 +295,21 @@ class Safety:
         self.reason = np.where(taken, reason, self.reason)
         self.hand_overs += taken
 
-    def _measure(self, observation: np.ndarray, speed: np.ndarray, age: np.ndarray) -> np.ndarray:
-        """Every one of WATCHED as a share of its limit, (6, N)."""
+    def _measure(
+        self,
+        observation: np.ndarray,
+        speed: np.ndarray,
+        age: np.ndarray,
+        turns: PlannedTurns | None = None,
+    ) -> np.ndarray:
+        """Return every one of WATCHED as a share of its limit, (6, N)."""
         values, limits = self._values, self._limits
         limits[0] = self.config.envelope * np.interp(speed, *self._envelope)
-        values[0] = self.extrapolated_lean(observation, speed)
+        if turns is None:
+            values[0] = self.extrapolated_lean(observation, speed)
+        else:
+            values[0], left = self.beside(observation, speed, turns)
+            limits[0] *= left * turns.room
         np.abs(observation[:, 2:4].T, out=values[1:3])
         values[3:5] = speed
         values[5] = age

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +11,11 @@ import numpy as np
 from bicycle_common.observation import observation
 from bicycle_common.types import BicycleState
 from bicycle_common.validation import require
-from bicycle_controller.control.guide import PathEnd
+from bicycle_controller.control.guide import PathEnd, PlannedTurns
 from bicycle_controller.control.path_follower import PathFollower
+
+SETTLING = 3.0
+"""s for which a bicycle may still be in the turn that it rode before."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +49,7 @@ class TwistRide:
         self._speed, self._yaw_rate = limits.slowest, 0.0
         self._heard: float | None = None
         self._fresh = False
+        self._ridden: deque[tuple[float, float]] = deque()
         self.over = False
         self.silent = False
         """True if no command has come for too long."""
@@ -78,9 +83,19 @@ class TwistRide:
         yaw_rate = 0.0 if self.silent else self._yaw_rate
         speed = np.array([snapshot.speed])
         curvature = yaw_rate / np.maximum(speed, 0.5)
+        if self._ridden and time < self._ridden[-1][0]:
+            self._ridden.clear()
+        self._ridden.append((time, float(curvature[0])))
+        while time - self._ridden[0][0] > SETTLING:
+            self._ridden.popleft()
         seen = observation(snapshot, 0.0)[None]
         wanted = np.array([self._speed])
         return np.asarray(self._follower.turn(seen, speed, curvature, wanted)[0])
+
+    def turns(self, speed: float) -> PlannedTurns | None:
+        """Return the turns that were commanded within the last seconds."""
+        curvatures = [curvature for _, curvature in self._ridden]
+        return self._follower.turns(speed, min(0.0, *curvatures), max(0.0, *curvatures))
 
     def heading_error(self, snapshot: BicycleState) -> float:
         """Return psi_g that makes the fallback turn the same way, rad."""

@@ -27,7 +27,7 @@ from bicycle_common.nodes import convert
 from bicycle_common.types import BicycleState, Command
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.goals import Event, Goal, GoalTracker, Pose
-from bicycle_controller.control.guide import PathEnd
+from bicycle_controller.control.guide import PathEnd, PlannedTurns
 from bicycle_controller.estimation.order import SET_BACK
 from bicycle_controller.estimation.settings import of_estimator
 from bicycle_controller.estimation.steps import StepEstimator, Used
@@ -148,6 +148,11 @@ class _Path:
         del snapshot, time
         return np.array(self.command.action)
 
+    def turns(self, speed: float) -> PlannedTurns:
+        """Return room for any turn: a bag does not tell which ones were planned."""
+        nothing = np.zeros(1)
+        return PlannedTurns(nothing, nothing, nothing, nothing, nothing, math.inf)
+
     def heading_error(self, snapshot: BicycleState) -> float:
         del snapshot
         return self.command.heading_error
@@ -188,7 +193,7 @@ class _Controller:
         except ValueError as error:
             self.why_not = str(error)
         self.episode = -1
-        self.lost = False
+        self.lost = self._on_path = False
         self.unheard = ""
         self.time = -math.inf
         self.runs = dict.fromkeys(ORDER, 0)
@@ -276,10 +281,12 @@ class _Controller:
         self.tracker.command = None if recorded is None else convert.to_command(recorded)
         fallback = self.loop.fallback.policy_id if self.loop.fallback is not None else "none"
         command = self.tracker.command
-        guided = command is not None and command.policy not in (
-            self.loop.policy.policy_id,
-            fallback,
+        # While a fallback helps on a path, the guide still chooses the speed.
+        guided = command is not None and (
+            command.policy not in (self.loop.policy.policy_id, fallback)
+            or (command.policy == fallback != self.loop.policy.policy_id and self._on_path)
         )
+        self._on_path = guided
         self.loop.guide = _Path(command) if guided and command is not None else None
         applied = None if echo is None else convert.to_applied(echo)
         stamp = state.header.stamp
