@@ -22,12 +22,12 @@ class OneLine:
 
     def __init__(self, say: Callable[[str], None]) -> None:
         self._say = say
-        self._bucket = RateLimiter(RATE, BURST)
+        self._rate_limiter = RateLimiter(RATE, BURST)
         self._unsaid = 0
 
     def __call__(self, line: str) -> None:
         """Log a line."""
-        if not self._bucket.take():
+        if not self._rate_limiter.take():
             self._unsaid += 1
             return
         more = f" (and {self._unsaid} more lines before)" if self._unsaid else ""

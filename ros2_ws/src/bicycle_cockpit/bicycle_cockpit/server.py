@@ -70,12 +70,12 @@ class Server:
     ) -> None:
         self.port = port
         self.palette = Palette()
-        self._door = access_policy
+        self._access_policy = access_policy
         self._bags = BagDesk(bags)
         self._choices = choices or PolicyCatalogue(None)
         self._on_request, self._on_join = on_request, on_join
         self._log = OneLine(log)
-        self._hub = Broadcaster()
+        self._broadcaster = Broadcaster()
         self._pages: set[PageSocket] = set()
         self._assets = Assets(WEB)
         self._loop = asyncio.new_event_loop()
@@ -105,23 +105,23 @@ class Server:
 
     def greet(self, page: int, hello: dict[str, Any], history: Sequence[Rows]) -> None:
         """Send the first message of a page, and the rows until now."""
-        self._loop.call_soon_threadsafe(self._hub.greet, page, json_text(hello), history)
+        self._loop.call_soon_threadsafe(self._broadcaster.greet, page, json_text(hello), history)
 
     def begin_anew(self, hello: dict[str, Any], history: Sequence[Rows]) -> None:
         """Greet all pages again, for another ride."""
-        self._loop.call_soon_threadsafe(self._hub.begin_anew, json_text(hello), history)
+        self._loop.call_soon_threadsafe(self._broadcaster.begin_anew, json_text(hello), history)
 
     def stream(self, rows: Rows) -> None:
         """Send new rows to all pages."""
-        self._loop.call_soon_threadsafe(self._hub.stream, rows)
+        self._loop.call_soon_threadsafe(self._broadcaster.stream, rows)
 
     def latest(self, data: dict[str, Any]) -> None:
         """Send data that replace older data of the same `type`."""
-        self._loop.call_soon_threadsafe(self._hub.latest, data["type"], json_text(data))
+        self._loop.call_soon_threadsafe(self._broadcaster.latest, data["type"], json_text(data))
 
     def reliable(self, data: dict[str, Any], to: int | None = None) -> None:
         """Send data that must not be lost, to one page or to all."""
-        self._loop.call_soon_threadsafe(self._hub.reliable, json_text(data), to)
+        self._loop.call_soon_threadsafe(self._broadcaster.reliable, json_text(data), to)
 
     def colour(self, keys: Sequence[str]) -> None:
         """Assign colours to policies, see `Palette`."""
@@ -131,12 +131,12 @@ class Server:
     @property
     def pages(self) -> int:
         """Return the number of connected pages."""
-        return self._hub.count
+        return self._broadcaster.count
 
     @property
     def dropped(self) -> int:
         """Return the number of frames that the connected pages never received."""
-        return self._hub.dropped
+        return self._broadcaster.dropped
 
     # The server's thread.
 
@@ -174,10 +174,12 @@ class Server:
         most = most_connections()
         logger = logging.Logger("web")
         logger.addHandler(ToOneLine(self._log))
-        doors = Connections(runner.server, self._log, most, logger=logger, access_log=None)
+        connections = Connections(runner.server, self._log, most, logger=logger, access_log=None)
         self._loop.set_exception_handler(self._on_exception)
         try:
-            self.port, listeners = await listen(doors, self._door.address, self.port)
+            self.port, listeners = await listen(
+                connections, self._access_policy.address, self.port
+            )
             yield
             for listener in listeners:
                 listener.close()
@@ -215,9 +217,9 @@ class Server:
         return response
 
     def _check(self, request: web.Request) -> None:
-        self._door.check_host(request.host)
+        self._access_policy.check_host(request.host)
         site, mode = (request.headers.get(f"Sec-Fetch-{name}") for name in ("Site", "Mode"))
-        self._door.check_site(site, mode, request.path)
+        self._access_policy.check_site(site, mode, request.path)
 
     async def _page(self, request: web.Request) -> web.Response:
         return self._assets.response(request, "index.html")
@@ -226,14 +228,14 @@ class Server:
         return self._assets.response(request, request.match_info["name"])
 
     async def _list_bags(self, request: web.Request) -> web.Response:
-        self._door.check_token(_bearer(request))
+        self._access_policy.check_token(_bearer(request))
         try:
             return _json_response({"bags": await self._bags.listed()})
         except BagProblemError as problem:
             return _json_response({"error": str(problem)}, problem.status)
 
     async def _open_bag(self, request: web.Request) -> web.Response:
-        self._door.check_token(_bearer(request))
+        self._access_policy.check_token(_bearer(request))
         try:
             rider = request.query.get("rider", "")
             path = self._choices.path(rider) if rider else ""
@@ -250,18 +252,18 @@ class Server:
         return web.Response(body=body, content_type="application/json")
 
     async def _socket(self, request: web.Request) -> web.StreamResponse:
-        self._door.check_origin(request.headers.get("Origin"), request.host)
-        self._door.check_token(request.query.get("token", ""))
-        joined = self._hub.join()
+        self._access_policy.check_origin(request.headers.get("Origin"), request.host)
+        self._access_policy.check_token(request.query.get("token", ""))
+        joined = self._broadcaster.join()
         if joined is None:
             raise RefusedError(503, "too many pages are connected")
         number, box = joined
-        page = PageSocket(request, self._hub, number, self._log)
+        page = PageSocket(request, self._broadcaster, number, self._log)
         self._pages.add(page)
         try:
             await page.serve(box, self._on_join, self._on_request)
         finally:
-            self._hub.leave(number)
+            self._broadcaster.leave(number)
             self._pages.discard(page)
         return page.socket
 

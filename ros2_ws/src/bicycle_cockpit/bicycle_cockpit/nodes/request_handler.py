@@ -86,7 +86,7 @@ class RequestHandler:
         self._conditions = conditions
         self._choices, self._recording = choices, recording
         self.suits = Suits(choices, live)
-        self._goal_bucket = RateLimiter(GOAL_RATE, GOAL_BURST)
+        self._goal_rate = RateLimiter(GOAL_RATE, GOAL_BURST)
         self._calls: list[_Call] = []
         self._sent: tuple[list[Point2D], float | None] = ([], None)
         self._resent, self._sent_at = 0, 0.0
@@ -155,7 +155,7 @@ class RequestHandler:
 
     def _send(self, points: list[Point2D], heading: float | None, reply: Reply) -> None:
         """Order points in place of all previous goals."""
-        if not self._goal_bucket.take():
+        if not self._goal_rate.take():
             reply(False, "too many goals at once: wait a second")
             return
         if self._node.count_publishers(topics.COMMAND.name) == 0:
@@ -308,7 +308,7 @@ class RequestHandler:
             reply(False, f"no course {request.name!r} is offered: reload the page")
         elif not self._course.server_is_ready():
             reply(False, "no controller runs: start ros2_ws/controller.sh")
-        elif self._goal_bucket.take():
+        elif self._goal_rate.take():
             future = self._course.send_goal_async(FollowPath.Goal(course=request.name))
             name = topics.FOLLOW_PATH_ACTION.name
 

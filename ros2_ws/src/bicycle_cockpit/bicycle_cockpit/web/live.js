@@ -37,8 +37,8 @@ export class Live {
     if (!this.connected) return this.session ? "lost" : "loading";
     const { mode } = this.status;
     if (!this.greeted || (mode !== "silent" && this.series.length === 0)) return "loading";
-    const starved = this.series.source?.[this.cursor] === 3;
-    return mode === "riding" && starved ? "zero" : mode;
+    const withoutCommand = this.series.source?.[this.cursor] === 3;
+    return mode === "riding" && withoutCommand ? "zero" : mode;
   }
 
   /** Begins anew; who comes back to the same cockpit keeps what it has, see `history`. */
