@@ -8,13 +8,16 @@ import numpy as np
 import pytest
 
 from bicycle_controller.control import followers
-from bicycle_controller.control.path import sampled
+from bicycle_controller.control.lqr import fitting
+from bicycle_controller.control.path import Paths, Place, sampled
+from bicycle_controller.control.path_making import path_through
 from bicycle_controller.control.speed_profile import CHANGE, speed_profile
 from bicycle_controller.evaluation import course_score
 from bicycle_controller.evaluation.course_rides import Start, ride_courses
 from bicycle_sim.plants import registry
-from bicycle_sim.plants.base import Plant
+from bicycle_sim.plants.base import FALL_ANGLE, Plant
 
+LIMITS = np.array([2.0, 0.0, 100.0])
 WHIPPLE = registry.named(plant="whipple", bicycle="browser-rider")
 
 
@@ -89,3 +92,35 @@ def test_the_speed_falls_before_a_turn_and_rises_after_it() -> None:
 def test_an_unknown_follower_names_the_nearest() -> None:
     with pytest.raises(ValueError, match="did you mean 'stanley'"):
         followers.make("stanly", WHIPPLE)
+
+
+def largest_kick_caught(plant: Plant[Any], speed: float, follows: bool) -> float:
+    """Return the largest lean rate, rad/s, from which a ride along +y does not fall in 10 s."""
+    kicks = np.arange(0.1, 1.6, 0.025)
+    count, nothing = len(kicks), np.zeros(len(kicks))
+    line = path_through([(0.0, 0.0), (0.0, 300.0)], closed=False)
+    paths, follower = Paths([line], np.zeros(count, int)), followers.make("preview", plant)
+    fallback, wanted = fitting(LIMITS, plant), np.full(count, speed)
+    state = plant.initial(nothing, nothing + 5.0, nothing, wanted)
+    state, fallen = plant.pushed(state, kicks), np.zeros(count, bool)
+    for _ in range(400):
+        steer = [state.steer_angle, state.steer_rate]
+        lean = [state.lean_angle, state.lean_rate, state.lean_acceleration]
+        seen = np.column_stack([*steer, *lean, -state.heading])
+        if follows:
+            place = Place(state.rear_y, -state.rear_x, state.heading, nothing)
+            action = follower.act(seen, state.speed, place, paths, wanted)
+        else:
+            action = fallback.act(seen, state.speed)
+        torque, _, pedal = np.clip(action, -LIMITS, LIMITS).T
+        state = plant.step(state, torque, nothing, pedal, (1.0, 8.0))
+        fallen |= plant.fallen(state, FALL_ANGLE)
+    return float(kicks[~fallen].max())
+
+
+@pytest.mark.parametrize("plant", [registry.default(), WHIPPLE], ids=["choi", "whipple"])
+@pytest.mark.parametrize("speed", [2.0, 3.0, 4.0])
+def test_it_catches_the_kicks_that_the_fallback_catches(plant: Plant[Any], speed: float) -> None:
+    """So the safety layer does not take a path from it for its lean."""
+    own, fallback = (largest_kick_caught(plant, speed, follows) for follows in (True, False))
+    assert own >= 0.95 * fallback > 0.3
