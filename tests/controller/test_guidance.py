@@ -256,6 +256,18 @@ def test_arrivals_within_10_degrees(plant: Any) -> None:
     assert np.mean(np.array(off) < math.radians(10.0)) >= 0.9
 
 
+@pytest.mark.parametrize("yaw", [0.5 * math.pi, math.pi])
+def test_a_bicycle_faster_than_its_paths_arrives_as_asked(yaw: float) -> None:
+    """It slows down little by little, and needs wider turns until then."""
+    ride = Ride(start=InitialPose(0.0, 0.0, -math.pi / 2, 4.5))
+    ride.step()
+    ride.loop.tracker.replace([(1.0, 0.0)])
+    assert ride.guidance.arrive([(1.0, 0.0)], yaw) == ""
+    ride.events.clear()
+    ride.until(lambda: any(one.status is Status.REACHED for one in ride.events))
+    assert abs(float(wrap_angle(ride.yaw - yaw))) < math.radians(5.0)
+
+
 def test_after_the_last_goal_it_circles_or_slows_down() -> None:
     ride = Ride(after_goal="circle")
     assert "circles the goal at" in ride.guidance.after_goal((10.0, 0.0))

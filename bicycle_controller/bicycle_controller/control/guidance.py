@@ -34,6 +34,8 @@ MakeCourse = Callable[[float], Course]
 """Returns a course for a bicycle that turns with a radius, m; it may raise ValueError."""
 RESERVE = 0.8
 """Share of the largest curvature that a path planned here uses."""
+SPEEDS_OF_ARRIVAL = 9
+"""Speeds, from the present one to the wanted one, whose turns an arrival compares."""
 ROOM = 0.5
 """m before the circle around a goal from where on it counts as reached on the path to it."""
 STRAIGHT_ON = 2000.0
@@ -290,7 +292,9 @@ class Guidance:
         now = self._snapshot
         here = now.rear_x, now.rear_y, float(heading_to_yaw(now.heading))
         speed = max(self.config.speed if self._pedals else now.speed, self.config.slowest)
-        radius = 1.0 / (RESERVE * float(self._follower.sharpest(np.array([speed]))[0]))
+        # A bicycle that is faster yet needs its wider turns: it slows down little by little.
+        speeds = np.linspace(speed, max(speed, now.speed), SPEEDS_OF_ARRIVAL)
+        radius = 1.0 / (RESERVE * float(self._follower.sharpest(speeds).min()))
         path = arrival_path(here, (*goal, yaw), radius)
         course = Course("arrival", path, speed)
         number, self._next_id = self._next_id, self._next_id + 1
