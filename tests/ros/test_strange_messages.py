@@ -6,6 +6,8 @@ asking them, and the fields by asking the messages, so a new one is covered when
 
 from __future__ import annotations
 
+import inspect
+import itertools
 import json
 import math
 from collections.abc import Callable, Iterator
@@ -43,6 +45,9 @@ SEVERAL = settings(
 )
 AWAITS = ("load_policy",)
 """Services that answer later; what they are given is a policy's name: test_policy_file.py."""
+
+SENT = itertools.count(1)
+"""Times of sending, ns, each another."""
 
 
 @pytest.fixture
@@ -141,6 +146,13 @@ def strange_json(text: str) -> Iterator[str]:
         yield json.dumps(found)
 
 
+def hear(subscription: Any, message: Any) -> None:
+    """Call a subscription's callback as rclpy does: with the message's facts if it takes them."""
+    facts = {"source_timestamp": next(SENT), "received_timestamp": 0}
+    takes = len(inspect.signature(subscription.callback).parameters)
+    subscription.callback(*(message, facts)[:takes])
+
+
 def heard_by(node: Node) -> list[Any]:
     return [found for found in node.subscriptions if found.msg_type.__module__ != "rcl_interfaces"]
 
@@ -179,7 +191,7 @@ def test_no_field_of_what_the_controller_hears_breaks_it(
     count = 0
     for subscription in heard_by(controller):
         for message in each_field(sound(subscription.msg_type)):
-            subscription.callback(message)
+            hear(subscription, message)
             count += 1
         assert drives(controller, count)
     for message in sent:
@@ -201,7 +213,7 @@ def test_no_episode_info_breaks_the_controller(controller: ControllerNode) -> No
 @given(data=st.data())
 def test_no_mixture_breaks_the_controller(controller: ControllerNode, data: st.DataObject) -> None:
     subscription = data.draw(st.sampled_from(heard_by(controller)))
-    subscription.callback(data.draw(several_fields(sound(subscription.msg_type))))
+    hear(subscription, data.draw(several_fields(sound(subscription.msg_type))))
     assert drives(controller, data.draw(st.integers(0, 2**36)))
 
 
@@ -227,7 +239,7 @@ def to_stamp() -> Any:
 def test_no_field_of_what_the_simulator_hears_breaks_it(simulator: SimNode) -> None:
     for subscription in heard_by(simulator):
         for message in each_field(sound(subscription.msg_type)):
-            subscription.callback(message)
+            hear(subscription, message)
             simulator._on_due()
             assert convert.is_finite(simulator._loop.snapshot)
         assert rides(simulator)
@@ -249,7 +261,7 @@ def test_no_request_breaks_the_simulator(simulator: SimNode) -> None:
 @given(data=st.data())
 def test_no_mixture_breaks_the_simulator(simulator: SimNode, data: st.DataObject) -> None:
     subscription = data.draw(st.sampled_from(heard_by(simulator)))
-    subscription.callback(data.draw(several_fields(sound(subscription.msg_type))))
+    hear(subscription, data.draw(several_fields(sound(subscription.msg_type))))
     simulator._on_due()
     assert rides(simulator)
 
@@ -267,7 +279,7 @@ def test_no_field_of_what_the_trainer_hears_breaks_it(
     monkeypatch.setattr("bicycle_controller.nodes.trainer_node.TrainerClient", lambda order: order)
     for subscription in heard_by(node):
         for message in each_field(sound(subscription.msg_type)):
-            subscription.callback(message)
+            hear(subscription, message)
     node._status()
     assert orders, "a sound episode among them begins the learning"
     node.destroy_node()
