@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Protocol
@@ -70,6 +71,11 @@ class PlannedTurns:
     """Share of the named turn, zero or more."""
     room: float = 1.0
     """Times the limit of extrapolated lean that the guide is trusted with."""
+
+
+_NOTHING = np.zeros(1)
+ANY_TURN = PlannedTurns(_NOTHING, _NOTHING, _NOTHING, _NOTHING, _NOTHING, room=math.inf)
+"""Turns of a guide that is trusted with each of them."""
 
 
 class Guide(Protocol):

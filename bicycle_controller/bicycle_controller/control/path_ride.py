@@ -11,7 +11,7 @@ from bicycle_common.geometry import heading_error
 from bicycle_common.observation import observation
 from bicycle_common.types import BicycleState
 from bicycle_controller.control.courses import Course
-from bicycle_controller.control.guide import PathEnd, PathReport, PlannedTurns
+from bicycle_controller.control.guide import ANY_TURN, PathEnd, PathReport, PlannedTurns
 from bicycle_controller.control.keep_clear import Mover, keep_clear
 from bicycle_controller.control.path import Paths, Place
 from bicycle_controller.control.path_follower import ALONG, PathFollower
@@ -163,6 +163,8 @@ class PathRide:
 
     def turns(self, speed: float) -> PlannedTurns | None:
         """Return the path's turns about here; away from the path any that it could ask for."""
+        if math.isinf(self._follower.room):
+            return ANY_TURN
         if self._along is None:
             return None
         off = max(abs(self._cross) / self._follower.config.near, abs(self._error) / ALONG)

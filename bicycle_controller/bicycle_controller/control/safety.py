@@ -307,6 +307,8 @@ class Safety:
         limits[0] = self.config.envelope * np.interp(speed, *self._envelope)
         if turns is None:
             values[0] = self.extrapolated_lean(observation, speed)
+        elif math.isinf(turns.room):
+            values[0] = 0.0
         else:
             values[0], left = self.beside(observation, speed, turns)
             limits[0] *= left * turns.room

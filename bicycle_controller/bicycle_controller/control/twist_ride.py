@@ -11,7 +11,7 @@ import numpy as np
 from bicycle_common.observation import observation
 from bicycle_common.types import BicycleState
 from bicycle_common.validation import require
-from bicycle_controller.control.guide import PathEnd, PlannedTurns
+from bicycle_controller.control.guide import ANY_TURN, PathEnd, PlannedTurns
 from bicycle_controller.control.path_follower import PathFollower
 
 SETTLING = 3.0
@@ -94,8 +94,10 @@ class TwistRide:
 
     def turns(self, speed: float) -> PlannedTurns | None:
         """Return the turns that were commanded within the last seconds."""
-        curvatures = [curvature for _, curvature in self._ridden]
-        return self._follower.turns(speed, min(0.0, *curvatures), max(0.0, *curvatures))
+        if math.isinf(self._follower.room):
+            return ANY_TURN
+        curvatures = [0.0, *(curvature for _, curvature in self._ridden)]
+        return self._follower.turns(speed, min(curvatures), max(curvatures))
 
     def heading_error(self, snapshot: BicycleState) -> float:
         """Return psi_g that makes the fallback turn the same way, rad."""

@@ -13,11 +13,9 @@ from rclpy.node import Node
 
 from bicycle_common.geometry import yaw_to_heading
 from bicycle_common.nodes import convert, topics
-from bicycle_controller.control.keep_clear import Mover
+from bicycle_controller.control.keep_clear import LOOK_PERIOD, Mover
 from bicycle_controller.control.track import Track
 
-PERIOD = 0.1
-"""Time between two looks (s); a bicycle rides half a metre meanwhile."""
 FORGOTTEN = 2.0
 """Time after which a silent bicycle is no longer kept clear of (s)."""
 
@@ -59,7 +57,7 @@ class Neighbours:
             )
             for name in names
         }
-        node.create_timer(PERIOD, self.look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        node.create_timer(LOOK_PERIOD, self.look, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     @property
     def unheard(self) -> list[str]:

@@ -27,7 +27,7 @@ from bicycle_common.nodes import convert
 from bicycle_common.types import BicycleState, Command
 from bicycle_controller.control.control_loop import ControlLoop
 from bicycle_controller.control.goals import Event, Goal, GoalTracker, Pose
-from bicycle_controller.control.guide import PathEnd, PlannedTurns
+from bicycle_controller.control.guide import ANY_TURN, PathEnd, PlannedTurns
 from bicycle_controller.estimation.order import SET_BACK
 from bicycle_controller.estimation.settings import of_estimator
 from bicycle_controller.estimation.steps import StepEstimator, Used
@@ -150,8 +150,7 @@ class _Path:
 
     def turns(self, speed: float) -> PlannedTurns:
         """Return room for any turn: a bag does not tell which ones were planned."""
-        nothing = np.zeros(1)
-        return PlannedTurns(nothing, nothing, nothing, nothing, nothing, math.inf)
+        return ANY_TURN
 
     def heading_error(self, snapshot: BicycleState) -> float:
         del snapshot
