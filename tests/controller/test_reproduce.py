@@ -196,6 +196,9 @@ def test_a_run_of_another_kind_is_refused(tmp_path: Path) -> None:
         (["10", "--arms", "author"], "'authors'"),
         (["10", "--episodes", "0"], "--episodes"),
         (["10", "--seeds", "0"], "--seeds"),
+        (["10", "--only-seeds", "2,x"], "--only-seeds takes"),
+        (["10", "--only-seeds", "0"], "--only-seeds takes"),
+        (["10", "--only-seeds", "2,7"], "give --seeds 7"),
         (["10", "--draw-only"], "no data"),
     ],
 )
@@ -300,6 +303,19 @@ def test_runs_made_elsewhere_stay_in_the_data(tmp_path: Path) -> None:
     (folder / "run.json").write_text(json.dumps(run))
     assert main.main([*command, "ppo"]) == 0
     assert {row["arm"] for row in read_table(folder / "curves.csv")} == {"ppo"}
+
+
+@pytest.mark.slow
+def test_the_seeds_of_a_figure_are_shared_out_to_machines(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = ["reproduce", "10", "--out", str(out), *TINY, "--seeds", "2", "--arms", "authors"]
+    assert main.main([*command, "--only-seeds", "2"]) == 0
+    made = [path.parent.name for path in out.rglob("result.json")]
+    assert made == ["seed-2"]
+    shutil.rmtree(out / "runs")
+    assert main.main([*command, "--only-seeds", "1"]) == 0
+    rows = read_table(out / "figure-10" / "faithful" / "rides.csv")
+    assert [row["seed"] for row in rows if row["rider"] == "authors"] == [1, 2]
 
 
 @pytest.mark.slow

@@ -20,9 +20,10 @@ EPILOG = """\
 FIGURE is 9 to 16, robustness, or all; why-naf, why-ppo, why-displacement and why-speed look for
 why a claim does not hold. Training runs are kept in OUT/runs: what was stopped, by Ctrl-C or
 kill -9, goes on when the same command is given again; what is done is not done again, and a
-longer --episodes lets it go on from where it ended. OUT/FIGURE/PHYSICS holds the raw data (CSV),
-run.json with command, commit, seeds and times, summary.json and figure.png; RESULTS.md is made
-from all of them.
+longer --episodes lets it go on from where it ended. --only-seeds shares the runs of a figure out
+to several machines: rows of runs that are not here stay in OUT. OUT/FIGURE/PHYSICS holds the raw
+data (CSV), run.json with command, commit, seeds and times, summary.json and figure.png; RESULTS.md
+is made from all of them.
 
 examples:
   bicycle reproduce 11 --short
@@ -40,6 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--short", action="store_true", help="a minute's version, to see that it works")
     add("--episodes", type=int, metavar="N", help="of each training run (default: the paper's)")
     add("--seeds", type=int, metavar="N", help="training runs of each kind (default: the paper's)")
+    add("--only-seeds", metavar="A,B", help="train only the runs with these seeds, as 2,3")
     options.add_physics(parser, "faithful or corrected (default: both)")
     options.add_device(parser, "of training (default: cpu)", default="cpu")
     add("--arms", metavar="A,B", help="train only these, as authors,fast")
@@ -69,6 +71,7 @@ def run_command(args: argparse.Namespace) -> int:
         out=args.out,
         short=args.short,
         arms=_arms(args.arms, chosen),
+        only_seeds=_seeds(args.only_seeds),
         train=not args.no_train,
         address=args.ray_address,
         parallel=args.parallel,
@@ -84,6 +87,11 @@ def run_command(args: argparse.Namespace) -> int:
         for item in chosen:
             for mode in modes:
                 length = experiments.lengthened(item, args.short, args.episodes, args.seeds)
+                most = max(how.only_seeds, default=1)
+                require(
+                    most <= length.seeds,
+                    f"{item.name} has {length.seeds} seeds, not {most}: give --seeds {most}, too",
+                )
                 signal = reproduce(item, mode, length, how)
                 if signal:
                     print("stopped: the same command goes on from here", file=sys.stderr)
@@ -110,6 +118,16 @@ def _arms(asked: str | None, chosen: list[Experiment]) -> tuple[str, ...]:
     for name in asked.split(","):
         require(name in known, f"unknown arm {name!r}{nearest(name, known)}; known: {known}")
     return tuple(asked.split(","))
+
+
+def _seeds(asked: str | None) -> tuple[int, ...]:
+    """Return the seeds to train; refuse what is no list of them."""
+    if asked is None:
+        return ()
+    words = asked.split(",")
+    good = all(word.isdecimal() and 1 <= int(word) <= MOST for word in words)
+    require(good, f"--only-seeds takes seeds from 1 on, as 2,3, not {asked!r}")
+    return tuple(dict.fromkeys(int(word) for word in words))
 
 
 def _tell(

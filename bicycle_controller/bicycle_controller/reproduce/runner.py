@@ -30,6 +30,8 @@ class Options:
     short: bool = False
     arms: tuple[str, ...] = ()
     """Names of the arms to train; all by default."""
+    only_seeds: tuple[int, ...] = ()
+    """Seeds to train; all by default."""
     train: bool = True
     """True to train; False to ride only what is trained already."""
     address: str | None = None
@@ -51,7 +53,15 @@ def reproduce(experiment: Experiment, mode: str, length: Length, options: Option
     experiment = limited(experiment, length)
     about = origin() | {"figure": experiment.name, "physics": mode, "short": options.short}
     if options.train and length.episodes:
-        runs = training.plan(experiment, out / RUNS, mode, length, options.arms, options.device)
+        runs = training.plan(
+            experiment,
+            out / RUNS,
+            mode,
+            length,
+            options.arms,
+            options.device,
+            options.only_seeds,
+        )
         signal = training.make(runs, length.rides, options.address, options.parallel, progress)
         if signal:
             return signal

@@ -41,6 +41,7 @@ def plan(
     length: Length,
     only: Iterable[str] = (),
     device: str = "cpu",
+    only_seeds: Iterable[int] = (),
 ) -> list[Run]:
     """Return every run, those of the same seed together; two experiments may share some.
 
@@ -51,11 +52,13 @@ def plan(
         length: seeds and episodes.
         only: names of arms; all by default.
         device: `cpu` or `cuda`.
+        only_seeds: seeds to plan; 1 to `length.seeds` by default.
 
     Raises:
         ValueError: if a folder contains a run of another kind.
     """
     chosen = set(only) or {arm.name for arm in experiment.arms}
+    seeds = tuple(only_seeds) or range(1, length.seeds + 1)
     return [
         _run(
             experiment,
@@ -66,7 +69,7 @@ def plan(
             variant,
             seed,
         )
-        for seed in range(1, length.seeds + 1)
+        for seed in seeds
         for variant in experiment.trained()
         for arm in experiment.arms
         if arm.name in chosen
