@@ -24,6 +24,7 @@ from waiting import until
 
 from bicycle_bag.reader import BagReader
 from bicycle_bag.writer import BagWriter
+from bicycle_bringup.nodes.ride import longest_wait
 from bicycle_common.nodes import topics
 from bicycle_common.nodes.topics import Service
 from bicycle_controller.policy.policy import load_controller
@@ -302,6 +303,12 @@ def test_without_respawn_a_dead_controller_ends_the_ride(
     assert "ride.sh: controller was killed by SIGKILL at t = " in ride.output
     # What a killed process told last may reach one subscriber and not the other.
     assert re.search(r"\d+ of \d+ reached", ride.output), ride.output
+
+
+def test_the_first_step_is_given_longer_than_the_others() -> None:
+    """A controller designs for its bicycle for two seconds, of which a busy machine makes many."""
+    assert longest_wait(0) == 90.0
+    assert longest_wait(1) == longest_wait(10_000) == 20.0
 
 
 def test_an_interrupt_still_gives_the_summary(

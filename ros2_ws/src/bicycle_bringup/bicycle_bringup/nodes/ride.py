@@ -52,10 +52,13 @@ LIE_DOWN = 0.5
 """Time for which a fallen bicycle lies before the reset (s), so that the bag shows it."""
 TOLD = 10.0
 """Longest wait for the controller's diagnostics (s), which come once a second."""
-
-
 STOPPED_LAST = ("simulator", "driver", "controller", "recorder")
 """Processes in the order in which they are stopped."""
+
+
+def longest_wait(step: int) -> float:
+    """Return the time without a step (s) after which a ride is given up, after `step` steps."""
+    return STALL if step > 0 else START
 
 
 class RideError(Exception):
@@ -307,7 +310,7 @@ class Ride:
                 last = self._crew.log_tail("simulator")
                 raise RideError(f"the simulator does not reset: {last}")
             self._send()
-        longest = STALL if state.step > 0 else START
+        longest = longest_wait(state.step)
         if now - self._stepped > longest:
             last = self._crew.log_tail("controller")
             raise RideError(f"no step for {longest:g} s: is the bicycle paused? {last}")
