@@ -557,6 +557,19 @@ def test_on_a_phone_the_guide_is_one_line_with_the_next_step(
     page.set_viewport_size({"width": 1280, "height": 800})
 
 
+@pytest.mark.parametrize("width", [1280, 1440])
+def test_beside_a_banner_the_guide_is_one_line_too(race: BrowserPage, width: int) -> None:
+    race.set_viewport_size({"width": width, "height": 800})
+    inside(race, "player.seek(9.6)")
+    expect(race.locator("#alarm")).to_be_visible()
+    steps = race.locator("#guide li").all()
+    assert [step.is_visible() for step in steps] == [True, False, False, False]
+    guide = race.locator("#guide").bounding_box()
+    assert guide is not None
+    assert guide["height"] < 60
+    inside(race, "player.seek(0.0)")
+
+
 def test_the_legend_covers_no_button(page: BrowserPage) -> None:
     page.locator("#compare").click()
     page.locator("#bag-list button").first.click()
