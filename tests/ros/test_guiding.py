@@ -41,7 +41,7 @@ def controller(start_node: StartNode) -> NodeProcess:
     sim = words(pace="lockstep", scenario="learned-speed", **bicycle)
     start_node("bicycle_sim.nodes.sim_node", sim).wait_for_line("episode 1 waits")
     # In lock-step the next command may come after many simulated seconds.
-    settings = words(policy="lqr-pedal", managed="true", cmd_vel_timeout=20.0)
+    settings = words(policy="lqr-pedal", managed="true", cmd_vel_timeout=60.0)
     node = start_node("bicycle_controller.nodes.controller_node", settings)
     node.wait_for_line("waits to be configured and activated")
     return node
@@ -141,22 +141,28 @@ def test_a_foreign_or_an_old_cmd_vel_does_not_steer(
 
 
 def test_a_figure_eight_by_cmd_vel_alone(probe: Probe, controller: NodeProcess) -> None:
-    """One circle to the left by TwistStamped, and one to the right by Twist."""
+    """Circles to the left by TwistStamped, and to the right by Twist."""
     activate(probe, controller)
     for side, topic in ((1.0, topics.CMD_VEL), (-1.0, topics.CMD_VEL_PLAIN)):
         wanted = twist(3.0, side * 0.25)
         message = wanted if topic is topics.CMD_VEL_PLAIN else TwistStamped(twist=wanted)
         probe.say(topic, message)
-        turned, seen, before = 0.0, len(probe[topics.STATE]), math.nan
-        while side * turned < 2.0 * math.pi:
+        seen = len(probe[topics.STATE])
+        turned, places = [0.0], [probe[topics.STATE][-1].rear_contact]
+        before = probe[topics.STATE][-1].heading
+        while side * turned[-1] < 3.0 * math.pi:
             heard = probe.spin_until(partial(newer, probe, seen))
             probe.say(topic, message)
             seen += len(heard)
             for state in heard:
                 assert not state.fallen
-                step = state.heading - before
-                turned += 0.0 if math.isnan(step) else math.remainder(step, 2.0 * math.pi)
+                turned.append(turned[-1] + math.remainder(state.heading - before, 2.0 * math.pi))
+                places.append(state.rear_contact)
                 before = state.heading
-    place = probe[topics.STATE][-1].rear_contact
-    assert math.hypot(place.x, place.y) < 20.0  # near its crossing again
-    assert probe[topics.STATE][-1].speed == pytest.approx(3.0, abs=0.3)
+        # On a busy machine the test hears of a turn many simulated seconds late, so that where
+        # the bicycle is by then tells nothing; its last whole turn does.
+        first = next(i for i, a in enumerate(turned) if side * (turned[-1] - a) < 2.0 * math.pi)
+        end = places[-1]
+        distances = [math.hypot(place.x - end.x, place.y - end.y) for place in places[first:]]
+        assert distances[0] < 3.0
+        assert 20.0 < max(distances) < 30.0, "the diameter of 3 m/s at 0.25 rad/s is 24 m"
