@@ -59,7 +59,7 @@ def test_estimates_commands_and_states_come_out_again(bag: Path) -> None:
     assert estimates.same, str(estimates)
     assert estimates.estimates > 200
     assert estimates.commands > 200
-    assert estimates.guided == estimates.unknown == 0
+    assert estimates.guided == estimates.unknown == estimates.rounded_commands == 0
 
 
 def test_a_changed_reading_is_found(sensed: Sensed) -> None:
@@ -76,8 +76,23 @@ def test_a_changed_command_is_found(sensed: Sensed) -> None:
     changed.commands = copy.deepcopy(sensed.commands)
     (key,) = [key for key in changed.commands if key[1] == 100]
     for one in changed.commands[key]:
-        one.torque += 1e-12
+        one.torque += 1e-8
     assert last(changed).difference.startswith("command of step 100 of episode")
+
+
+def test_a_command_of_another_processor_s_design_is_proved_but_for_its_rounding(
+    sensed: Sensed,
+) -> None:
+    changed = copy.copy(sensed)
+    changed.commands = copy.deepcopy(sensed.commands)
+    (key,) = [key for key in changed.commands if key[1] == 100]
+    for one in changed.commands[key]:
+        one.torque += 1e-12
+    verdict = last(changed)
+    assert verdict.same
+    assert verdict.rounded_commands == 1
+    assert 0.0 < verdict.largest_command < 2e-12
+    assert "but for 1 of the commands, which differ by 1e-12 at most, as a design" in str(verdict)
 
 
 def test_a_bag_without_the_controller_s_setup_is_refused(sensed: Sensed) -> None:
