@@ -40,9 +40,12 @@ unset PYTEST_ADDOPTS PYTEST_PLUGINS PYTEST_DISABLE_PLUGIN_AUTOLOAD MYPYPATH
 export no_proxy=${no_proxy:+$no_proxy,}127.0.0.1,localhost
 export NO_PROXY=$no_proxy
 echo "== pytest"
-# Whole files to one worker, so that a module's nodes and bags are made once.
+# Two workers a processor, for nodes wait for one another most of the time. Whole files to one worker,
+# so that a module's nodes and bags are made once.
+workers=$((2 * $(nproc)))
+((workers <= 8)) || workers=8
 status=0
 # A run under nohup ignores SIGHUP, and so would every program that a test starts.
-env --default-signal=HUP python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -q "$@" || status=$?
+env --default-signal=HUP python -m pytest -n $workers --dist loadfile --no-loadscope-reorder -q "$@" || status=$?
 [[ -n $chromium ]] || echo "$without"
 exit "$status"
