@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import signal
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from run_compare import after, assert_same_run
+from train_process import bicycle_train, struck, went_on
 
 from bicycle_controller.cli import main
 from bicycle_controller.config import loading
@@ -70,14 +73,33 @@ def likeness(policy: Policy) -> float:
     return float(np.corrcoef(first, second)[0, 1])
 
 
-def test_an_interrupted_run_goes_on(tmp_path: Path) -> None:
-    config = loading.preset("any-bicycle", SMALL)
-    calls = iter(range(1000))
-    first = imitation.run(config, tmp_path / "run", stop=lambda: next(calls) > 60)
-    assert first.status == "interrupted"
-    result = imitation.resume(tmp_path / "run")
-    assert (result.status, result.steps) == ("finished", 9600)
+THREE_ROUNDS = ("imitation.rounds=3", "steps=6400", "save_every=0.05", "log_every=10")
+"""A run whose bicycles are drawn three times."""
+
+
+def test_a_resumed_run_gives_the_same_numbers_to_the_bit(tmp_path: Path) -> None:
+    config = loading.preset("any-bicycle", [*SMALL, *THREE_ROUNDS])
+    whole, parts = tmp_path / "whole", tmp_path / "parts"
+    assert imitation.run(config, whole).status == "finished"
+    first = imitation.run(config, parts, stop=after(25))
+    assert (first.status, first.steps) == ("interrupted", 26 * 64)
+    # The second part begins and ends within later rounds.
+    assert imitation.resume(parts, stop=after(30)).status == "interrupted"
+    result = imitation.resume(parts)
+    assert (result.status, result.steps) == ("finished", 6400)
     assert result.updates > first.updates > 0
+    assert_same_run(whole, parts)
+
+
+def test_a_run_that_signals_end_goes_on_to_the_same_end(tmp_path: Path) -> None:
+    config = loading.preset("any-bicycle", [*SMALL, *THREE_ROUNDS])
+    imitation.run(config, tmp_path / "whole")
+    parts = tmp_path / "parts"
+    said = struck(bicycle_train(parts, config=config), parts, 3, signal.SIGINT)
+    assert f"go on with: bicycle train --resume --out {parts}" in said
+    struck(bicycle_train(parts, "--resume"), parts, 9, signal.SIGKILL)
+    assert "finished after 6400 steps" in went_on(bicycle_train(parts, "--resume"))
+    assert_same_run(tmp_path / "whole", parts)
 
 
 def test_the_teacher_s_rides_do_not_fall_without_kicks() -> None:

@@ -1,51 +1,27 @@
 import argparse
 import itertools
 import json
-import os
 import re
 import signal
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 from run_compare import after, assert_same_run, rows, same, state_of
+from train_process import bicycle_train, start, struck, went_on
 from training_maker import SMALL, small_run
 from waiting import PATIENCE, finish, until
 
 from bicycle_controller.agents.answer import Answer
 from bicycle_controller.cli.train import add_arguments, run_command
 from bicycle_controller.config import loading
-from bicycle_controller.config.run import RunConfig
 from bicycle_controller.evaluation.score import score
 from bicycle_controller.policy.policy import load_policy
 from bicycle_controller.training import checkpoint, online
 from bicycle_controller.training.run_folder import BusyError, RunFolder
 from bicycle_sim.task import native_task
-
-PROGRAM = """
-import argparse, os, signal, sys, threading, time
-from pathlib import Path
-from bicycle_controller.training.run_folder import RunFolder
-from bicycle_controller.evaluation.score import score
-from bicycle_controller.cli.train import add_arguments, run_command
-parser = argparse.ArgumentParser()
-add_arguments(parser)
-if lines := int(os.environ.get("KILLED_AFTER_LINES", 0)):
-    folder = Path(sys.argv[sys.argv.index("--out") + 1])
-    def strike():
-        log, state = folder / "log.jsonl", folder / "checkpoint" / "state.pt"
-        while not (state.exists() and log.read_bytes().count(b"\\n") >= lines):
-            time.sleep(0.001)
-        os.kill(os.getpid(), signal.SIGKILL)
-    threading.Thread(target=strike, daemon=True).start()
-try:
-    sys.exit(run_command(parser.parse_args()))
-except ValueError as error:
-    sys.exit(f"error: {error}")
-"""
 
 RUNS = {
     "paper": (),
@@ -130,20 +106,6 @@ def test_saving_often_changes_no_number(tmp_path: Path) -> None:
     assert_same_run(tmp_path / "a", tmp_path / "b")
 
 
-def command(folder: Path, *arguments: str, config: RunConfig | None = None) -> list[str]:
-    words = [sys.executable, "-c", PROGRAM, "--out", str(folder), "--quiet", *arguments]
-    if config is not None:
-        path = folder.with_suffix(".yaml")
-        path.write_text(loading.dump(config))
-        words += ["--config", str(path)]
-    return words
-
-
-def start(words: list[str], **variables: str) -> subprocess.Popen[str]:
-    pipe, env = subprocess.PIPE, {**os.environ, "OMP_NUM_THREADS": "1", **variables}
-    return subprocess.Popen(words, text=True, env=env, stdout=pipe, stderr=pipe)
-
-
 def wait_for(path: Path, process: subprocess.Popen[str], lines: int) -> None:
     """Wait until the log has so many lines and there is a checkpoint."""
     log, state = path / "log.jsonl", path / "checkpoint" / "state.pt"
@@ -154,18 +116,11 @@ def test_a_run_killed_at_any_moment_goes_on_to_the_same_end(tmp_path: Path) -> N
     config = small_run("steps=4000", "save_every=0.05")
     online.run(config, tmp_path / "whole")
     killed = tmp_path / "killed"
-    words = command(killed, config=config)
+    words = bicycle_train(killed, config=config)
     for lines in (2, 8):
-        # It strikes itself: on a busy machine another process may come when it is done already.
-        process = start(words, KILLED_AFTER_LINES=str(lines))
-        _, err = finish(process)
-        assert process.returncode == -signal.SIGKILL, err
-        assert checkpoint.load(killed / "checkpoint" / "state.pt")["updates"] > 0
-        words = command(killed, "--resume")
-    process = start(words)
-    out, err = finish(process)
-    assert process.returncode == 0, err
-    assert "finished after 4000 steps" in out
+        struck(words, killed, lines, signal.SIGKILL)
+        words = bicycle_train(killed, "--resume")
+    assert "finished after 4000 steps" in went_on(words)
     assert_same_run(tmp_path / "whole", killed)
     assert not list(killed.glob(".*"))
 
@@ -173,7 +128,7 @@ def test_a_run_killed_at_any_moment_goes_on_to_the_same_end(tmp_path: Path) -> N
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_saves_and_leaves(number: signal.Signals, code: int, tmp_path: Path) -> None:
     config = small_run("steps=10_000_000", "save_every=0.2")
-    process = start(command(tmp_path / "run", config=config))
+    process = start(bicycle_train(tmp_path / "run", config=config))
     wait_for(tmp_path / "run", process, 3)
     process.send_signal(number)
     out, err = finish(process)
@@ -293,7 +248,7 @@ def test_mistakes_with_folders_are_one_line_with_the_remedy(tmp_path: Path) -> N
 
 def test_two_processes_never_train_in_one_folder(tmp_path: Path) -> None:
     config = small_run("steps=10_000_000", "save_every=0.2")
-    process = start(command(tmp_path / "run", config=config))
+    process = start(bicycle_train(tmp_path / "run", config=config))
     wait_for(tmp_path / "run", process, 1)
     with pytest.raises(BusyError, match=r"another process trains in .*run: wait for it"):
         online.resume(tmp_path / "run")
@@ -351,7 +306,7 @@ def test_without_cuda_it_says_so_in_one_line_and_trains(
 
 
 def test_the_command_trains_and_prints_json(tmp_path: Path) -> None:
-    words = command(tmp_path / "run", "--json", "--preset", "paper", "--seed", "3")
+    words = bicycle_train(tmp_path / "run", "--json", "--preset", "paper", "--seed", "3")
     overrides = [word for override in SMALL for word in ("--set", override)]
     done = subprocess.run([*words, *overrides], capture_output=True, text=True, timeout=PATIENCE)
     assert done.returncode == 0, done.stderr

@@ -8,16 +8,12 @@ from typing import Protocol
 from bicycle_controller.evaluation.score import Score
 
 
-class RunResult(Protocol):
-    """Common part of the results of online and offline runs."""
+class EndedRun(Protocol):
+    """End of a run: its status and times."""
 
     @property
     def status(self) -> str:
         """`finished`, `reached` or `interrupted`."""
-
-    @property
-    def best(self) -> Score | None:
-        """Score of `best.safetensors`; None without one."""
 
     @property
     def wall_s(self) -> float:
@@ -26,6 +22,14 @@ class RunResult(Protocol):
     @property
     def cpu_s(self) -> float:
         """Processor time, s."""
+
+
+class RunResult(EndedRun, Protocol):
+    """Common part of the results of online and offline runs."""
+
+    @property
+    def best(self) -> Score | None:
+        """Score of `best.safetensors`; None without one."""
 
 
 def as_text(result: RunResult, work: str, command: str, out: Path) -> str:
@@ -37,8 +41,7 @@ def as_text(result: RunResult, work: str, command: str, out: Path) -> str:
         command: the command that resumes the run.
         out: folder of the run.
     """
-    wall, cpu = f"{result.wall_s:.0f} s", f"{result.cpu_s:.0f} s of processor time"
-    lines = [f"{result.status} after {work} in {wall} ({cpu})"]
+    lines = [ended(result, work)]
     if result.best is not None:
         best = result.best
         time = "no goal" if best.median_time_s is None else f"median {best.median_time_s:.1f} s"
@@ -46,6 +49,17 @@ def as_text(result: RunResult, work: str, command: str, out: Path) -> str:
             f"best policy: {out / 'best.safetensors'}: {best.reach_rate:.1%} reached,"
             f" {best.fall_rate:.1%} fell, {time}"
         )
-    if result.status == "interrupted":
-        lines.append(f"go on with: {command} --resume --out {out}")
-    return "\n".join(lines)
+    return "\n".join([*lines, *how_to_go_on(result, command, out)])
+
+
+def ended(result: EndedRun, work: str) -> str:
+    """Return the line that tells how a run ended, after which work, in which time."""
+    wall, cpu = f"{result.wall_s:.0f} s", f"{result.cpu_s:.0f} s of processor time"
+    return f"{result.status} after {work} in {wall} ({cpu})"
+
+
+def how_to_go_on(result: EndedRun, command: str, out: Path) -> list[str]:
+    """Return the line that tells how an interrupted run goes on; none for another."""
+    if result.status != "interrupted":
+        return []
+    return [f"go on with: {command} --resume --out {out}"]

@@ -6,19 +6,21 @@ import argparse
 import json
 import sys
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bicycle_common.signals import importing
 from bicycle_controller.cli import options, run_result
 from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.evaluation import beside_lqr
-from bicycle_controller.training.run_folder import RunFolder
+from bicycle_controller.training.run_folder import PATH_CONFIG, RunFolder
 from bicycle_sim.plants import registry
 from bicycle_sim.task.scenario import SCENARIOS
 
 if TYPE_CHECKING:  # torch takes seconds, and --help and mistakes need none of it
-    from bicycle_controller.training import online
+    from bicycle_controller.evaluation.score import Score
+    from bicycle_controller.training.path_following import RoadScore
+    from bicycle_controller.training.session import Result
 
 PATHS = "path-following"
 """Task of following paths."""
@@ -103,6 +105,8 @@ def run_command(args: argparse.Namespace) -> int:
     if args.bicycle is not None:
         raise ValueError(f"--bicycle belongs to {PATHS}: goals take --set plant=...")
     progress = options.progress_of(args)
+    if args.resume:
+        _refuse_paths(args)
     config = None if args.resume else config_of(args)
     with importing():
         from bicycle_controller.training import imitation, online
@@ -143,43 +147,61 @@ def _follow(args: argparse.Namespace) -> int:
         "--preset": args.preset,
         "--config": args.config,
         "--scenario": args.scenario,
-        "--resume": args.resume,
+        "--device": args.device,
         "--set": args.overrides,
     }
     wrong = [name for name, value in given.items() if value]
     if wrong:
         raise ValueError(f"{wrong[0]} does not go with {PATHS}")
-    plant = registry.named(bicycle=args.bicycle or "browser-rider")
-    steps = 200_000 if args.steps is None else args.steps
-    seed = 1 if args.seed is None else args.seed
-
-    def tell(line: str) -> None:
-        if not args.quiet:
-            print(line, file=sys.stderr, flush=True)
-
+    asked = {"seed": args.seed, "steps": args.steps}
+    changes: dict[str, Any] = {name: value for name, value in asked.items() if value is not None}
+    if args.bicycle or not args.resume:
+        changes["plant"] = registry.named(bicycle=args.bicycle or "browser-rider")
+    progress = options.progress_of(args)
     with importing():
         from bicycle_controller.training import path_following
-    result = path_following.run(plant, args.out, seed, steps, tell)
-    file, best = args.out / path_following.NAME, result.best
+    if args.resume:
+        result = path_following.resume(args.out, changes, progress)
+    else:
+        result = path_following.run(path_following.PathRun(**changes), args.out, progress)
     if args.json:
-        scores = {"rms": None, "largest": None, "lost": None} if best is None else asdict(best)
-        ended = {"status": "interrupted" if result.signal else "finished", "steps": result.steps}
+        file = args.out / path_following.NAME
+        best = {"rms": None, "largest": None, "lost": None}
+        scores = best if result.best is None else asdict(result.best)
+        ended = {name: getattr(result, name) for name in ("status", "steps", "updates")}
         print(json.dumps({"out": str(args.out), "follower": str(file), **ended, **scores}))
     else:
-        if result.signal:
-            print(f"interrupted after {result.steps} steps")
-        print(
-            f"follower without a score: {file}"
-            if best is None
-            else f"best follower: {file}: {best.rms:.3f} m rms and {best.largest:.2f} m at most "
-            f"off {path_following.ROADS} random roads, {best.lost} lost\n"
-            f"its courses: bicycle evaluate {file} --course all --bicycle "
-            f"{args.bicycle or 'browser-rider'}"
-        )
+        print(_follower_text(result, args))
     return 128 + result.signal if result.signal else 0
 
 
-def result_text(result: online.Result, args: argparse.Namespace) -> str:
+def _follower_text(result: Result[RoadScore], args: argparse.Namespace) -> str:
+    """Return the result of a run of path following as a few lines."""
+    from bicycle_controller.training import path_following
+
+    file, best = args.out / path_following.NAME, result.best
+    work = f"{result.steps} steps and {result.updates} updates"
+    lines = [run_result.ended(result, work)]
+    if best is None:
+        lines.append(f"follower without a score: {file}")
+    else:
+        lines += [
+            f"best follower: {file}: {best.rms:.3f} m rms and {best.largest:.2f} m at most off"
+            f" {path_following.ROADS} random roads, {best.lost} lost",
+            f"its courses: bicycle evaluate {file} --course all --bicycle"
+            f" {args.bicycle or 'browser-rider'}",
+        ]
+    lines += run_result.how_to_go_on(result, f"bicycle train {PATHS}", args.out)
+    return "\n".join(lines)
+
+
+def _refuse_paths(args: argparse.Namespace) -> None:
+    """Refuse to resume a run of the other task."""
+    if RunFolder(args.out, PATH_CONFIG).config.exists():
+        raise ValueError(f"{args.out} holds a run of {PATHS}: bicycle train {PATHS} --resume")
+
+
+def result_text(result: Result[Score], args: argparse.Namespace) -> str:
     """Return the result as a few lines."""
     work = f"{result.steps} steps and {result.updates} updates"
     return run_result.as_text(result, work, "bicycle train", args.out)

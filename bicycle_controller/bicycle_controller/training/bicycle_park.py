@@ -6,6 +6,7 @@ are noisy and biased; the teachers see the truth.
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,11 @@ TURN_LEAN, TURN_RADIUS = 0.1, 5.0
 """rad of lean and least radius in m of the turn in which weights are judged."""
 LARGEST_STEER = np.pi / 3
 """rad, beyond which a ride has ended."""
+CHANGING = (
+    *("seen", "speed", "error", "commands", "teacher_rides"),
+    *("_wanted", "_wanted_rate", "_gust"),
+)
+"""Arrays of a park that change while it rides."""
 GUST_TIME = 0.5
 """s in which gusts change."""
 
@@ -212,6 +218,21 @@ class Park:
             self._wanted_rate = np.where(turned, rate, self._wanted_rate)
             jump = rng.uniform(-np.pi, np.pi, count) * (rng.uniform(size=count) < 0.5)
             self._wanted = np.where(turned, self._wanted + jump, self._wanted)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return what changes while they ride; bicycles and teachers are drawn again."""
+        own = {name: getattr(self, name) for name in CHANGING}
+        counts = {"falls": self.falls, "rides": self.rides}
+        rng = self.rng.bit_generator.state
+        return {"state": asdict(self.state), "past": self.past.rows, "rng": rng} | own | counts
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore `state` of a park that was drawn alike, to the bit."""
+        self.state = self.plant.state_type(**state["state"])
+        self.past.rows = state["past"]
+        for name in (*CHANGING, "falls", "rides"):
+            setattr(self, name, state[name])
+        self.rng.bit_generator.state = state["rng"]
 
     def metrics(self) -> dict[str, float]:
         """Return the share of rides that ended in a fall since the last call."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 import copy
 import math
 import re
-import time
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
 from pathlib import Path
@@ -19,7 +18,6 @@ from typing import Any
 import numpy as np
 import torch
 
-from bicycle_common.signals import InterruptError, StopRequest
 from bicycle_controller.agents.mirrored import MirroredActor
 from bicycle_controller.config import loading
 from bicycle_controller.config.imitation import SCALES, ImitationConfig
@@ -27,11 +25,11 @@ from bicycle_controller.config.run import RunConfig
 from bicycle_controller.evaluation.score import Score, score
 from bicycle_controller.policy.inputs import Inputs, parse, with_history
 from bicycle_controller.policy.policy import Policy, PolicyInfo, save_policy
-from bicycle_controller.training import checkpoint, online
+from bicycle_controller.training import online
 from bicycle_controller.training.bicycle_park import Park
 from bicycle_controller.training.logger import Logger, Progress, Shown
-from bicycle_controller.training.online import Result
-from bicycle_controller.training.run_folder import RunFolder, origin
+from bicycle_controller.training.run_folder import RunFolder
+from bicycle_controller.training.session import Result, TrainingSession
 
 UNMIRRORED = ("speed", "pedal_force")
 """Inputs that a mirror leaves alone; parameters of the bicycle, too."""
@@ -44,7 +42,7 @@ def run(
     folder: Path,
     progress: Shown = False,
     stop: Callable[[], bool] = lambda: False,
-) -> Result:
+) -> Result[Score]:
     """Train in a new folder; arguments and errors as `online.run`."""
     return online.run(config, folder, progress, stop, Imitation)
 
@@ -54,25 +52,27 @@ def resume(
     overrides: Iterable[loading.Override] = (),
     progress: Shown = False,
     stop: Callable[[], bool] = lambda: False,
-) -> Result:
-    """Go on from the last checkpoint, with newly drawn bicycles; as `online.resume`."""
+) -> Result[Score]:
+    """Go on from the last checkpoint, to the bit; as `online.resume`."""
     return online.resume(folder, overrides, progress, stop, Imitation)
 
 
-class Imitation:
+class Imitation(TrainingSession[Score]):
     """One run.
 
     Attributes:
         steps: control periods of all bicycles so far.
-        updates: updates so far.
+        park: the bicycles of this round; None before the first step.
     """
+
+    score_type = Score
 
     def __init__(self, config: RunConfig, files: RunFolder) -> None:
         """Draw the weights."""
         assert config.imitation is not None
-        torch.set_num_threads(config.threads)
+        super().__init__(config, files)
         torch.manual_seed(config.seed)
-        self.config, self.files, self.own = config, files, config.imitation
+        self.config, self.own = config, config.imitation
         self.inputs = Inputs(inputs_of(self.own))
         self.scale = np.array([SCALES[parse(name)[0]] for name in self.inputs.names])
         fields = [parse(name)[0] for name in self.inputs.names]
@@ -82,48 +82,43 @@ class Imitation:
         self.optimiser = torch.optim.Adam(self.actor.parameters(), self.own.rate)
         width = len(self.inputs.names) + 2
         self.rows = np.zeros((self.own.rows, width), dtype=np.float32)
-        self.filled = self.steps = self.updates = 0
-        self.best: Score | None = None
-        self.log_bytes = 0
-        self._origin, self._spent = origin(), (0.0, 0.0)
-        self._loss = [0.0, 0]
+        self.filled = self.steps = 0
+        self.park: Park | None = None
+        self._drawn_at = 0
+        self._loss = (0.0, 0)
 
-    def train(self, progress: Shown, stop: Callable[[], bool]) -> Result:
+    def train(self, progress: Shown, stop: Callable[[], bool]) -> Result[Score]:
         """Train until the steps are made or a stop is requested."""
-        config = self.config
-        self._began = time.monotonic(), time.process_time()
-        status, saved = "finished", time.monotonic()
-        per_round = math.ceil(config.steps / self.own.rounds)
-        park, drawn = self._park(), self.steps // per_round
-        log = Logger(self.files.path, self.log_bytes, self.steps, config.tensorboard)
-        with log, Progress(config.steps, self.steps, progress) as bar, StopRequest() as interrupt:
-            while self.steps < config.steps:
-                number = self.steps // per_round
-                if number != drawn:
-                    drawn, park = number, self._park()
-                self._step(park, log, bar)
-                if interrupt.signal or stop():
-                    status = "interrupted"
-                    break
-                if time.monotonic() - saved >= config.save_every:
-                    self._save(log)
-                    saved = time.monotonic()
-            policy = self.policy()
-            save_policy(policy, self.files.last)
-            if status == "finished":
-                self._score(policy, log, interrupt)
-            self._save(log)
-        wall, cpu = self._time()
-        return Result(status, interrupt.signal, self.steps, self.updates, self.best, wall, cpu)
+        result = super().train(progress, stop)
+        save_policy(self.policy(), self.files.last)
+        return result
+
+    @property
+    def done(self) -> int:
+        """Control periods of all bicycles so far."""
+        return self.steps
+
+    @property
+    def budget(self) -> int:
+        """Control periods of all bicycles to be ridden."""
+        return self.config.steps
+
+    def _drawn(self) -> Park:
+        """Return this round's bicycles, drawn anew where a round begins."""
+        per_round = math.ceil(self.config.steps / self.own.rounds)
+        if self.park is None or self.steps // per_round != self._drawn_at // per_round:
+            self._drawn_at = self.steps
+            self.park = self._park()
+        return self.park
 
     def _park(self) -> Park:
-        """Return newly drawn bicycles."""
-        rng = np.random.default_rng((self.config.seed, self.steps))
+        """Return the bicycles that are drawn at `_drawn_at`."""
+        rng = np.random.default_rng((self.config.seed, self._drawn_at))
         return Park(self.own, self.config.bicycles, self.inputs.memory, rng)
 
-    def _step(self, park: Park, log: Logger, bar: Progress) -> None:
+    def step(self, log: Logger, bar: Progress) -> None:
         """Ride one control period and make one update, or more."""
-        config, own = self.config, self.own
+        config, own, park = self.config, self.own, self._drawn()
         share = max(own.teacher_share, 1.0 - 4.0 * self.steps / config.steps)
         inputs = self.inputs.gather(park.seen, park.speed, park.past) / self.scale
         wanted = park.taught_torque()
@@ -133,23 +128,18 @@ class Imitation:
         torque = np.where(park.teacher_rides, wanted, own.torque_limit * chosen)
         park.step(torque, share)
         self.steps += config.bicycles
+        self.evaluation_due = self.finished
         bar.advance(config.bicycles)
         if self.steps < config.warm_up or (self.steps // config.bicycles) % config.update_every:
             return
         before = self.updates
         for _ in range(config.updates):
             self._update(park.rng)
-        if self.updates // config.log_every > before // config.log_every:
+        if self.crossed(config.log_every, before):
             loss, count = self._loss
-            self._loss = [0.0, 0]
-            row: dict[str, float] = {
-                "loss": loss / max(1, count),
-                "teacher_share": share,
-            } | park.metrics()
-            wall, cpu = self._time()
-            log.write(
-                "train", self.steps, {"updates": self.updates, **row, "wall_s": wall, "cpu_s": cpu}
-            )
+            self._loss = (0.0, 0)
+            row = {"loss": loss / max(1, count), "teacher_share": share} | park.metrics()
+            log.write("train", self.steps, self.row(row))
             bar.show(updates=self.updates, loss=row["loss"], falls=row["fall_share"])
 
     def _remember(self, inputs: np.ndarray, wanted: np.ndarray, limits: np.ndarray) -> None:
@@ -184,8 +174,8 @@ class Imitation:
                 self.average.parameters(), self.actor.parameters(), strict=True
             ):
                 mean.lerp_(value, 1.0 - keep)
-        self._loss[0] += float(loss.detach())
-        self._loss[1] += 1
+        total, count = self._loss
+        self._loss = (total + float(loss.detach()), count + 1)
 
     def policy(self) -> Policy:
         """Return the averaged actor with its metadata."""
@@ -205,62 +195,53 @@ class Imitation:
             plant=config.physics,
             observation_scale=tuple(self.scale.tolist()),
             action_limits=(own.torque_limit, 0.0, 0.0),
-            trained=trained | {key: self._origin[key] for key in ("command", "commit", "version")},
+            trained=trained | self.made_by,
             inputs=self.inputs.names,
             plants=(config.physics.name,),
             speeds=own.riding.speeds,
         )
         return Policy(info, self.average.tensors())
 
-    def _score(self, policy: Policy, log: Logger, interrupt: StopRequest) -> None:
-        """Ride the scenario on the run's bicycle, and keep the policy as the best."""
+    def score_actor(self) -> Score:
+        """Return the score of its rides of the scenario on the run's bicycle."""
         config = self.config
-        try:
-            with interrupt.at_once():
-                found = score(policy, config.scenario, config.physics, config.evaluation)
-        except InterruptError:
-            return
+        return score(self.policy(), config.scenario, config.physics, config.evaluation)
+
+    def take_score(self, found: Score, log: Logger, bar: Progress) -> bool:
+        """Keep the policy, which is the only one that is scored; return False."""
         self.best = found
-        log.write("evaluation", self.steps, asdict(found))
-        save_policy(policy, self.files.best)
-
-    def _time(self) -> tuple[float, float]:
-        """Return wall and processor time in s, summed over all calls of the run."""
-        wall, cpu = (
-            now() - start
-            for now, start in zip((time.monotonic, time.process_time), self._began, strict=True)
-        )
-        return self._spent[0] + wall, self._spent[1] + cpu
-
-    def _save(self, log: Logger) -> None:
-        """Write the checkpoint."""
-        self.log_bytes = log.sync()
-        checkpoint.save(self.files.checkpoint, self.state_dict())
+        log.write("evaluation", self.steps, self.row(asdict(found)))
+        save_policy(self.policy(), self.files.best)
+        return False
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the state that a resumed run needs: all but the bicycles and visited states."""
-        return {
+        """Return everything that future numbers depend on."""
+        own = {
             "actor": self.actor.state_dict(),
             "average": self.average.state_dict(),
             "optimiser": self.optimiser.state_dict(),
             "rows": self.rows[: self.filled],
             "filled": self.filled,
             "steps": self.steps,
-            "updates": self.updates,
-            "log_bytes": self.log_bytes,
-            "spent": list(self._time()),
-            "origin": self._origin,
+            "loss": list(self._loss),
+            "drawn_at": self._drawn_at,
+            "park": None if self.park is None else self.park.state_dict(),
         }
+        return super().state_dict() | own
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore `state`."""
+        """Restore `state`, to the bit."""
+        super().load_state_dict(state)
         self.actor.load_state_dict(state["actor"])
         self.average.load_state_dict(state["average"])
         self.optimiser.load_state_dict(state["optimiser"])
         self.rows[: len(state["rows"])] = state["rows"]
-        self.filled, self.steps, self.updates = state["filled"], state["steps"], state["updates"]
-        self.log_bytes = state["log_bytes"]
-        self._spent = (state["spent"][0], state["spent"][1])
+        self.filled, self.steps = state["filled"], state["steps"]
+        self._loss = (state["loss"][0], state["loss"][1])
+        self._drawn_at = state["drawn_at"]
+        if state["park"] is not None:
+            self.park = self._park()
+            self.park.load_state_dict(state["park"])
 
 
 def inputs_of(config: ImitationConfig) -> tuple[str, ...]:

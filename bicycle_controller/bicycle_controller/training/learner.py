@@ -13,16 +13,16 @@ from typing import Any
 import torch
 
 from bicycle_common.observation import OBSERVATION_FIELDS
-from bicycle_common.signals import InterruptError, StopRequest
 from bicycle_controller.config.algorithms import DdpgConfig
 from bicycle_controller.config.run import RunConfig, ShapingConfig
 from bicycle_controller.data.replay_buffer import ReplayBuffer
 from bicycle_controller.evaluation.score import Score, score
 from bicycle_controller.policy.policy import Policy
 from bicycle_controller.training import checkpoint
+from bicycle_controller.training.agent_session import AgentSession
 from bicycle_controller.training.logger import Logger, Progress
 from bicycle_controller.training.run_folder import RunFolder
-from bicycle_controller.training.session import TrainingSession, usable_device
+from bicycle_controller.training.session import usable_device
 
 CHUNK = 10
 """Updates between two checks of the clock and of signals; their batches are drawn at once."""
@@ -71,7 +71,7 @@ def ddpg_of(config: RunConfig) -> DdpgConfig:
     return config.ddpg
 
 
-class Learner(TrainingSession):
+class Learner(AgentSession):
     """A run whose replay memory is filled by its caller.
 
     Attributes:
@@ -89,10 +89,17 @@ class Learner(TrainingSession):
         self.q_policy: float | None = None
         self.last: Score | None = None
 
+    unit = "update"
+
     @property
-    def finished(self) -> bool:
-        """True if the budget of updates is spent."""
-        return self.updates >= self.config.offline_updates
+    def done(self) -> int:
+        """Updates made."""
+        return self.updates
+
+    @property
+    def budget(self) -> int:
+        """Updates to be made."""
+        return self.config.offline_updates
 
     def step(self, log: Logger, bar: Progress) -> None:
         """Make the next updates of the budget; the last candidate is always scored."""
@@ -114,20 +121,8 @@ class Learner(TrainingSession):
             self.q_policy = row.get("q_policy", self.q_policy)
             log.write("learn", self.updates, self.row(row))
 
-    def try_actor(self, log: Logger, bar: Progress, interrupt: StopRequest) -> bool:
-        """Score the next candidate; return True if the run may end with it."""
-        try:
-            with interrupt.at_once():
-                candidate = self.evaluate(log)
-        except InterruptError:
-            self.evaluation_due = True
-            return False
-        self.last = found = candidate.score
-        bar.show(reach=found.reach_rate, falls=found.fall_rate, q=candidate.q_policy or 0.0)
-        return self.meets_goal(found) and not candidate.overestimates
-
-    def evaluate(self, log: Logger) -> Candidate:
-        """Evaluate the actor from the fixed starts, and keep it if it is the best so far.
+    def score_actor(self) -> Score:
+        """Return the score of the actor's rides from the fixed starts.
 
         Raises:
             RuntimeError: if learning has diverged.
@@ -138,9 +133,23 @@ class Learner(TrainingSession):
                 f"learning has diverged after {self.updates} updates (the actor is not finite):"
                 " lower the learning rates or ddpg.reward_scale"
             )
-        policy = self.policy()
-        found = score(policy, config.scenario, config.physics, config.evaluation)
+        return score(self.policy(), config.scenario, config.physics, config.evaluation)
+
+    def take_score(self, found: Score, log: Logger, bar: Progress) -> bool:
+        """Keep the actor if it is the best so far; return True if the run may end."""
+        candidate = self._judge(found, log)
+        self.last = found
+        bar.show(reach=found.reach_rate, falls=found.fall_rate, q=candidate.q_policy or 0.0)
+        return self.meets_goal(found) and not candidate.overestimates
+
+    def evaluate(self, log: Logger) -> Candidate:
+        """Evaluate the actor, and keep it if it is the best so far; raises as `score_actor`."""
+        return self._judge(self.score_actor(), log)
+
+    def _judge(self, found: Score, log: Logger) -> Candidate:
+        """Keep the actor if it is the best so far, and log its score."""
         self.evaluation_due = False
+        policy = self.policy()
         overestimates = Candidate(policy, found, self.q_policy, kept=False).overestimates
         self.rejected += overestimates
         kept = self.keep(policy, found, acceptable=not overestimates)

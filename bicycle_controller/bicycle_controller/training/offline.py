@@ -19,7 +19,7 @@ from bicycle_controller.data.replay_buffer import ReplayBuffer
 from bicycle_controller.evaluation.score import Score
 from bicycle_controller.policy.policy import write_atomically
 from bicycle_controller.training.learner import Learner, ddpg_of
-from bicycle_controller.training.logger import Logger, Progress, Shown
+from bicycle_controller.training.logger import Shown
 from bicycle_controller.training.run_folder import RunFolder
 from bicycle_controller.training.session import usable_device
 
@@ -112,8 +112,7 @@ def reopen(folder: Path) -> Learner:
     if _digest(rows) != about["digest"]:
         raise ValueError("the bags have changed since the run began: choose another --out")
     learner = Learner(config, files, _memory(config, rows))
-    if files.checkpoint.exists():
-        learner.load(files.checkpoint)
+    learner.restore()
     return learner
 
 
@@ -131,10 +130,7 @@ def _memory(config: RunConfig, rows: np.ndarray) -> ReplayBuffer:
 
 def _learn(learner: Learner, progress: Shown, stop: Callable[[], bool]) -> Learned:
     """Learn until the budget is spent, the goal rate is met or `stop` is requested."""
-    config = learner.config
-    log = Logger(learner.files.path, learner.log_bytes, learner.updates, config.tensorboard)
-    bar = Progress(config.offline_updates, learner.updates, progress, "update")
-    status, signal = learner.work(log, bar, stop)
+    status, signal = learner.open_and_work(progress, stop)
     return Learned(
         status,
         signal,

@@ -4,49 +4,19 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
-from bicycle_common.signals import InterruptError, StopRequest
 from bicycle_controller.config import loading
 from bicycle_controller.config.run import RunConfig
 from bicycle_controller.evaluation.score import Score, hardships, score
 from bicycle_controller.policy.policy import Policy, save_policy
-from bicycle_controller.training import checkpoint
+from bicycle_controller.training.agent_session import AgentSession
 from bicycle_controller.training.factory import make_collector, make_memory
 from bicycle_controller.training.logger import Logger, Progress, Shown
 from bicycle_controller.training.run_folder import RunFolder
-from bicycle_controller.training.session import TrainingSession, usable_device
-
-
-@dataclass(frozen=True)
-class Result:
-    """Result of a run."""
-
-    status: str
-    """`finished` (all steps made), `reached` (`stop_at` was met) or `interrupted`."""
-    signal: int
-    """Number of the signal that interrupted it; 0 otherwise."""
-    steps: int
-    """Number of environment steps made."""
-    updates: int
-    best: Score | None
-    """Score of `best.safetensors`."""
-    wall_s: float
-    """Wall time over all calls of the run, s."""
-    cpu_s: float
-    """Processor time over all calls of the run, s."""
-
-
-class Run(Protocol):
-    """Things that train in a folder."""
-
-    def train(self, progress: Shown, stop: Callable[[], bool]) -> Result:
-        """Train until the steps are made, the goal rate is met or a stop is requested."""
-
-    def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Restore a checkpoint."""
+from bicycle_controller.training.session import Result, TrainingSession, usable_device
 
 
 def run(
@@ -54,8 +24,8 @@ def run(
     folder: Path,
     progress: Shown = False,
     stop: Callable[[], bool] = lambda: False,
-    kind: Callable[[RunConfig, RunFolder], Run] | None = None,
-) -> Result:
+    kind: Callable[[RunConfig, RunFolder], TrainingSession[Score]] | None = None,
+) -> Result[Score]:
     """Train in a new folder until the steps are made, the goal rate is met or `stop` is True.
 
     Args:
@@ -81,8 +51,8 @@ def resume(
     overrides: Iterable[loading.Override] = (),
     progress: Shown = False,
     stop: Callable[[], bool] = lambda: False,
-    kind: Callable[[RunConfig, RunFolder], Run] | None = None,
-) -> Result:
+    kind: Callable[[RunConfig, RunFolder], TrainingSession[Score]] | None = None,
+) -> Result[Score]:
     """Resume the run in `folder` from its last checkpoint, to the bit.
 
     Args:
@@ -100,13 +70,12 @@ def resume(
     files = RunFolder(folder)
     files.require()
     with files.held():
-        trainer = (kind or Trainer)(files.resumed_config(overrides), files)
-        if files.checkpoint.exists():
-            checkpoint.restore(files.checkpoint, trainer.load_state_dict)
-        return trainer.train(progress, stop)
+        session = (kind or Trainer)(files.resumed_config(overrides), files)
+        session.restore()
+        return session.train(progress, stop)
 
 
-class Trainer(TrainingSession):
+class Trainer(AgentSession):
     """A run that collects its transitions in simulation."""
 
     def __init__(self, config: RunConfig, files: RunFolder) -> None:
@@ -116,19 +85,21 @@ class Trainer(TrainingSession):
         self.collector = make_collector(config, self.replay, device)
         super().__init__(config, files, device)
 
-    def train(self, progress: Shown, stop: Callable[[], bool]) -> Result:
+    def train(self, progress: Shown, stop: Callable[[], bool]) -> Result[Score]:
         """Train until the steps are made, the goal rate is met or a stop is requested."""
-        steps = self.collector.steps
-        self.start_clock()
-        log = Logger(self.files.path, self.log_bytes, steps, self.config.tensorboard)
-        status, signal = self.work(log, Progress(self.config.steps, steps, progress), stop)
+        result = super().train(progress, stop)
         save_policy(self.policy(), self.files.last)
-        return Result(status, signal, self.collector.steps, self.updates, self.best, *self.time())
+        return result
 
     @property
-    def finished(self) -> bool:
-        """True if all environment steps are made."""
-        return self.collector.steps >= self.config.steps
+    def done(self) -> int:
+        """Environment steps made."""
+        return self.collector.steps
+
+    @property
+    def budget(self) -> int:
+        """Environment steps to be made."""
+        return self.config.steps
 
     def step(self, log: Logger, bar: Progress) -> None:
         """Step all bicycles once and make the updates that are due."""
@@ -147,17 +118,15 @@ class Trainer(TrainingSession):
             log.write("train", self.collector.steps, self.row(row))
             bar.show(updates=self.updates, ret=row["return"], goals=row["goal_rate"])
 
-    def try_actor(self, log: Logger, bar: Progress, interrupt: StopRequest) -> bool:
-        """Score the actor and keep it if it is the best; return True if the run may end."""
-        config, policy = self.config, self.policy()
-        try:
-            with interrupt.at_once():
-                hard = hardships(config.physics, config.physics_too, config.starts)
-                found = score(policy, config.scenario, config.physics, config.evaluation, hard)
-        except InterruptError:
-            return False
-        self.evaluation_due = False
-        self.keep(policy, found)
+    def score_actor(self) -> Score:
+        """Return the score of the actor's rides from the fixed starts."""
+        config = self.config
+        hard = hardships(config.physics, config.physics_too, config.starts)
+        return score(self.policy(), config.scenario, config.physics, config.evaluation, hard)
+
+    def take_score(self, found: Score, log: Logger, bar: Progress) -> bool:
+        """Keep the actor if it is the best so far; return True if the run may end."""
+        self.keep(self.policy(), found)
         log.write("evaluation", self.collector.steps, self.row(asdict(found)))
         bar.show(reach=found.reach_rate, falls=found.fall_rate)
         return self.meets_goal(found)

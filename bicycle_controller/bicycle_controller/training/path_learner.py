@@ -2,7 +2,8 @@
 
 The actor first imitates the classical follower on the states that it meets itself (Ross et al.
 2011, DAgger); then twin critics (TD3) improve it, held near the teacher as in the presets
-`guided`. The best actor on fixed roads is kept.
+`guided`. Its update is not `agents.ddpg`'s: the first weights, the smoothing and the loss are its
+own, and the shipped follower is made of these numbers.
 """
 
 from __future__ import annotations
@@ -10,15 +11,19 @@ from __future__ import annotations
 import copy
 import itertools
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from bicycle_controller.agents.networks import blend
 from bicycle_controller.control.learned_follower import SCALE, SPEED
 
 WIDTH = len(SCALE)
+PARTS = ("actor", "critics", "slow_actor", "slow_critics", "_actor_step", "_critic_step")
+"""Networks and optimisers of a learner."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +102,9 @@ class PathLearner:
         self._actor_step = torch.optim.Adam(self.actor.parameters(), config.rate)
         self._critic_step = torch.optim.Adam(self.critics.parameters(), config.rate)
         self._rng = np.random.default_rng(seed)
+        # Goes on where the networks' first weights left the global generator.
+        self._generator = torch.Generator()
+        self._generator.set_state(torch.get_rng_state())
         # Columns: observation, action, teacher, reward, next observation, lost.
         self._memory = np.zeros((config.capacity, 2 * WIDTH + 4), dtype=np.float32)
         self._held = self._next = 0
@@ -141,9 +149,8 @@ class PathLearner:
         c = self.config
         seen, action, teacher, reward, then, lost = self._draw()
         with torch.no_grad():
-            next_action = (self.slow_actor(then) + 0.02 * torch.randn(len(then), 1)).clamp(
-                -1.0, 1.0
-            )
+            noise = torch.randn(len(then), 1, generator=self._generator)
+            next_action = (self.slow_actor(then) + 0.02 * noise).clamp(-1.0, 1.0)
             both = torch.cat([then, next_action], dim=1)
             values = [one(both) for one in self.slow_critics]
             target = reward + c.discount * (1.0 - lost) * torch.minimum(*values)
@@ -156,8 +163,8 @@ class PathLearner:
         if self.updates % 2 == 0:
             if actor_too:
                 self._improve_actor(seen, teacher)
-            _follow(self.slow_actor, self.actor, c.tau)
-            _follow(self.slow_critics, self.critics, c.tau)
+            slow, main = (self.slow_actor, self.slow_critics), (self.actor, self.critics)
+            blend(slow, main, c.tau)
 
     def _improve_actor(self, seen: Tensor, teacher: Tensor) -> None:
         chosen = self.actor(seen)
@@ -168,9 +175,22 @@ class PathLearner:
         loss.backward()
         self._actor_step.step()
 
+    def state_dict(self) -> dict[str, Any]:
+        """Return the networks, targets, optimisers, memory, generators and counter."""
+        return {name: getattr(self, name).state_dict() for name in PARTS} | {
+            "memory": self._memory[: self._held],
+            "next": self._next,
+            "rng": self._rng.bit_generator.state,
+            "generator": self._generator.get_state(),
+            "updates": self.updates,
+        }
 
-@torch.no_grad()
-def _follow(slow: nn.Module, main: nn.Module, share: float) -> None:
-    """Blend a share of the main networks into the slow ones."""
-    for old, new in zip(slow.parameters(), main.parameters(), strict=True):
-        old.lerp_(new, share)
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore `state`, to the bit."""
+        for name in PARTS:
+            getattr(self, name).load_state_dict(state[name])
+        self._held, self._next = len(state["memory"]), state["next"]
+        self._memory[: self._held] = state["memory"]
+        self._rng.bit_generator.state = state["rng"]
+        self._generator.set_state(state["generator"])
+        self.updates = state["updates"]

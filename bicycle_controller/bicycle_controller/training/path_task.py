@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,8 @@ FALL = 20.0
 """Penalty of a fall, and of leaving the path."""
 SPEED_LIMITS = (1.0, 8.0)
 """m/s."""
+CHANGING = ("observation", "_along", "_steps", "_classical")
+"""Arrays of a task that change while it rides."""
 
 
 class PathTask:
@@ -109,6 +112,20 @@ class PathTask:
         self.observation = observe(self._seen, s.speed, place, self._paths)
         wanted = self._paths.values(self._profile, place.along + 0.5 * s.speed)
         self._classical = self.follower.act(self._seen, s.speed, place, self._paths, wanted)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return what changes while they ride; the roads are drawn again."""
+        own = {name: getattr(self, name) for name in CHANGING}
+        index, rng = self._paths.index, self._rng.bit_generator.state
+        return {"state": asdict(self._state), "index": index, "rng": rng} | own
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restore `state` of a task of the same seed, to the bit."""
+        self._state = self.plant.state_type(**state["state"])
+        self._paths.index = state["index"]
+        self._rng.bit_generator.state = state["rng"]
+        for name in CHANGING:
+            setattr(self, name, state[name])
 
     @property
     def teacher(self) -> np.ndarray:

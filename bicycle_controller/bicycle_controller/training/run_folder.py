@@ -33,6 +33,12 @@ RESUMABLE = ("steps", "device", "threads", "save_every", "log_every", "evaluatio
 """Settings that may change in a resumed run: none that its previous numbers depend on."""
 
 
+CONFIG = "config.yaml"
+"""Configuration of a run of goals."""
+PATH_CONFIG = "path-following.json"
+"""Configuration of a run of path following, in its place."""
+
+
 class BusyError(OSError):
     """Another process trains in this run's folder."""
 
@@ -42,6 +48,7 @@ class RunFolder:
     """The files of one run."""
 
     path: Path
+    config_name: str = CONFIG
 
     @contextmanager
     def held(self) -> Iterator[None]:
@@ -65,7 +72,7 @@ class RunFolder:
     @property
     def config(self) -> Path:
         """Path of the configuration, YAML."""
-        return self.path / "config.yaml"
+        return self.path / self.config_name
 
     @property
     def checkpoint(self) -> Path:
@@ -95,7 +102,11 @@ class RunFolder:
             files.pop(_least_missed([int(file.stem) for file in files])).unlink()
 
     def create(self, config: RunConfig) -> None:
-        """Create the folder and write the configuration.
+        """Create the folder and write the configuration; raises as `begin`."""
+        self.begin(loading.dump(config), config.seed)
+
+    def begin(self, config: str, seed: int) -> None:
+        """Create the folder and write the text of the configuration.
 
         Raises:
             ValueError: if it contains a run already, or cannot be created.
@@ -104,10 +115,10 @@ class RunFolder:
             raise ValueError(
                 f"{self.path} holds a run already: go on with --resume, or choose another --out"
             )
-        about = origin() | {"seed": config.seed}
+        about = origin() | {"seed": seed}
         try:
             write_atomically(self.path / "run.json", json.dumps(about, indent=2).encode() + b"\n")
-            write_atomically(self.config, loading.dump(config).encode())
+            write_atomically(self.config, config.encode())
         except OSError as error:
             raise ValueError(f"cannot write to {self.path}: {error.strerror}") from error
 
@@ -137,11 +148,15 @@ class RunFolder:
                     f"{name} cannot change when this run goes on, only {', '.join(free)} can:"
                     " choose another --out"
                 )
-        for stale in [*self.path.glob(".*.*.*"), *self.checkpoint.parent.glob(".*.*.*")]:
-            stale.unlink()  # half-written when the run was killed
+        self.clean()
         if new != old:
             write_atomically(self.config, loading.dump(new).encode())
         return new
+
+    def clean(self) -> None:
+        """Remove files that were half-written when the run was killed."""
+        for stale in [*self.path.glob(".*.*.*"), *self.checkpoint.parent.glob(".*.*.*")]:
+            stale.unlink()
 
 
 def _least_missed(updates: list[int]) -> int:

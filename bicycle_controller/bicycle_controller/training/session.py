@@ -1,30 +1,23 @@
-"""Common part of online and offline runs: agent, best policy, log, times, checkpoint."""
+"""One training session: the loop of every run, with its scores, log, times and checkpoints."""
 
 from __future__ import annotations
 
-import json
-import re
 import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import asdict
-from typing import Any
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
 import torch
 
-from bicycle_common.observation import ACTION_FIELDS, OBSERVATION_FIELDS
-from bicycle_common.signals import StopRequest
-from bicycle_controller.agents.networks import policy_tensors
-from bicycle_controller.config.algorithms import DdpgConfig
-from bicycle_controller.config.run import RunConfig
-from bicycle_controller.evaluation.score import Score
-from bicycle_controller.policy.policy import Policy, PolicyInfo, save_policy
-from bicycle_controller.policy.trained_for import TOO
+from bicycle_common.signals import InterruptError, StopRequest
 from bicycle_controller.training import checkpoint
-from bicycle_controller.training.factory import make_agent
-from bicycle_controller.training.logger import Logger, Progress
+from bicycle_controller.training.logger import Logger, Progress, Shown
 from bicycle_controller.training.run_folder import RunFolder, origin
+
+Scored = TypeVar("Scored")
+"""Score of a candidate, a dataclass."""
 
 
 def usable_device(device: str) -> str:
@@ -35,34 +28,62 @@ def usable_device(device: str) -> str:
     return device
 
 
-def _inputs(config: RunConfig) -> tuple[tuple[str, ...], tuple[float, ...]]:
-    """Return the names of the actor's inputs, and the divisor of each in SI units."""
-    learner = config.learner
-    if not isinstance(learner, DdpgConfig):
-        return OBSERVATION_FIELDS, learner.observation_scale
-    limits = dict(zip(ACTION_FIELDS, config.scenario.action_limits.tolist(), strict=True))
-    fields = (name.partition("[")[0] for name in learner.inputs)
-    pairs = zip(fields, learner.actor_scale, strict=True)
-    return learner.inputs, tuple(limits.get(name) or scale for name, scale in pairs)
+@dataclass(frozen=True)
+class Result(Generic[Scored]):
+    """Result of a run that makes its own steps."""
+
+    status: str
+    """`finished` (all steps made), `reached` (`stop_at` was met) or `interrupted`."""
+    signal: int
+    """Number of the signal that interrupted it; 0 otherwise."""
+    steps: int
+    """Number of environment steps made."""
+    updates: int
+    best: Scored | None
+    """Score of the best candidate; None before the first score."""
+    wall_s: float
+    """Wall time over all calls of the run, s."""
+    cpu_s: float
+    """Processor time over all calls of the run, s."""
 
 
-class TrainingSession(ABC):
-    """State and loop of a run; subclasses define the source of its transitions.
+class SessionSettings(Protocol):
+    """Part of a configuration that a session reads."""
+
+    @property
+    def threads(self) -> int:
+        """Threads of torch."""
+
+    @property
+    def save_every(self) -> float:
+        """Time between two checkpoints, s."""
+
+    @property
+    def tensorboard(self) -> bool:
+        """True to write TensorBoard files, if it is installed."""
+
+
+class TrainingSession(ABC, Generic[Scored]):
+    """State and loop of a run; subclasses define what a step is, and what a score.
 
     Attributes:
         updates: updates made, of the critic if there is one.
-        best: score of the best policy so far.
+        best: score of the best candidate so far.
         evaluation_due: True if the actor must be scored next.
         log_bytes: length of the log at the last checkpoint.
     """
 
-    def __init__(self, config: RunConfig, files: RunFolder, device: str) -> None:
-        """Initialise the networks on `device`."""
-        torch.set_num_threads(config.threads)
-        self.config, self.files = config, files
-        self.agent = make_agent(config, device)
+    unit: ClassVar[str] = "step"
+    """Name of what `done` counts."""
+    score_type: ClassVar[type[Any]]
+    """Class of a score."""
+
+    def __init__(self, settings: SessionSettings, files: RunFolder) -> None:
+        """Begin with nothing done."""
+        torch.set_num_threads(settings.threads)
+        self._settings, self.files = settings, files
         self.updates = 0
-        self.best: Score | None = None
+        self.best: Scored | None = None
         self.evaluation_due = False
         self.log_bytes = 0
         self._spent = (0.0, 0.0)
@@ -71,16 +92,41 @@ class TrainingSession(ABC):
 
     @property
     @abstractmethod
+    def done(self) -> int:
+        """Number of steps, or of what `unit` names, so far."""
+
+    @property
+    @abstractmethod
+    def budget(self) -> int:
+        """Number of them at which the run ends."""
+
+    @property
     def finished(self) -> bool:
         """True if the budget is spent; a score may still be due."""
+        return self.done >= self.budget
 
     @abstractmethod
     def step(self, log: Logger, bar: Progress) -> None:
         """Make the next steps and updates; set `evaluation_due`."""
 
     @abstractmethod
-    def try_actor(self, log: Logger, bar: Progress, interrupt: StopRequest) -> bool:
-        """Score the actor and keep it if it is the best; return True if the run may end."""
+    def score_actor(self) -> Scored:
+        """Return the actor's score; changes nothing, because a signal ends it at once."""
+
+    @abstractmethod
+    def take_score(self, found: Scored, log: Logger, bar: Progress) -> bool:
+        """Log the actor's score, keep it if it is the best; return True if the run may end."""
+
+    def train(self, progress: Shown, stop: Callable[[], bool]) -> Result[Scored]:
+        """Train until the budget is spent, the goal rate is met or a stop is requested."""
+        status, signal = self.open_and_work(progress, stop)
+        return Result(status, signal, self.done, self.updates, self.best, *self.time())
+
+    def open_and_work(self, progress: Shown, stop: Callable[[], bool]) -> tuple[str, int]:
+        """Open the log and work; see `work`."""
+        self.start_clock()
+        log = Logger(self.files.path, self.log_bytes, self.done, self._settings.tensorboard)
+        return self.work(log, Progress(self.budget, self.done, progress, self.unit), stop)
 
     def work(self, log: Logger, bar: Progress, stop: Callable[[], bool]) -> tuple[str, int]:
         """Work until the budget is spent, the goal rate is met or a stop is requested.
@@ -94,63 +140,41 @@ class TrainingSession(ABC):
                 if not self.evaluation_due:
                     self.step(log, bar)
                 scored = self.evaluation_due and not interrupt.signal
-                if scored and self.try_actor(log, bar, interrupt):
+                if scored and self._try_actor(log, bar, interrupt):
                     status = "reached"
                     break
                 if interrupt.signal or stop():
                     status = "interrupted"
                     break
-                if time.monotonic() - saved >= self.config.save_every:
+                if time.monotonic() - saved >= self._settings.save_every:
                     self.save(log)
                     saved = time.monotonic()
             self.save(log)
         return status, interrupt.signal
 
+    def _try_actor(self, log: Logger, bar: Progress, interrupt: StopRequest) -> bool:
+        """Score the actor unless a signal comes, after which the score is still due."""
+        try:
+            with interrupt.at_once():
+                found = self.score_actor()
+        except InterruptError:
+            return False
+        self.evaluation_due = False
+        return self.take_score(found, log, bar)
+
+    @property
+    def begun(self) -> dict[str, Any]:
+        """Command, commit, version, time and processor with which the run began."""
+        return dict(self._origin)
+
+    @property
+    def made_by(self) -> dict[str, Any]:
+        """Command, commit and version that began the run."""
+        return {key: self._origin[key] for key in ("command", "commit", "version")}
+
     def crossed(self, every: int, before: int) -> bool:
         """Return True if the updates since `before` passed a multiple of `every`."""
         return self.updates // every > before // every
-
-    def keep(self, policy: Policy, found: Score, acceptable: bool = True) -> bool:
-        """Write a policy as the last one, and as the best if it is; return True if it is."""
-        better = acceptable and (self.best is None or found.rank > self.best.rank)
-        if better:
-            self.best = found
-            save_policy(policy, self.files.best)
-        save_policy(policy, self.files.last)
-        if self.config.evaluation.keep:
-            self.files.keep(policy, self.updates, self.config.evaluation.keep)
-        return better
-
-    def meets_goal(self, found: Score) -> bool:
-        """Return True if the run may end with a policy of this score."""
-        limits = self.config.evaluation
-        good = found.reach_rate >= limits.stop_at and found.fall_rate <= limits.stop_falls
-        return limits.stop_at > 0 and good
-
-    def policy_of(self, kind: str, about: dict[str, Any]) -> Policy:
-        """Return the current actor with its metadata.
-
-        Args:
-            kind: name of the algorithm, for people.
-            about: further metadata of its training.
-        """
-        config = self.config
-        trained = {"algorithm": kind, "preset": config.preset, "seed": config.seed} | about
-        if config.physics_too is not None:
-            trained[TOO] = json.loads(config.physics_too.to_json())
-        name = f"{config.preset or kind}-{config.scenario.name}-{config.seed}"
-        inputs, scale = _inputs(config)
-        info = PolicyInfo(
-            name=re.sub(r"[^A-Za-z0-9._-]", "-", name)[:64],
-            scenario=config.scenario,
-            plant=config.physics,
-            observation_scale=scale,
-            inputs=inputs,
-            speeds=config.starts.speeds,
-            action_limits=tuple(config.scenario.action_limits.tolist()),
-            trained=trained | {key: self._origin[key] for key in ("command", "commit", "version")},
-        )
-        return Policy(info, policy_tensors(self.agent.deployed))
 
     def start_clock(self) -> None:
         """Start to count time."""
@@ -171,13 +195,21 @@ class TrainingSession(ABC):
         self.log_bytes = log.sync()
         checkpoint.save(self.files.checkpoint, self.state_dict() | extra)
 
+    def restore(self) -> None:
+        """Go on from the folder's checkpoint, to the bit; from the beginning if there is none.
+
+        Raises:
+            ValueError: if it cannot be read.
+        """
+        if self.files.checkpoint.exists():
+            checkpoint.restore(self.files.checkpoint, self.load_state_dict)
+
     def state_dict(self) -> dict[str, Any]:
         """Return everything in this class that future numbers depend on."""
         return {
-            "agent": self.agent.state_dict(),
             "updates": self.updates,
             "evaluation_due": self.evaluation_due,
-            "best": None if self.best is None else asdict(self.best),
+            "best": None if self.best is None else asdict(self.best),  # type: ignore[call-overload]
             "log_bytes": self.log_bytes,
             "spent": list(self.time()),
             "origin": self._origin,
@@ -185,8 +217,7 @@ class TrainingSession(ABC):
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restore `state`, to the bit."""
-        self.agent.load_state_dict(state["agent"])
         self.updates, self.evaluation_due = state["updates"], state["evaluation_due"]
-        self.best = None if state["best"] is None else Score(**state["best"])
+        self.best = None if state["best"] is None else self.score_type(**state["best"])
         self.log_bytes = state["log_bytes"]
         self._spent = (state["spent"][0], state["spent"][1])
