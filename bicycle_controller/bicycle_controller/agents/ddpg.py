@@ -18,7 +18,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from bicycle_controller.agents.answer import Answer
-from bicycle_controller.agents.networks import Actor, Critic, initialise
+from bicycle_controller.agents.networks import Actor, Critic, blend, initialise
 from bicycle_controller.agents.running_means import RunningMeans
 from bicycle_controller.config.run import DdpgConfig
 from bicycle_controller.data.replay_buffer import Batch, ReplayBuffer
@@ -238,7 +238,7 @@ class Ddpg:
     @torch.no_grad()
     def _update_targets(self) -> None:
         """Update the target networks by equations (16) and (18)."""
-        _follow(
+        blend(
             [self.actor_target, self.critic_targets], [self.actor, self.critics], self.config.tau
         )
 
@@ -246,7 +246,7 @@ class Ddpg:
     def _update_average(self) -> None:
         """Update the averaged actor, as (18) with its own share."""
         if self.config.actor_average > 0:
-            _follow([self.actor_average], [self.actor], self.config.actor_average)
+            blend([self.actor_average], [self.actor], self.config.actor_average)
 
     def _clip(self, network: nn.Module) -> None:
         if self.config.grad_clip > 0:
@@ -285,10 +285,3 @@ def flushed_denormals() -> Iterator[None]:
         yield
     finally:
         torch.set_flush_denormal(False)
-
-
-def _follow(slow: list[nn.Module], main: list[nn.Module], share: float) -> None:
-    """Blend `share` of the main networks' parameters into the slow ones."""
-    slow_values = [item.data for net in slow for item in net.parameters()]
-    main_values = [item.data for net in main for item in net.parameters()]
-    torch._foreach_lerp_(slow_values, main_values, share)

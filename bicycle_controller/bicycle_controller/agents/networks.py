@@ -210,3 +210,11 @@ def _doubled(
             weight, bias = np.block(halves), np.tile(bias, 2)
         result[f"layer.{index}.weight"], result[f"layer.{index}.bias"] = weight, bias
     return result
+
+
+@torch.no_grad()
+def blend(slow: Sequence[nn.Module], main: Sequence[nn.Module], share: float) -> None:
+    """Blend `share` of the main networks' parameters into the slow ones, equations (16), (18)."""
+    slow_values = [item.data for net in slow for item in net.parameters()]
+    main_values = [item.data for net in main for item in net.parameters()]
+    torch._foreach_lerp_(slow_values, main_values, share)
