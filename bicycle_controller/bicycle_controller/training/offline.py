@@ -130,7 +130,7 @@ def _memory(config: RunConfig, rows: np.ndarray) -> ReplayBuffer:
 
 def _learn(learner: Learner, progress: Shown, stop: Callable[[], bool]) -> Learned:
     """Learn until the budget is spent, the goal rate is met or `stop` is requested."""
-    status, signal = learner.open_and_work(progress, stop)
+    status, signal = learner.work(progress, stop)
     return Learned(
         status,
         signal,

@@ -119,23 +119,18 @@ class TrainingSession(ABC, Generic[Scored]):
 
     def train(self, progress: Shown, stop: Callable[[], bool]) -> Result[Scored]:
         """Train until the budget is spent, the goal rate is met or a stop is requested."""
-        status, signal = self.open_and_work(progress, stop)
+        status, signal = self.work(progress, stop)
         return Result(status, signal, self.done, self.updates, self.best, *self.time())
 
-    def open_and_work(self, progress: Shown, stop: Callable[[], bool]) -> tuple[str, int]:
-        """Open the log and work; see `work`."""
-        self.start_clock()
-        log = Logger(self.files.path, self.log_bytes, self.done, self._settings.tensorboard)
-        return self.work(log, Progress(self.budget, self.done, progress, self.unit), stop)
-
-    def work(self, log: Logger, bar: Progress, stop: Callable[[], bool]) -> tuple[str, int]:
+    def work(self, progress: Shown, stop: Callable[[], bool]) -> tuple[str, int]:
         """Work until the budget is spent, the goal rate is met or a stop is requested.
 
         Returns:
             `finished`, `reached` or `interrupted`; the number of the signal received, or 0.
         """
+        self.start_clock()
         status, saved = "finished", time.monotonic()
-        with log, bar, StopRequest() as interrupt:
+        with StopRequest() as interrupt, self._log() as log, self._bar(progress) as bar:
             while self.evaluation_due or not self.finished:
                 if not self.evaluation_due:
                     self.step(log, bar)
@@ -151,6 +146,12 @@ class TrainingSession(ABC, Generic[Scored]):
                     saved = time.monotonic()
             self.save(log)
         return status, interrupt.signal
+
+    def _log(self) -> Logger:
+        return Logger(self.files.path, self.log_bytes, self.done, self._settings.tensorboard)
+
+    def _bar(self, progress: Shown) -> Progress:
+        return Progress(self.budget, self.done, progress, self.unit)
 
     def _try_actor(self, log: Logger, bar: Progress, interrupt: StopRequest) -> bool:
         """Score the actor unless a signal comes, after which the score is still due."""
