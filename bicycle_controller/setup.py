@@ -1,8 +1,11 @@
 """Packaging of bicycle_controller, for colcon and for plain pip."""
 
+import runpy
+import sys
 from pathlib import Path
+from typing import Any
 
-from setuptools import Extension, find_packages, setup
+from setuptools import find_packages, setup
 
 NAME = "bicycle_controller"
 VERSION = next(
@@ -20,6 +23,17 @@ def sibling(name: str) -> str:
             return f"{name} @ {folder.as_uri()}"
     return name
 
+
+def native_build() -> dict[str, Any]:
+    """Return the names of native/build.py of bicycle_common, which is beside this package."""
+    root = Path(__file__).resolve().parent.parent
+    for folder in (root / "bicycle_common", root / "ros2_ws" / "src" / "bicycle_common"):
+        if (folder / "native" / "build.py").is_file():
+            return runpy.run_path(str(folder / "native" / "build.py"))
+    sys.exit("bicycle_common must stand beside this package")
+
+
+library = native_build()["library"]
 
 setup(
     name=NAME,
@@ -39,20 +53,8 @@ setup(
         ]
     },
     ext_modules=[
-        # A plain shared library, loaded with ctypes by policy/inference.py; numpy is the fallback.
-        Extension(
-            f"{NAME}.policy._inference",
-            [f"{NAME}/policy/inference.cpp"],
-            extra_compile_args=["-O3", "-ffp-contract=off", "-std=c++17"],
-            optional=True,
-        ),
-        # The same, loaded by estimation/native.py.
-        Extension(
-            f"{NAME}.estimation._estimator",
-            [f"{NAME}/estimation/estimator.cpp"],
-            extra_compile_args=["-O3", "-ffp-contract=off", "-std=c++17"],
-            optional=True,
-        ),
+        library(f"{NAME}.policy._inference", f"{NAME}/policy/inference.cpp"),
+        library(f"{NAME}.estimation._estimator", f"{NAME}/estimation/estimator.cpp"),
     ],
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),

@@ -1,8 +1,11 @@
 """Packaging of bicycle_sim, for colcon and for plain pip."""
 
+import runpy
+import sys
 from pathlib import Path
+from typing import Any
 
-from setuptools import Extension, find_packages, setup
+from setuptools import find_packages, setup
 
 NAME = "bicycle_sim"
 VERSION = next(
@@ -21,6 +24,17 @@ def sibling(name: str) -> str:
     return name
 
 
+def native_build() -> dict[str, Any]:
+    """Return the names of native/build.py of bicycle_common, which is beside this package."""
+    root = Path(__file__).resolve().parent.parent
+    for folder in (root / "bicycle_common", root / "ros2_ws" / "src" / "bicycle_common"):
+        if (folder / "native" / "build.py").is_file():
+            return runpy.run_path(str(folder / "native" / "build.py"))
+    sys.exit("bicycle_common must stand beside this package")
+
+
+library = native_build()["library"]
+
 setup(
     name=NAME,
     version=VERSION,
@@ -33,28 +47,16 @@ setup(
         f"{NAME}.sensors": ["presets/*.yaml"],
     },
     ext_modules=[
-        # Plain shared libraries, loaded with ctypes by native_task.py and whipple/native.py;
-        # numpy is the fallback.
-        Extension(
+        library(
             f"{NAME}.task._native_task",
-            [f"{NAME}/task/native_task.cpp"],
-            depends=[f"{NAME}/plants/compiled.h", f"{NAME}/plants/choi/step.h"],
-            extra_compile_args=["-O3", "-ffp-contract=off", "-std=c++17"],
-            optional=True,
+            f"{NAME}/task/native_task.cpp",
+            f"{NAME}/plants/compiled.h",
+            f"{NAME}/plants/choi/step.h",
         ),
-        Extension(
+        library(
             f"{NAME}.plants.whipple._whipple",
-            [f"{NAME}/plants/whipple/whipple.cpp"],
-            depends=[f"{NAME}/plants/whipple/whipple_lanes.h"],
-            # No flag may change a result: products and sums are rounded one by one.
-            extra_compile_args=[
-                "-O3",
-                "-ffp-contract=off",
-                "-fno-math-errno",
-                "-fno-trapping-math",
-                "-std=c++17",
-            ],
-            optional=True,
+            f"{NAME}/plants/whipple/whipple.cpp",
+            f"{NAME}/plants/whipple/whipple_lanes.h",
         ),
     ],
     data_files=[

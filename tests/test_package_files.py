@@ -65,7 +65,7 @@ def imports(package: str, nodes: bool = True) -> set[str]:
     """Top names of all that the package's sources import from outside of it and of Python."""
     found = set()
     for path in (PACKAGES[package]).rglob("*.py"):
-        if path.name == "setup.py" or "build" in path.parts:
+        if path.name in ("setup.py", "build.py") or "build" in path.parts:  # of the build alone
             continue
         if not nodes and ("nodes" in path.parts or "launch" in path.parts):
             continue
@@ -137,6 +137,19 @@ def test_every_setup_py_finds_its_siblings_alike() -> None:
     assert len(set(bodies.values())) == 1
 
 
+def test_every_library_in_c_is_built_in_one_way() -> None:
+    """Both finders of the builder are equal too, and no setup.py has flags of its own."""
+    texts = {name: (folder / "setup.py").read_text() for name, folder in PACKAGES.items()}
+    compiling = [text for text in texts.values() if "ext_modules" in text]
+    finders = {text[text.index("def native_build") : text.index("\nsetup(")] for text in compiling}
+    assert (len(compiling), len(finders)) == (2, 1)
+    assert not [name for name, text in texts.items() if "Extension" in text]
+    found = [path for folder in PACKAGES.values() for path in folder.rglob("*.*")]
+    sources = [path for path in found if path.suffix in (".cpp", ".h")]
+    for word in ("void sine_cosine(", "#define WIDEST"):
+        assert {path.parent for path in sources if word in path.read_text()} == {NATIVE}
+
+
 @pytest.mark.parametrize(
     "package", [name for name, folder in PACKAGES.items() if [*folder.rglob("*.cpp")]]
 )
@@ -160,14 +173,21 @@ def test_setup_py_names_the_headers_of_each_library(package: str) -> None:
     assert len(given["libraries"]) == len({one["name"] for one in given["libraries"]}) > 0
     for one in given["libraries"]:
         wanted = {header for source in one["sources"] for header in headers(folder / source)}
-        assert {folder / name for name in one["depends"]} == wanted, one["name"]
-        assert wanted <= data, one["name"]
+        own = {header for header in wanted if header.parent != NATIVE}
+        assert {folder / name for name in one["depends"]} == own | {*NATIVE.glob("*.h")}
+        assert own <= data, one["name"]
+        assert one["include"] == [str(NATIVE)]
+
+
+NATIVE = PACKAGES["bicycle_common"] / "native"
+"""Headers that several libraries include."""
 
 
 def headers(source: Path) -> set[Path]:
     """Return all own headers that a C++ source includes, by others too."""
     named = re.findall(r'^#include "(.+)"$', source.read_text(), re.MULTILINE)
-    found = {Path(os.path.normpath(source.parent / name)) for name in named}
+    places = [(source.parent / name, NATIVE / name) for name in named]
+    found = {Path(os.path.normpath(own if own.is_file() else shared)) for own, shared in places}
     return found.union(*map(headers, found))
 
 
@@ -175,7 +195,7 @@ PRINT_SOURCES = """
 import json, runpy, setuptools
 def show(**given):
     libraries = [
-        {"name": it.name, "sources": it.sources, "depends": it.depends}
+        {"name": it.name, "sources": it.sources, "depends": it.depends, "include": it.include_dirs}
         for it in given.get("ext_modules", [])
     ]
     print(json.dumps({"libraries": libraries, "data": given["package_data"]}))

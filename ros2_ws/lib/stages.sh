@@ -94,7 +94,7 @@ build_inputs() { # The fingerprint of all that decides what colcon builds
   files=$(
     cd "$ws" || exit
     find -L src -path '*/.*' -prune -o -type f \( -path '*_msgs/*' -o -name package.xml -o -name setup.py \
-      -o -name setup.cfg -o -name '*.cpp' -o -name '*.h' \) -print | LC_ALL=C sort
+      -o -name setup.cfg -o -name '*.cpp' -o -name '*.h' -o -path '*/native/build.py' \) -print | LC_ALL=C sort
   )
   {
     (cd "$ws" && xargs -d '\n' sha256sum -- <<<"$files")

@@ -72,7 +72,7 @@ class Link:
 
 @pytest.fixture
 def rig(tmp_path: Path) -> Iterator[Rig]:
-    made = Rig(build(tmp_path))
+    made = Rig(build())
     yield made
     made.close()
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from board_rig import Rig
 
+from bicycle_common import native_library
 from bicycle_hardware.frames import (
     Actuators,
     Arm,
@@ -30,8 +31,8 @@ from bicycle_hardware.simulated_board import build
 
 
 @pytest.fixture(scope="module")
-def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return build(tmp_path_factory.mktemp("board"))
+def program() -> Path:
+    return build()
 
 
 @pytest.fixture
@@ -291,3 +292,13 @@ def test_readings_state_and_time_are_sent(rig: Rig) -> None:
     assert [beat.number for beat in beats] == list(range(40))
     assert {b.stamp_us - a.stamp_us for a, b in pairwise(beats)} == {20_000, 30_000}
     assert rig.line.splitter.bad == rig.line.splitter.missing == 0
+
+
+def test_it_is_compiled_once_and_says_what_it_needs(
+    program: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(native_library, "C_COMPILERS", ())
+    assert build() == program
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    with pytest.raises(OSError, match="needs a C compiler: apt install gcc"):
+        build()

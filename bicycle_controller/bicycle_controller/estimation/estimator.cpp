@@ -5,6 +5,8 @@
 
 #include <cmath>
 
+#include "compiler.h"
+
 namespace {
 
 enum { LEAN, LEAN_RATE, STEER, STEER_RATE, GUST, SPEED, ROLL_BIAS, YAW_BIAS, FORCE_BIAS, OFFSET };
@@ -54,37 +56,8 @@ double bounded(double value, double most) {
   return value < -most ? -most : below;
 }
 
-// trigonometry.py
-
-void sine_cosine(double angle, double& sine, double& cosine) {
-  const double half = 0.5 * angle, square = half * half;
-  double s = -1.0 / 1307674368000.0, c = 1.0 / 20922789888000.0;
-  s = 1.0 / 6227020800.0 + square * s;
-  s = -1.0 / 39916800.0 + square * s;
-  s = 1.0 / 362880.0 + square * s;
-  s = -1.0 / 5040.0 + square * s;
-  s = 1.0 / 120.0 + square * s;
-  s = -1.0 / 6.0 + square * s;
-  s = 1.0 + square * s;
-  c = -1.0 / 87178291200.0 + square * c;
-  c = 1.0 / 479001600.0 + square * c;
-  c = -1.0 / 3628800.0 + square * c;
-  c = 1.0 / 40320.0 + square * c;
-  c = -1.0 / 720.0 + square * c;
-  c = 1.0 / 24.0 + square * c;
-  c = -1.0 / 2.0 + square * c;
-  c = 1.0 + square * c;
-  s = half * s;
-  sine = 2.0 * s * c;
-  cosine = 1.0 - 2.0 * (s * s);
-}
-
-void sine_cosine_of_turn(double angle, double& sine, double& cosine) {
-  double s, c;
-  sine_cosine(0.5 * angle, s, c);
-  sine = 2.0 * s * c;
-  cosine = 1.0 - 2.0 * (s * s);
-}
+typedef double D;
+#include "sine.h"
 
 double wrapped(double angle) {
   const double turn = 2.0 * PI;

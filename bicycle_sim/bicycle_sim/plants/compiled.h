@@ -7,11 +7,7 @@
 
 #include <cstdint>
 
-#if defined(__x86_64__) && defined(__gnu_linux__)
-#define WIDEST __attribute__((target_clones("avx512f", "avx2", "default")))
-#else
-#define WIDEST
-#endif
+#include "compiler.h"
 
 extern "C" {
 

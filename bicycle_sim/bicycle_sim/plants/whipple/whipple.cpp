@@ -6,6 +6,8 @@
 
 #include <cmath>
 
+#include "compiler.h"
+
 #define CONSTANTS(ROW)                                                                          \
   ROW(gravity) ROW(tilt) ROW(rear_radius) ROW(front_radius) ROW(rear_curvature)                 \
   ROW(front_curvature) ROW(axis_forward) ROW(axis_down) ROW(fork_offset) ROW(rear_mass)         \
@@ -52,8 +54,6 @@ struct Task {
   int substeps, first, last;
   double time_step;
 };
-
-#define ALWAYS static inline __attribute__((always_inline))
 
 #define LANES 2
 namespace narrow {

@@ -1,8 +1,8 @@
-"""Libraries in C++: find the one that set-up built, or compile one at first use.
+"""Libraries in C and C++: find the one that set-up built, or compile one at first use.
 
-Most are built with their package (`ext_modules` of its setup.py): a robot may have no compiler.
-Only what is never needed on a robot is compiled at first use, for the processor it runs on. Each
-has a fallback in Python, so whoever loads one catches OSError.
+Most are built with their package by `../native/build.py`: a robot may have no compiler. Only what
+is never needed on a robot is compiled at first use, for the processor it runs on. Each has a
+fallback in Python, so whoever loads one catches OSError.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from typing import TypeVar
 Library = TypeVar("Library")
 
 COMPILERS = ("c++", "g++", "clang++")
+C_COMPILERS = ("cc", "gcc", "clang")
 PATIENCE = 120
 """Time limit of the compiler (s)."""
 
@@ -71,33 +72,39 @@ def load_or_tell(
         return None
 
 
-def compiled(sources: Mapping[str, bytes], flags: Sequence[str]) -> Path:
-    """Return a library in the user's cache; compile it if it is missing.
+def compiled(
+    sources: Mapping[str, bytes], flags: Sequence[str], libraries: Sequence[str] = ()
+) -> Path:
+    """Return a library or a program in the user's cache; compile it if it is missing.
 
     Args:
-        sources: content by file name; the first is compiled and may include the others.
-        flags: the compiler's flags.
+        sources: content by file name; those that are no headers are compiled together.
+        flags: the compiler's flags; with `-shared` it is a library.
+        libraries: flags for the linker, behind the sources.
 
     Raises:
         OSError: if there is no compiler, it fails, or no folder is writable.
         subprocess.TimeoutExpired: if compiling takes too long.
     """
-    about = (" ".join(flags) + _processor()).encode()
+    about = (" ".join((*flags, *libraries)) + _processor()).encode()
     mark = hashlib.sha256(b"".join([*sources.values(), about]))
     root = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "bicycle"
-    path = root / f"native-{mark.hexdigest()[:16]}.so"
+    suffix = ".so" if "-shared" in flags else ""
+    path = root / f"native-{mark.hexdigest()[:16]}{suffix}"
     if path.exists():
         return path
-    compiler = next(filter(None, map(shutil.which, COMPILERS)), None)
+    units = [name for name in sources if not name.endswith((".h", ".hpp"))]
+    in_c = all(name.endswith(".c") for name in units)
+    compiler = next(filter(None, map(shutil.which, C_COMPILERS if in_c else COMPILERS)), None)
     if compiler is None:
-        raise FileNotFoundError("there is no C++ compiler")
+        raise FileNotFoundError(f"there is no {'C' if in_c else 'C++'} compiler")
     root.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=root) as folder:
         for name, text in sources.items():
             (Path(folder) / name).write_bytes(text)
         result = Path(folder) / "native.so"
-        words = [compiler, *flags, "-o", str(result), str(Path(folder) / next(iter(sources)))]
-        done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE)
+        words = [compiler, *flags, "-o", str(result), *units, *libraries]
+        done = subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE, cwd=folder)
         if done.returncode != 0:
             said = [line for line in done.stderr.splitlines() if line.strip()] or ["no message"]
             raise OSError(f"{compiler} ended with status {done.returncode}: {said[0]}")

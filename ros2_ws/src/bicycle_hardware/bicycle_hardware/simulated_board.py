@@ -6,47 +6,32 @@ board; `firmware/board_host.c` is its board layer.
 
 from __future__ import annotations
 
-import hashlib
-import shutil
 import subprocess
-import tempfile
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 
+from bicycle_common.native_library import compiled
 from bicycle_hardware.frames import Mode
 
-SOURCES = ("bicycle_core.c", "board_host.c")
+SOURCES = ("bicycle_core.c", "board_host.c", "bicycle_core.h")
 FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Werror", "-pedantic")
 
 
-def build(folder: Path | None = None) -> Path:
-    """Compile the simulated board, once for each version of its sources.
-
-    Args:
-        folder: for the program; None is this user's temporary one.
+def build() -> Path:
+    """Compile the simulated board, once for each version of its sources; return the program.
 
     Raises:
         OSError: if there is no C compiler or it fails, in one line.
     """
-    compiler = shutil.which("cc") or shutil.which("gcc")
-    if compiler is None:
-        raise OSError("the simulated board needs a C compiler: apt install gcc")
-    with resources.as_file(resources.files("bicycle_hardware") / "firmware") as place:
-        texts = [place / name for name in (*SOURCES, "bicycle_core.h")]
-        digest = hashlib.sha256(b"".join(text.read_bytes() for text in texts)).hexdigest()[:16]
-        target = (folder or Path(tempfile.gettempdir())) / f"bicycle-board-{digest}"
-        if target.is_file() and folder is not None:
-            return target
-        program = Path(tempfile.mkdtemp(prefix="bicycle-board-")) / "board"
-        words = [compiler, *FLAGS, "-o", str(program), *map(str, texts[:-1]), "-lm"]
-        done = subprocess.run(words, capture_output=True, text=True, check=False)
-        if done.returncode:
-            raise OSError(f"{compiler} failed: {done.stderr.strip().splitlines()[0]}")
-    if folder is None:
-        return program
-    program.replace(target)
-    return target
+    place = resources.files("bicycle_hardware") / "firmware"
+    sources = {name: place.joinpath(name).read_bytes() for name in SOURCES}
+    try:
+        return compiled(sources, FLAGS, ("-lm",))
+    except FileNotFoundError:
+        raise OSError("the simulated board needs a C compiler: apt install gcc") from None
+    except subprocess.TimeoutExpired as error:
+        raise OSError(f"the simulated board cannot be compiled: {error}") from None
 
 
 @dataclass
