@@ -193,13 +193,13 @@ def test_a_fallen_state_is_fallen_on_both_sides() -> None:
 
 def test_every_number_of_a_state_must_be_finite() -> None:
     state = replace(ridden(), plant_state=(1.0, 2.0))
-    assert convert.is_finite(state)
+    assert state.is_finite
     numbers = [name for name, value in vars(state).items() if isinstance(value, float)]
     assert len(numbers) == 13
     for name in numbers:
         for wrong in (math.nan, math.inf, -math.inf):
-            assert not convert.is_finite(replace(state, **{name: wrong})), name  # type: ignore[arg-type]
-    assert not convert.is_finite(replace(state, plant_state=(1.0, math.nan)))
+            assert not replace(state, **{name: wrong}).is_finite, name  # type: ignore[arg-type]
+    assert not replace(state, plant_state=(1.0, math.nan)).is_finite
 
 
 def test_a_command_becomes_a_message_with_the_messages_signs() -> None:

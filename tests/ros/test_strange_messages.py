@@ -229,7 +229,7 @@ def rides(node: SimNode) -> bool:
         convert.from_command(Command(now.episode, now.step, 0.1, 0.0, 0.0), to_stamp())
     )
     node._loop.tick()
-    return node._loop.snapshot.step == 1 and convert.is_finite(node._loop.snapshot)
+    return node._loop.snapshot.step == 1 and node._loop.snapshot.is_finite
 
 
 def to_stamp() -> Any:
@@ -241,7 +241,7 @@ def test_no_field_of_what_the_simulator_hears_breaks_it(simulator: SimNode) -> N
         for message in each_field(sound(subscription.msg_type)):
             hear(subscription, message)
             simulator._on_due()
-            assert convert.is_finite(simulator._loop.snapshot)
+            assert simulator._loop.snapshot.is_finite
         assert rides(simulator)
 
 
@@ -252,7 +252,7 @@ def test_no_request_breaks_the_simulator(simulator: SimNode) -> None:
         for request in each_field(service.srv_type.Request()):
             response = service.callback(request, service.srv_type.Response())
             assert "\n" not in response.message
-            assert convert.is_finite(simulator._loop.snapshot)
+            assert simulator._loop.snapshot.is_finite
         simulator._loop.pause(False)
         assert rides(simulator)
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from bicycle_common.observation import observation
 from bicycle_common.types import AppliedCommand, BicycleState, Command
-from bicycle_controller.control.control_output import ControllerSwitch, ControlOutput
+from bicycle_controller.control.control_output import Choice, ControllerSwitch, ControlOutput
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.exploration_noise import Noise
 from bicycle_controller.control.goals import GoalTracker, Pose
@@ -132,7 +132,8 @@ class ControlLoop:
         if self.standby.keeps_out(applied, again):
             return ControlOutput(None, events, warning)
         if (self.tracker.steers or self.guide is not None) and not snapshot.fallen:
-            self._command, warning, hand_over = self._decide(snapshot, pose, steps, applied)
+            choice = self._decide(snapshot, pose, steps, applied)
+            warning, hand_over = choice.warning, choice.switch
             self.answered += 1
             self.times.append(time.perf_counter() - started)
         return ControlOutput(self._command, events, warning, hand_over)
@@ -188,8 +189,8 @@ class ControlLoop:
 
     def _decide(
         self, snapshot: BicycleState, pose: Pose, steps: int, applied: AppliedCommand | None
-    ) -> tuple[Command, str, ControllerSwitch | None]:
-        """Return the command for a state, a line if the policy begins to fail, and any switch."""
+    ) -> Choice:
+        """Make the command for a state; return the choice behind it."""
         guide = self.guide
         if guide is not None and guide.over:
             guide = None
@@ -200,9 +201,8 @@ class ControlLoop:
         )
         seen, speed = observation(snapshot, error)[None], np.array([snapshot.speed])
         lateness = 0.0 if applied is None else applied.lateness(snapshot.step)
-        action, in_charge, warning, hand_over = self._choose(
-            snapshot, seen, speed, lateness, guide
-        )
+        choice = self._choose(snapshot, seen, speed, lateness, guide)
+        action = choice.action
         if self._noise is not None:
             known = np.where(np.isfinite(self.limits), self.limits, 0.0)
             action = action + self._noise.sample()[0] * known
@@ -214,7 +214,7 @@ class ControlLoop:
             riding.acted(seen, speed, action[None])
         torque, displacement, pedal = action.tolist()
         goal = self.tracker.active
-        command = Command(
+        self._command = Command(
             episode=snapshot.episode,
             step=snapshot.step,
             torque=torque,
@@ -223,11 +223,11 @@ class ControlLoop:
             goal=goal.point if goal else None,
             goal_id=goal.goal_id if goal else 0,
             controller=self.name,
-            policy=in_charge,
+            policy=choice.policy,
             heading_error=float(seen[0, -1]),
             goal_distance=self.tracker.distance,
         )
-        return command, warning, hand_over
+        return choice
 
     def _choose(
         self,
@@ -236,8 +236,8 @@ class ControlLoop:
         speed: np.ndarray,
         lateness: float,
         guide: Guide | None,
-    ) -> tuple[np.ndarray, str, str, ControllerSwitch | None]:
-        """Return the action (3,), the id of its controller, and the text to report."""
+    ) -> Choice:
+        """Return the action of the policy, the guide or the fallback, and what is to be told."""
         before = self._driven_by_fallback
         trouble, guided, turns = "", None, None
         if guide is not None:  # it is asked even while the fallback drives: it counts the way
@@ -271,7 +271,7 @@ class ControlLoop:
         else:
             in_charge = self.policy.policy_id if guide is None else guide.policy_id
         switch = self._tell(snapshot, trouble) if before != self._driven_by_fallback else None
-        return action, in_charge, "" if switch else warning, switch
+        return Choice(action, in_charge, "" if switch else warning, switch)
 
     def _ask(self, seen: np.ndarray, speed: np.ndarray) -> tuple[np.ndarray | None, str]:
         """Return the policy's answer, see `_answer`, and record its computing time."""

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
 
 from bicycle_common.types import Command
 from bicycle_controller.control.goals import Event
@@ -26,6 +29,19 @@ class ControllerSwitch:
     """Number of switches to the fallback so far."""
     message: str
     """Description for the user, one line."""
+
+
+class Choice(NamedTuple):
+    """Action for one state, and who chose it."""
+
+    action: np.ndarray
+    """(3,) N m, m and N, before noise and limits."""
+    policy: str
+    """Id of the controller that chose it."""
+    warning: str = ""
+    """A line for the log; empty unless the policy has just begun to fail."""
+    switch: ControllerSwitch | None = None
+    """Set if the active controller changes with this state."""
 
 
 @dataclass(frozen=True)

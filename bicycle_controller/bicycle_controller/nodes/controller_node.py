@@ -276,7 +276,7 @@ class ControllerNode(LifecycleNode):
         """Answer a state."""
         self._take_fallback()
         snapshot = convert.to_snapshot(message)
-        if not convert.is_finite(snapshot):
+        if not snapshot.is_finite:
             self._on_bad_state("it holds a number that is not finite")
             return
         self._state_was_bad = False

@@ -161,6 +161,13 @@ class BicycleState:
     estimated: bool = False
     """True if an estimator computed the state from sensors."""
 
+    @property
+    def is_finite(self) -> bool:
+        """True if every number that a controller uses is finite."""
+        return all(map(math.isfinite, self.plant_state)) and all(
+            math.isfinite(value) for value in vars(self).values() if isinstance(value, float)
+        )
+
 
 @dataclass(frozen=True)
 class Push:

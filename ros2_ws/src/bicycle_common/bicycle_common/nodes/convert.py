@@ -140,13 +140,6 @@ def to_snapshot(message: BicycleStateMessage) -> BicycleState:
     )
 
 
-def is_finite(snapshot: BicycleState) -> bool:
-    """Return True if every number that a controller uses is finite."""
-    return all(map(math.isfinite, snapshot.plant_state)) and all(
-        math.isfinite(value) for value in vars(snapshot).values() if isinstance(value, float)
-    )
-
-
 def from_command(command: Command, stamp: Time) -> BicycleCommand:
     """Return the command message."""
     return BicycleCommand(
