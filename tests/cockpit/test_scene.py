@@ -679,3 +679,32 @@ def test_a_browser_without_webgl_shows_the_map(browser: BrowserContext, address:
     expect(result.locator("#ride")).to_have_attribute("data-main", "map")
     assert "no WebGL" in (result.locator("#swap").get_attribute("title") or "")
     result.close()
+
+
+def test_the_small_pictures_have_the_sizes_of_the_ridden_bicycle(page: BrowserPage) -> None:
+    sizes: dict[str, list[float]] = page.evaluate(
+        """async () => {
+          const { drawAbove, drawBehind } = await import("/web/bike.js");
+          const canvas = document.getElementById("behind");
+          const kind = CanvasRenderingContext2D.prototype;
+          const found = { ellipses: [], lines: [] };
+          const { ellipse, lineTo } = kind;
+          kind.ellipse = function (...words) {
+            found.ellipses.push(words[3]);
+            ellipse.apply(this, words);
+          };
+          kind.lineTo = function (x, y) { found.lines.push(y); lineTo.call(this, x, y); };
+          const geometry = { wheelbase: 3.0, rear_radius: 0.251, front_radius: 0.301 };
+          drawBehind(canvas, { lean: 0, steer: 0 }, 0.5, geometry);
+          drawAbove(canvas, { lean: 0, steer: 0 }, geometry);
+          const before = found.ellipses.length;
+          drawBehind(canvas, undefined, 0.5, undefined);
+          drawAbove(canvas, undefined, undefined);
+          Object.assign(kind, { ellipse, lineTo });
+          return { ...found, unknown: [found.ellipses.length - before] };
+        }"""
+    )
+    # From behind a wheel is an ellipse of its radius, from above a line.
+    assert sizes["ellipses"][:2] == [0.301, 0.251]
+    assert {1.751, 0.301} <= set(sizes["lines"])
+    assert sizes["unknown"] == [0]

@@ -41,8 +41,6 @@ comes near the middle four: a fallen bicycle's state freezes."""
 FALLS = ("freeze", "terminate", "value")
 DISCOUNT = 0.99
 """Discount of the sum of rewards that a fall is worth with `fall="value"`."""
-WHEEL_RADIUS = 0.34
-"""m, of the wheels in pictures."""
 METADATA: dict[str, Any] = {"render_modes": ["rgb_array", "human"], "render_fps": 40}
 _SPEED_ROW = 10
 """Row of a compiled result that holds the speed."""
@@ -313,7 +311,7 @@ class EnvCore:
                     speed=float(state.speed[index]),
                     goal=(float(task.goal_x[index]), float(task.goal_y[index])),
                     goal_radius=task.scenario.goal_radius,
-                    wheel_radius=WHEEL_RADIUS,
+                    wheel_radius=task.plant.geometry.rear_radius,
                     fallen=bool(task.fallen[index]),
                 )
             )

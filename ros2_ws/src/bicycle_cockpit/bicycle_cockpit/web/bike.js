@@ -3,8 +3,6 @@
 
 import { begin, colours } from "./theme.js";
 
-const WHEEL = 0.34;
-const WHEELBASE = 1.11;
 const NARROW = 240;
 /** m from the ground to the scale of the lean, well above the rider's head. */
 const DIAL = 2.0;
@@ -46,8 +44,12 @@ function ellipse(context, colour, x, y, rx, ry) {
   context.fill();
 }
 
-/** @param row the step to draw, or undefined @param fallAngle rad */
-export function drawBehind(canvas, row, fallAngle) {
+/**
+ * @param row the step to draw, or undefined
+ * @param fallAngle rad
+ * @param geometry of the bicycle, as the cockpit tells it; undefined before, when there is none to draw
+ */
+export function drawBehind(canvas, row, fallAngle, geometry) {
   const { context, width, height } = begin(canvas);
   const ground = height - (width < NARROW ? 42 : 30);
   const scale = (ground - 22) / DIAL;
@@ -79,20 +81,25 @@ export function drawBehind(canvas, row, fallAngle) {
 
   context.rotate(lean);
   context.scale(scale, scale);
-  // The front wheel shows its side when it is steered; the left grip comes back in a left turn.
-  context.globalAlpha = 0.5;
-  ellipse(context, colours.tyre, -0.08 * Math.sin(steer), -WHEEL, 0.03 + WHEEL * Math.abs(Math.sin(steer)), WHEEL);
-  context.globalAlpha = 1;
-  ellipse(context, colours.tyre, 0, -WHEEL, 0.036, WHEEL);
-  line(context, colours.frame, 0.05, [0, -WHEEL], [0, -0.88]);
-  const [reach, turn] = [0.29 * Math.cos(steer), 0.1 * Math.sin(steer)];
-  line(context, colours.tyre, 0.035, [-reach, -1.04 + turn], [reach, -1.04 - turn]);
-  drawRider(context, shift, [[-reach, -1.05 + turn], [reach, -1.05 - turn]]);
+  if (geometry) drawRidden(context, geometry, steer, shift);
   context.restore();
 
   const text = sided(100 * row?.displacement, " cm", 1, "left", "right");
   labels(context, width, height, [["lean", sided(degrees(row?.lean), "°", 1, "right", "left")], ["rider", text]]);
   canvas.setAttribute("aria-label", `The bicycle from behind: lean ${sided(degrees(row?.lean), " degrees", 0, "right", "left")}, rider ${text}`);
+}
+
+/** Bicycle and rider from behind, upright on the ground at the origin, in m. */
+function drawRidden(context, { rear_radius: rear, front_radius: front }, steer, shift) {
+  // The front wheel shows its side when it is steered; the left grip comes back in a left turn.
+  context.globalAlpha = 0.5;
+  ellipse(context, colours.tyre, -0.08 * Math.sin(steer), -front, 0.03 + front * Math.abs(Math.sin(steer)), front);
+  context.globalAlpha = 1;
+  ellipse(context, colours.tyre, 0, -rear, 0.036, rear);
+  line(context, colours.frame, 0.05, [0, -rear], [0, -0.88]);
+  const [reach, turn] = [0.29 * Math.cos(steer), 0.1 * Math.sin(steer)];
+  line(context, colours.tyre, 0.035, [-reach, -1.04 + turn], [reach, -1.04 - turn]);
+  drawRider(context, shift, [[-reach, -1.05 + turn], [reach, -1.05 - turn]]);
 }
 
 /** The rider's middle is where the displacement says; hips stay nearer to the saddle. */
@@ -121,7 +128,8 @@ function drawRider(context, shift, grips) {
   ellipse(context, colours.rider, ...head, 0.095, 0.12);
 }
 
-export function drawAbove(canvas, row) {
+/** @param geometry as for `drawBehind` */
+export function drawAbove(canvas, row, geometry) {
   const { context, width, height } = begin(canvas);
   const scale = (height - (width < NARROW ? 76 : 62)) / 2.0;
   const steer = Number.isFinite(row?.steer) ? row.steer : 0;
@@ -133,13 +141,24 @@ export function drawAbove(canvas, row) {
   if (Number.isFinite(row?.heading_error)) goalArrow(context, row.heading_error, 1.13 * scale);
   context.scale(scale, scale);
   context.translate(0, 0.06);
-  const [rear, front] = [WHEELBASE / 2, -WHEELBASE / 2];
-  line(context, colours.tyre, 0.07, [0, rear - WHEEL], [0, rear + WHEEL]);
+  if (geometry) drawRiddenAbove(context, geometry, steer, lean, shift);
+  context.restore();
+
+  const steering = ["steer", sided(degrees(row?.steer), "°", 1, "left", "right")];
+  const goal = Number.isFinite(row?.heading_error) ? [["goal", sided(degrees(row.heading_error), "°", 0, "left", "right")]] : [];
+  labels(context, width, height, [steering, ...goal]);
+  canvas.setAttribute("aria-label", `The bicycle from above: steering ${sided(degrees(row?.steer), " degrees", 0, "left", "right")}`);
+}
+
+/** Bicycle and rider from above, in m. */
+function drawRiddenAbove(context, geometry, steer, lean, shift) {
+  const [rear, front] = [geometry.wheelbase / 2, -geometry.wheelbase / 2];
+  line(context, colours.tyre, 0.07, [0, rear - geometry.rear_radius], [0, rear + geometry.rear_radius]);
   line(context, colours.frame, 0.05, [0, rear], [0, front + 0.12]);
   context.save();
   context.translate(0, front);
   context.rotate(-steer);
-  line(context, colours.tyre, 0.07, [0, -WHEEL], [0, WHEEL]);
+  line(context, colours.tyre, 0.07, [0, -geometry.front_radius], [0, geometry.front_radius]);
   line(context, colours.tyre, 0.045, [-0.29, 0.2], [0.29, 0.2]);
   context.restore();
   // The rider's middle goes with the displacement, the head also with the lean.
@@ -148,12 +167,6 @@ export function drawAbove(canvas, row) {
   ellipse(context, colours.rider, shift + 0.9 * tilt * 0.5, 0.2, 0.21, 0.15);
   ellipse(context, colours.rider, shift * 1.15 + 1.4 * tilt * 0.5, 0.05, 0.11, 0.12);
   context.globalAlpha = 1;
-  context.restore();
-
-  const steering = ["steer", sided(degrees(row?.steer), "°", 1, "left", "right")];
-  const goal = Number.isFinite(row?.heading_error) ? [["goal", sided(degrees(row.heading_error), "°", 0, "left", "right")]] : [];
-  labels(context, width, height, [steering, ...goal]);
-  canvas.setAttribute("aria-label", `The bicycle from above: steering ${sided(degrees(row?.steer), " degrees", 0, "left", "right")}`);
 }
 
 /** Where the goal lies, on a circle round the bicycle. */

@@ -10,7 +10,7 @@ const STEP = 0.1;
  * @param {HTMLCanvasElement} canvas
  * @param {View} view
  * @param scene `series`, `paint` (colour of a policy's number), `cursor` (row, -1 for none), `goal`, `ahead`, `marks`,
- *   `radius`, `mark` ([x, y] of the keyboard), `drag` ({from, to}, m), `wheelbase`, `fallen`, `others` (bicycles of the fleet), `clear` (px under the legend)
+ *   `radius`, `mark` ([x, y] of the keyboard), `drag` ({from, to}, m), `geometry`, `fallen`, `others` (bicycles of the fleet), `clear` (px under the legend)
  */
 export function drawMap(canvas, view, scene) {
   const { context, width, height } = begin(canvas);
@@ -26,15 +26,15 @@ export function drawMap(canvas, view, scene) {
     context.globalAlpha = 1;
   }
   if (cursor < series.length - 1 && scene.whole) drawTrack(context, view, series, 0, series.length - 1, null);
-  if (scene.ghost?.cursor >= 0) drawGhost(context, view, scene.ghost, scene.wheelbase);
+  if (scene.ghost?.cursor >= 0) drawGhost(context, view, scene.ghost, scene.geometry);
   drawTrack(context, view, series, 0, cursor, scene.paint);
-  drawEstimate(context, view, series, cursor, scene.wheelbase);
-  for (const other of scene.others ?? []) drawOther(context, view, other, scene.wheelbase);
+  drawEstimate(context, view, series, cursor, scene.geometry);
+  for (const other of scene.others ?? []) drawOther(context, view, other, scene.geometry);
   for (const mark of scene.marks) drawMark(context, view, mark, scene.radius);
   drawAhead(context, view, scene, row);
   if (row) {
-    if (!scene.fallen) drawPreview(context, view, row, scene.wheelbase);
-    drawBicycle(context, view, row, scene);
+    if (!scene.fallen) drawPreview(context, view, row, scene.geometry);
+    drawBicycle(context, view, row, scene.geometry);
   }
   if (Number.isFinite(scene.pointed?.x)) {
     const [px, py] = view.toScreen(scene.pointed.x, scene.pointed.y);
@@ -102,15 +102,15 @@ function drawTrack(context, view, series, from, to, paint, wide = paint ? 2.5 : 
 }
 
 /** The other ride: its track up to now, and where it is. */
-function drawGhost(context, view, ghost, wheelbase) {
+function drawGhost(context, view, ghost, geometry) {
   context.globalAlpha = 0.5;
   drawTrack(context, view, ghost.series, 0, ghost.cursor, () => ghost.colour);
-  drawBicycle(context, view, ghost.series.row(ghost.cursor), { wheelbase });
+  drawBicycle(context, view, ghost.series.row(ghost.cursor), ghost.bag.geometry ?? geometry);
   context.globalAlpha = 1;
 }
 
 /** Where the estimator took the bicycle to be: its track, dashed, and the bicycle there. */
-function drawEstimate(context, view, series, cursor, wheelbase) {
+function drawEstimate(context, view, series, cursor, geometry) {
   const estimate = estimateOf(series);
   if (!estimate?.known(cursor)) return;
   let first = cursor;
@@ -120,15 +120,15 @@ function drawEstimate(context, view, series, cursor, wheelbase) {
   drawTrack(context, view, estimate, first, cursor, () => colours.ink, 1.25);
   context.setLineDash([]);
   context.globalAlpha = 0.35;
-  drawBicycle(context, view, estimate.row(cursor), { wheelbase });
+  drawBicycle(context, view, estimate.row(cursor), geometry);
   context.globalAlpha = 1;
 }
 
 /** Another bicycle of the domain, with its name; one that lies is crossed out. */
-function drawOther(context, view, other, wheelbase) {
+function drawOther(context, view, other, geometry) {
   if (![other.x, other.y, other.heading].every(Number.isFinite)) return;
   context.globalAlpha = 0.7;
-  drawBicycle(context, view, other, { wheelbase });
+  drawBicycle(context, view, other, geometry);
   context.globalAlpha = 1;
   if (other.fallen) drawMark(context, view, { ...other, kind: "fell" }, 0);
   const [px, py] = view.toScreen(other.x, other.y);
@@ -204,12 +204,13 @@ function drawArrival(context, px, py, heading, reach) {
 }
 
 /** Where the present steering leads in the next seconds. */
-function drawPreview(context, view, row, wheelbase) {
+function drawPreview(context, view, row, geometry) {
+  if (!geometry) return;
   if (![row.steer, row.speed, row.heading].every(Number.isFinite)) return;
   let { x, y, heading } = row;
   const points = [view.toScreen(x, y)];
   for (let t = 0; t < PREVIEW; t += STEP) {
-    heading += ((row.speed * Math.tan(row.steer)) / wheelbase) * STEP;
+    heading += ((row.speed * Math.tan(row.steer)) / geometry.wheelbase) * STEP;
     x += row.speed * Math.cos(heading) * STEP;
     y += row.speed * Math.sin(heading) * STEP;
     points.push(view.toScreen(x, y));
@@ -221,21 +222,21 @@ function drawPreview(context, view, row, wheelbase) {
 }
 
 /** To scale where that is large enough to be seen. */
-function drawBicycle(context, view, row, { wheelbase }) {
+function drawBicycle(context, view, row, geometry) {
+  if (!geometry) return;
   const [px, py] = view.toScreen(row.x, row.y);
   const scale = Math.max(view.scale, 15);
   context.save();
   context.translate(px, py);
   context.rotate(-row.heading);
   context.lineWidth = Math.max(3, 0.12 * scale);
-  const front = wheelbase * scale;
-  const wheel = 0.34 * scale;
-  stroke(context, colours.tyre, [[-wheel, 0], [wheel, 0]]);
+  const [front, rearWheel, frontWheel] = [geometry.wheelbase, geometry.rear_radius, geometry.front_radius].map((size) => size * scale);
+  stroke(context, colours.tyre, [[-rearWheel, 0], [rearWheel, 0]]);
   stroke(context, colours.frame, [[0, 0], [front - 0.1 * scale, 0]]);
   context.save();
   context.translate(front, 0);
   context.rotate(-(Number.isFinite(row.steer) ? row.steer : 0));
-  stroke(context, colours.tyre, [[-wheel, 0], [wheel, 0]]);
+  stroke(context, colours.tyre, [[-frontWheel, 0], [frontWheel, 0]]);
   context.lineWidth = Math.max(2, 0.06 * scale);
   stroke(context, colours.tyre, [[-0.2 * scale, -0.3 * scale], [-0.2 * scale, 0.3 * scale]]);
   context.restore();

@@ -65,12 +65,12 @@ export class Pictures {
     const { facts } = live;
     const ghost = this.comparison.at(moment, row ? row.t : 0);
     drawMap(byId("map"), this.view, {
-      mark: this.mark, drag: this.drag, ...moment, ghost, wheelbase: moment.geometry?.wheelbase, whole: Boolean(bag),
+      mark: this.mark, drag: this.drag, ...moment, ghost, whole: Boolean(bag),
       fallen: Math.abs(row?.lean) > fallAngle, clear: this.views.main === "map" ? underLegend() : 0,
     });
     drawHorizon(byId("horizon"), row ?? undefined, fallAngle);
-    drawBehind(byId("behind"), row ?? undefined, fallAngle);
-    drawAbove(byId("above"), row ?? undefined);
+    drawBehind(byId("behind"), row ?? undefined, fallAngle, moment.geometry);
+    drawAbove(byId("above"), row ?? undefined, moment.geometry);
     drawCharts(chart.canvas, series, chart.end, paint, bag ? bag.pedals : facts.limits?.[2] > 0, { span: chart.span, now: row ? row.t : 0, hover: chart.hover, ghost });
     showGap(ghost ? this.comparison.words : "");
     showHead(bag ? "bag" : live.mode, row);
