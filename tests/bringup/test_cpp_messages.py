@@ -83,6 +83,8 @@ def run(script: str, folder: Path) -> str:
 def test_a_program_in_cpp_writes_what_python_reads(tmp_path: Path) -> None:
     (tmp_path / "src").mkdir()
     shutil.copytree((WORKSPACE / "src" / "tf2_msgs").resolve(), tmp_path / "src" / "tf2_msgs")
+    shared = Path("bicycle_msgs") / "cmake"  # which both packages include
+    shutil.copytree(ROOT / shared, tmp_path / "src" / shared)
     (tmp_path / "writer").mkdir()
     (tmp_path / "writer" / "writer.cpp").write_text(PROGRAM)
     (tmp_path / "writer" / "CMakeLists.txt").write_text(CMAKE)
