@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from bicycle_bringup.fleet_report import Rider, as_text, facts, least_distance
+from bicycle_bringup.fleet_report import FleetMember, as_text, facts, least_distance
 
 
-def rider(name: str, times: np.ndarray, x: np.ndarray, y: np.ndarray) -> Rider:
-    return Rider(name, track=list(zip(times, x, y, strict=True)))
+def rider(name: str, times: np.ndarray, x: np.ndarray, y: np.ndarray) -> FleetMember:
+    return FleetMember(name, track=list(zip(times, x, y, strict=True)))
 
 
 def test_the_least_distance_is_that_of_one_moment() -> None:
@@ -28,14 +28,16 @@ def test_bicycles_that_did_not_ride_together_have_no_distance() -> None:
     early, late = np.arange(0.0, 1.0, 0.1), np.arange(5.0, 6.0, 0.1)
     one, other = rider("b1", early, early, early), rider("b2", late, late, late)
     assert least_distance(one, other) == math.inf
-    assert least_distance(one, Rider("b3")) == math.inf
+    assert least_distance(one, FleetMember("b3")) == math.inf
     assert facts([one, other])["nearest_m"] is None
     assert "nearest – m" in as_text(facts([one, other]))
 
 
 def test_a_report_tells_the_nearest_pair_and_the_latest_steps() -> None:
-    riders = [Rider("b1", "ridden to its end", True, 0.1, 0.2, lateness=[0.001] * 99 + [0.01])]
-    riders.append(Rider("b2"))
+    riders = [
+        FleetMember("b1", "ridden to its end", True, 0.1, 0.2, lateness=[0.001] * 99 + [0.01])
+    ]
+    riders.append(FleetMember("b2"))
     for one, x in zip(riders, (0.0, 2.5), strict=True):
         one.track = [(0.0, x, 1.0), (1.0, x, 2.0)]
     found = facts(riders)

@@ -7,7 +7,7 @@ from still_clock import Clock
 from bicycle_cockpit.hand_over_words import explained
 from bicycle_cockpit.riders import rider
 from bicycle_cockpit.who_rides import SETTLED, HandOver, WhoRides
-from bicycle_controller.control.safety import Reason
+from bicycle_controller.control.safety import HandOverReason
 
 NAF, LQR = "naf@cee775ab58", "lqr-cfc5cd8e"
 TAKEN = HandOver(LQR, "lean rate 0.6 rad/s is beyond 0.5 rad/s", 4.2, stop=False)
@@ -72,11 +72,16 @@ def test_reasons_are_told_without_ids() -> None:
     names = {NAF: "naf", LQR: "lqr-displacement"}
     over = f"lean rate 0.6 rad/s is beyond 0.5 rad/s: {LQR} takes over from policy {NAF}"
     detail = "lean rate 34.4°/s is beyond 28.6°/s"
-    assert explained(Reason.LEAN_RATE, over, LQR, names) == f"it leaned too fast ({detail})"
+    assert (
+        explained(HandOverReason.LEAN_RATE, over, LQR, names) == f"it leaned too fast ({detail})"
+    )
     assert explained(99, over, LQR, names) == detail, "a reason of a later version"
     fails = f"policy {NAF} fails with ValueError: {LQR} takes over"
-    assert explained(Reason.POLICY, fails, LQR, names) == "NAF actor fails with ValueError"
-    assert explained(Reason.NONE, f"calm again: policy {NAF} drives", NAF, names) == "calm again"
+    assert explained(HandOverReason.POLICY, fails, LQR, names) == "NAF actor fails with ValueError"
+    assert (
+        explained(HandOverReason.NONE, f"calm again: policy {NAF} drives", NAF, names)
+        == "calm again"
+    )
     unknown = "policy mine@1234 gives an action that is not finite: lqr-00000000 takes over"
-    text = explained(Reason.POLICY, unknown, "lqr-00000000", {})
+    text = explained(HandOverReason.POLICY, unknown, "lqr-00000000", {})
     assert text == "mine gives an action that is not finite"

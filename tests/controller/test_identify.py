@@ -207,7 +207,7 @@ def test_a_bag_holds_the_torque_beside_the_states_that_it_leads_to() -> None:
     physics = load_topics(BagReader(path), ["/bicycle/episode"])["/bicycle/episode"]["physics"][0]
     parameters = from_dict({k: v for k, v in json.loads(str(physics)).items() if k != "plant"})
     (log,) = read_bag.read(path)
-    matrices, noise = ride_model.matrices(parameters), ride_model.Noise(1e-3, 1e-3)
+    matrices, noise = ride_model.matrices(parameters), ride_model.OutputNoise(1e-3, 1e-3)
     piece = log.pieces[0]
     (stack,) = windows.stacks([windows.window(0, piece, 0, 40)])
 

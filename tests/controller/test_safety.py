@@ -17,7 +17,7 @@ from bicycle_controller.control.goals import GoalTracker, Status
 from bicycle_controller.control.lqr import LqrController, fitting
 from bicycle_controller.control.safety import (
     STOP_SPEED,
-    Reason,
+    HandOverReason,
     Safety,
     SafetyConfig,
     unstable_mode,
@@ -123,33 +123,33 @@ def test_elsewhere_the_envelope_is_the_least_of_three(
 @pytest.mark.parametrize(
     ("observation", "speed", "age", "reason"),
     [
-        (state(), 2.75, 0.0, Reason.NONE),
-        (state(0.45), 2.75, 0.0, Reason.NONE),
-        (state(0.47), 2.75, 0.0, Reason.EXTRAPOLATED_LEAN),
-        (state(0.2), 1.2, 0.0, Reason.EXTRAPOLATED_LEAN),
-        (state(0.55, -0.3), 2.75, 0.0, Reason.LEAN),
-        (state(-0.51, 0.52), 2.75, 0.0, Reason.LEAN_RATE),
-        (state(), 1.0, 0.0, Reason.TOO_SLOW),
-        (state(), 6.0, 0.0, Reason.TOO_FAST),
-        (state(), 2.75, 10.0, Reason.NONE),
-        (state(), 2.75, 11.0, Reason.STALE),
-        (state(), 2.75, math.inf, Reason.STALE),
-        (state(math.nan), 2.75, 0.0, Reason.EXTRAPOLATED_LEAN),
+        (state(), 2.75, 0.0, HandOverReason.NONE),
+        (state(0.45), 2.75, 0.0, HandOverReason.NONE),
+        (state(0.47), 2.75, 0.0, HandOverReason.EXTRAPOLATED_LEAN),
+        (state(0.2), 1.2, 0.0, HandOverReason.EXTRAPOLATED_LEAN),
+        (state(0.55, -0.3), 2.75, 0.0, HandOverReason.LEAN),
+        (state(-0.51, 0.52), 2.75, 0.0, HandOverReason.LEAN_RATE),
+        (state(), 1.0, 0.0, HandOverReason.TOO_SLOW),
+        (state(), 6.0, 0.0, HandOverReason.TOO_FAST),
+        (state(), 2.75, 10.0, HandOverReason.NONE),
+        (state(), 2.75, 11.0, HandOverReason.STALE),
+        (state(), 2.75, math.inf, HandOverReason.STALE),
+        (state(math.nan), 2.75, 0.0, HandOverReason.EXTRAPOLATED_LEAN),
     ],
 )
 def test_it_takes_over_beyond_each_limit(
-    observation: np.ndarray, speed: float, age: float, reason: Reason
+    observation: np.ndarray, speed: float, age: float, reason: HandOverReason
 ) -> None:
     layer = Safety()
     assert layer.judge(observation, np.array([speed]), np.array([age]))[0] == reason
-    assert layer.hand_overs[0] == (reason is not Reason.NONE)
+    assert layer.hand_overs[0] == (reason is not HandOverReason.NONE)
 
 
 def test_it_gives_back_after_the_hold_and_only_to_a_calm_bicycle() -> None:
     layer = Safety()
     layer.judge(state(0.47), SPEED, NONE)
     for _ in range(200):  # within the envelope, but not calm
-        assert layer.judge(state(0.3), SPEED, NONE)[0] == Reason.EXTRAPOLATED_LEAN
+        assert layer.judge(state(0.3), SPEED, NONE)[0] == HandOverReason.EXTRAPOLATED_LEAN
     held = 0
     while layer.judge(upright(), SPEED, NONE)[0]:
         held += 1
@@ -197,14 +197,14 @@ def test_a_policy_that_fails_again_waits_twice_as_long_each_time(
 def test_the_first_failure_is_held_for_the_shortest_time() -> None:
     """Also that of a policy that gives no action at all, before any state was judged."""
     layer = Safety(SafetyConfig(hold=0.1))
-    assert layer.fail(np.array([True])) == Reason.POLICY
+    assert layer.fail(np.array([True])) == HandOverReason.POLICY
     assert waited(layer) == 4
 
 
 def waited(layer: Safety) -> int:
     """Return how many calm steps the fallback drives."""
     for count in range(10_000):
-        if layer.judge(upright(), SPEED, NONE)[0] == Reason.NONE:
+        if layer.judge(upright(), SPEED, NONE)[0] == HandOverReason.NONE:
             return count + 1
     raise AssertionError("it drives on")
 
@@ -217,9 +217,9 @@ def test_one_bicycles_trouble_is_not_anothers() -> None:
 
     def hold() -> int:
         layer.judge(calm, speeds, ages)
-        assert layer.reason[1] != Reason.NONE
+        assert layer.reason[1] != HandOverReason.NONE
         for count in range(1000):
-            if layer.judge(wild, speeds, ages)[1] == Reason.NONE:
+            if layer.judge(wild, speeds, ages)[1] == HandOverReason.NONE:
                 return count + 1
         raise AssertionError("it drives on")
 
@@ -228,7 +228,7 @@ def test_one_bicycles_trouble_is_not_anothers() -> None:
     assert soon > first
     for _ in range(500):  # s 12.5
         layer.judge(wild, speeds, ages)
-    assert layer.reason.tolist() == [Reason.EXTRAPOLATED_LEAN, Reason.NONE]
+    assert layer.reason.tolist() == [HandOverReason.EXTRAPOLATED_LEAN, HandOverReason.NONE]
     assert hold() == first
 
 
@@ -372,13 +372,13 @@ def test_each_change_of_hands_is_told_once_with_its_reason() -> None:
     assert drive(loop, simulator, 40) == ([], [Status.ACTIVE])
     policy.action = (2.0, 0.0, 0.0)
     (taken,), _ = drive(loop, simulator, 30)
-    assert taken.reason is Reason.EXTRAPOLATED_LEAN
+    assert taken.reason is HandOverReason.EXTRAPOLATED_LEAN
     assert "rad is beyond" in taken.message
     assert taken.policy == loop.driving == fitting(loop.limits, ChoiPlant()).policy_id
     assert taken.step > 40
     policy.action = None
     (given,), _ = drive(loop, simulator, 200)
-    assert (given.reason, given.policy, loop.driving) == (Reason.NONE, "faulty", "")
+    assert (given.reason, given.policy, loop.driving) == (HandOverReason.NONE, "faulty", "")
     assert given.count == 1
     assert not simulator.snapshot.fallen
 
@@ -386,9 +386,11 @@ def test_each_change_of_hands_is_told_once_with_its_reason() -> None:
 def test_a_policy_that_gives_no_number_is_told_once_and_tried_again() -> None:
     loop, simulator = driver(Faulty(math.nan, 0.0, 0.0))
     switches, _ = drive(loop, simulator, 100)
-    assert [one.reason for one in switches] == [Reason.POLICY, Reason.NONE, Reason.POLICY][
-        : len(switches)
-    ]
+    assert [one.reason for one in switches] == [
+        HandOverReason.POLICY,
+        HandOverReason.NONE,
+        HandOverReason.POLICY,
+    ][: len(switches)]
     assert "not finite" in switches[0].message
     assert loop.handed_over == 100, "no step went without the fallback's answer"
 
@@ -405,7 +407,7 @@ def test_a_commanded_stop_slows_down_and_waits_for_a_new_goal() -> None:
     policy.action = None
     loop.tracker.replace([(20.0, 80.0)])
     (given,), _ = drive(loop, simulator, 40)
-    assert (given.reason, given.stop) == (Reason.NONE, False)
+    assert (given.reason, given.stop) == (HandOverReason.NONE, False)
 
 
 def test_a_new_policy_and_a_new_episode_are_trusted_at_once() -> None:
@@ -429,7 +431,7 @@ def test_a_step_without_command_is_stale() -> None:
     simulator.step(None)
     assert simulator.applied.source is CommandSource.ZERO
     (taken,), _ = drive(loop, simulator, 1)
-    assert taken.reason is Reason.STALE
+    assert taken.reason is HandOverReason.STALE
     assert taken.message.startswith("no command led to the state: lqr-")
 
 

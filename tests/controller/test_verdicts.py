@@ -8,8 +8,8 @@ import pytest
 
 from bicycle_controller.reproduce.claims import verdict
 from bicycle_controller.reproduce.experiment import Experiment
-from bicycle_controller.reproduce.result import Result, collect
-from bicycle_controller.reproduce.verdicts import DDPG, Part, Verdict, is_short, training
+from bicycle_controller.reproduce.result import ExperimentResult, collect
+from bicycle_controller.reproduce.verdicts import DDPG, FigureVerdict, Part, is_short, training
 
 ROOT = Path(__file__).parent.parent.parent
 RESULTS = collect(ROOT / "docs" / "results" / "reproduction")
@@ -19,7 +19,9 @@ ARMS = (DDPG, "naf", "ppo")
 """Arms that some claim is about."""
 
 
-def lengthened(item: Result, factor: float = 1.0, runs: int | None = None) -> dict[str, Any]:
+def lengthened(
+    item: ExperimentResult, factor: float = 1.0, runs: int | None = None
+) -> dict[str, Any]:
     """Return the result's summary, as if all that a claim is about had been run at its length."""
     found = copy.deepcopy(item.summary)
     full = item.experiment.full
@@ -37,7 +39,7 @@ def decided(experiment: Experiment, summary: dict[str, Any]) -> list[Part]:
 
 
 @pytest.mark.parametrize("item", CLAIMING, ids=lambda i: f"{i.experiment.name}-{i.mode}")
-def test_nothing_held_that_was_not_run_at_its_length(item: Result) -> None:
+def test_nothing_held_that_was_not_run_at_its_length(item: ExperimentResult) -> None:
     short = any(
         is_short(item.experiment, training(item.summary, arm=arm))
         for arm in (ARMS if item.experiment.name == "figure-10" else (DDPG,))
@@ -51,7 +53,7 @@ def test_nothing_held_that_was_not_run_at_its_length(item: Result) -> None:
 @pytest.mark.parametrize("item", CLAIMING, ids=lambda i: f"{i.experiment.name}-{i.mode}")
 @pytest.mark.parametrize(("factor", "runs"), [(0.98, None), (1.0, 0)])
 def test_shorter_or_fewer_runs_leave_a_claim_open(
-    item: Result, factor: float, runs: int | None
+    item: ExperimentResult, factor: float, runs: int | None
 ) -> None:
     if runs is not None:
         runs = item.experiment.full.seeds - 1
@@ -69,7 +71,7 @@ def test_runs_at_their_length_decide(name: str) -> None:
 
 
 @pytest.mark.parametrize("item", CLAIMING, ids=lambda i: f"{i.experiment.name}-{i.mode}")
-def test_ours_and_the_classical_controller_decide_nothing(item: Result) -> None:
+def test_ours_and_the_classical_controller_decide_nothing(item: ExperimentResult) -> None:
     alone = {
         key: [e for e in entries if e.get("arm", e.get("rider")) not in ARMS]
         for key, entries in lengthened(item).items()
@@ -131,12 +133,12 @@ def test_figure_10_needs_all_three_and_their_spread() -> None:
 def test_the_words_count_the_parts() -> None:
     yes, no = Part("a", True, "x", True), Part("b", False, "y", True)
     so_far, unknown = Part("c", True, "z"), Part("d", None, "none")
-    assert Verdict((yes, yes)).word == "Held"
-    assert Verdict((no, no)).word == "Did not hold"
-    assert Verdict((yes, no, no)).word == "Held in part (1 of 3)"
-    assert Verdict((so_far, unknown)).word == "Open (so far 1 of 2)"
-    assert Verdict((yes, no, unknown)).word == "Open (so far 1 of 3, 1 held, 1 did not hold)"
-    assert Verdict(()).word == "No claim"
+    assert FigureVerdict((yes, yes)).word == "Held"
+    assert FigureVerdict((no, no)).word == "Did not hold"
+    assert FigureVerdict((yes, no, no)).word == "Held in part (1 of 3)"
+    assert FigureVerdict((so_far, unknown)).word == "Open (so far 1 of 2)"
+    assert FigureVerdict((yes, no, unknown)).word == "Open (so far 1 of 3, 1 held, 1 did not hold)"
+    assert FigureVerdict(()).word == "No claim"
     assert [p.text for p in (yes, no, so_far, unknown)] == [
         "a: held; x",
         "b: did not hold; y",

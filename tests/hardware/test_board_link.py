@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from board_rig import Rig
 
-from bicycle_hardware.frames import Mode, Reason
+from bicycle_hardware.frames import Mode, RefusalReason
 from bicycle_hardware.simulated_board import build
 
 WORKSPACE = Path(__file__).parents[2] / "ros2_ws"
@@ -113,7 +113,7 @@ def test_it_arms_commands_and_stops_the_board(link: Link, rig: Rig) -> None:
     rig.tick(10)
     found = link("receive")
     assert found["mode"] == Mode.DISARMED
-    assert Reason(found["reasons"]) & Reason.NO_COMMANDS
+    assert RefusalReason(found["reasons"]) & RefusalReason.NO_COMMANDS
     rested(link, rig)
     link("arm 1")
     link("command 1.5 40")

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from bicycle_common.types import Command, CommandSource
-from bicycle_hardware.driver import Driver, DriverConfig, Heard, Measured, Step
+from bicycle_hardware.driver import ControlPeriod, Driver, DriverConfig, Heard, SensorReading
 from bicycle_hardware.frames import (
     Actuators,
     Arm,
@@ -50,7 +50,7 @@ def beat(number: int, sequence: int = 0, mode: Mode = Mode.RIDING, start: int = 
 
 
 def steps(found: list[Heard]) -> list[tuple[int, int]]:
-    return [(one.episode, one.step) for one in found if isinstance(one, Step)]
+    return [(one.episode, one.step) for one in found if isinstance(one, ControlPeriod)]
 
 
 def test_readings_carry_their_own_stamps() -> None:
@@ -64,9 +64,9 @@ def test_readings_carry_their_own_stamps() -> None:
         0.0,
     )
     assert found == [
-        Measured("imu", 1.25, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)),
-        Measured("steer", 1.26, (0.1, 0.7)),
-        Measured("wheel", 1.24, (3.0,)),
+        SensorReading("imu", 1.25, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)),
+        SensorReading("steer", 1.26, (0.1, 0.7)),
+        SensorReading("wheel", 1.24, (3.0,)),
     ]
 
 
@@ -102,7 +102,7 @@ def test_a_command_answers_its_step_once_and_is_echoed() -> None:
             ],
             0.0,
         )
-        if isinstance(one, Step)
+        if isinstance(one, ControlPeriod)
     )
     assert (fresh.source, fresh.controller) == (CommandSource.FRESH, "me")
     assert (held.source, held.command) == (CommandSource.HELD, fresh.command)
@@ -112,7 +112,7 @@ def test_a_command_answers_its_step_once_and_is_echoed() -> None:
 def test_a_bicycle_that_is_not_armed_was_moved_by_nothing() -> None:
     driver, _ = make_driver()
     found = driver.take([beat(number, mode=Mode.DISARMED) for number in range(8)], 0.0)
-    sources = {one.applied.source for one in found if isinstance(one, Step)}
+    sources = {one.applied.source for one in found if isinstance(one, ControlPeriod)}
     assert sources == {CommandSource.INITIAL}
 
 
@@ -130,7 +130,7 @@ def test_a_microcontroller_that_begins_anew_begins_an_episode() -> None:
     first = driver.take([beat(number) for number in range(10)], 0.0)
     second = driver.take([beat(number) for number in range(4)], 1.0)
     assert steps(second) == [(2, -2), (2, -1), (2, 0), (2, 1)]
-    times = [one.time for one in [*first, *second] if isinstance(one, Step)]
+    times = [one.time for one in [*first, *second] if isinstance(one, ControlPeriod)]
     assert times == sorted(set(times))
     assert not driver.command(command(5))
 

@@ -20,7 +20,7 @@ from bicycle_hardware.frames import (
     Imu,
     Mode,
     Period,
-    Reason,
+    RefusalReason,
     Steer,
     TimeIs,
     Wheel,
@@ -57,12 +57,12 @@ def mode(rig: Rig) -> Mode:
     return rig.outputs.mode
 
 
-def _refused(rig: Rig) -> Reason:
+def _refused(rig: Rig) -> RefusalReason:
     rig.line.send(Arm(1))
     out = rig.tick()
     assert out.mode is Mode.DISARMED
     assert out.torque == out.drive == 0.0
-    return Reason(out.reasons)
+    return RefusalReason(out.reasons)
 
 
 def test_arming_is_refused_while_the_gyro_turns(rig: Rig) -> None:
@@ -77,19 +77,23 @@ def test_arming_is_refused_while_the_gyro_turns(rig: Rig) -> None:
     rig.tick()
     rig.inputs.imu_us = rig.now_us
     rig.inputs.gyro = (-0.2, 0.0, 0.0)
-    assert Reason.MOVES in _refused(rig)
+    assert RefusalReason.MOVES in _refused(rig)
 
 
 def test_arming_is_refused_uncalibrated(rig: Rig) -> None:
     rig.tick(50)
-    assert Reason.UNCALIBRATED in _refused(rig)
+    assert RefusalReason.UNCALIBRATED in _refused(rig)
 
 
 @pytest.mark.parametrize(
     ("sensor", "reason"),
-    [("imu", Reason.NO_IMU), ("steer", Reason.NO_STEER), ("wheel", Reason.NO_WHEEL)],
+    [
+        ("imu", RefusalReason.NO_IMU),
+        ("steer", RefusalReason.NO_STEER),
+        ("wheel", RefusalReason.NO_WHEEL),
+    ],
 )
-def test_arming_is_refused_with_old_readings(rig: Rig, sensor: str, reason: Reason) -> None:
+def test_arming_is_refused_with_old_readings(rig: Rig, sensor: str, reason: RefusalReason) -> None:
     for index in range(160):
         if index == 120:
             rig.frozen = (sensor,)
@@ -100,17 +104,17 @@ def test_arming_is_refused_with_old_readings(rig: Rig, sensor: str, reason: Reas
 
 def test_arming_is_refused_without_a_second_of_commands(rig: Rig) -> None:
     rig.tick(150)
-    assert _refused(rig) == Reason.NO_COMMANDS
+    assert _refused(rig) == RefusalReason.NO_COMMANDS
     for _ in range(80):
         rig.command()
         rig.tick()
-    assert _refused(rig) == Reason.NO_COMMANDS
+    assert _refused(rig) == RefusalReason.NO_COMMANDS
     # The same frame again and again does not advance the sequence.
     frame = encode(Actuators(0, 0.0, 0.0, 100), 77)
     for _ in range(150):
         os.write(rig.line.file, frame)
         rig.tick()
-    assert _refused(rig) == Reason.NO_COMMANDS
+    assert _refused(rig) == RefusalReason.NO_COMMANDS
 
 
 def test_arming_is_refused_while_rolling(rig: Rig) -> None:
@@ -122,7 +126,7 @@ def test_arming_is_refused_while_rolling(rig: Rig) -> None:
     rig.inputs.wheel_us = rig.now_us
     rig.command()
     rig.tick()
-    assert Reason.TOO_FAST in _refused(rig)
+    assert RefusalReason.TOO_FAST in _refused(rig)
 
 
 def test_arming_is_refused_while_the_stop_is_pressed(rig: Rig) -> None:
@@ -131,7 +135,7 @@ def test_arming_is_refused_while_the_stop_is_pressed(rig: Rig) -> None:
         rig.tick()
     rig.inputs.stopped = True
     rig.tick()
-    assert _refused(rig) == Reason.STOPPED
+    assert _refused(rig) == RefusalReason.STOPPED
     rig.inputs.stopped = False
     rig.command()
     rig.tick()
@@ -140,8 +144,8 @@ def test_arming_is_refused_while_the_stop_is_pressed(rig: Rig) -> None:
 
 
 def test_every_reason_has_words() -> None:
-    assert len(Reason) == 8
-    assert all(words(reason) for reason in Reason)
+    assert len(RefusalReason) == 8
+    assert all(words(reason) for reason in RefusalReason)
     assert words(0) == ""
 
 

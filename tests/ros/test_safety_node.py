@@ -22,7 +22,7 @@ from bicycle_common.nodes.topics import (
     HAND_OVER_MARKERS,
     STATE,
 )
-from bicycle_controller.control.safety import Reason
+from bicycle_controller.control.safety import HandOverReason
 from bicycle_controller.nodes.hand_over_marks import WHERE
 from bicycle_controller.policy.policy import Policy, load_policy, save_policy
 
@@ -41,7 +41,7 @@ def probe(ros_domain: int) -> Iterator[Probe]:
 
 
 def test_the_reasons_are_the_message_s() -> None:
-    for reason in Reason:
+    for reason in HandOverReason:
         assert getattr(HandOver, reason.name) == reason
 
 

@@ -33,7 +33,7 @@ from bicycle_common.types import Push
 from bicycle_sim.plants.choi.plant import ChoiPlant
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_tools.nodes import ride_recording, verify_states
-from bicycle_tools.nodes.verify_states import Verdict
+from bicycle_tools.nodes.verify_states import StateVerdict
 
 pytestmark = pytest.mark.ros
 
@@ -41,7 +41,7 @@ pytestmark = pytest.mark.ros
 @pytest.mark.parametrize("prefix", ["", "/red"])
 def test_a_sound_ride_is_proved(ride: list[Message], tmp_path: Path, prefix: str) -> None:
     verdict = judged(tmp_path / "bag", ride, prefix)
-    assert verdict == Verdict(checked=STEPS, begun=1, led=True)
+    assert verdict == StateVerdict(checked=STEPS, begun=1, led=True)
     assert verdict.same
     assert verdict.proved
     assert str(verdict) == "60 states came out again, bit for bit"
@@ -198,7 +198,7 @@ def test_a_recording_that_begins_late_is_proved_from_there(
     ride: list[Message], tmp_path: Path
 ) -> None:
     verdict = judged(tmp_path / "bag", changed(ride, later(20, 20)))
-    assert verdict == Verdict(checked=40, begun=1, led=True, begins="step 20 of episode 1")
+    assert verdict == StateVerdict(checked=40, begun=1, led=True, begins="step 20 of episode 1")
     assert verdict.proved
     assert str(verdict) == (
         "40 states came out again, bit for bit, from where the recording begins: "

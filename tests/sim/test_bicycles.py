@@ -13,7 +13,7 @@ import pytest
 import yaml
 
 from bicycle_sim.plants.whipple import catalogue, linear, measure
-from bicycle_sim.plants.whipple.measure import Measured, RigidRider
+from bicycle_sim.plants.whipple.measure import RigidRider, TapeReadings
 from bicycle_sim.plants.whipple.parameters import Bicycle
 
 MEASURED = (
@@ -89,9 +89,9 @@ def test_estimates_are_the_means_of_the_measured_bicycles() -> None:
         assert measure.ESTIMATES[name].deviation == pytest.approx(deviation, abs=1e-3), name
 
 
-def tape(b: Bicycle, **more: float) -> Measured:
+def tape(b: Bicycle, **more: float) -> TapeReadings:
     """Return the readings of tape measure and scale on a measured bicycle."""
-    return Measured(
+    return TapeReadings(
         wheelbase=b.w,
         head_angle=90.0 - math.degrees(b.lam),
         rear_radius=b.rR,
@@ -142,7 +142,7 @@ def test_fork_offset_gives_the_trail() -> None:
     b = bicycle("browser")
     offset = b.rF * math.sin(b.lam) - b.c * math.cos(b.lam)
     given = {**asdict(tape(b)), "trail": None, "fork_offset": offset}
-    found, _ = measure.bicycle(Measured(**given))
+    found, _ = measure.bicycle(TapeReadings(**given))
     assert found.c == pytest.approx(b.c, rel=1e-12)
 
 

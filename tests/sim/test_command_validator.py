@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from still_clock import Clock
 
 from bicycle_common.types import Command
-from bicycle_sim.runtime.command_validator import QUIET, CommandValidator, Reason
+from bicycle_sim.runtime.command_validator import QUIET, CommandValidator, RejectionReason
 
 LIMITS = np.array([2.0, 0.2, 0.0])
 GOOD = Command(1, 0, 1.0, -0.1, 0.0, (3.0, 4.0), 1, "a", "p")
@@ -42,19 +42,19 @@ def test_an_answer_to_the_present_state_is_obeyed(validator: CommandValidator) -
 @pytest.mark.parametrize(
     ("change", "reason", "words"),
     [
-        ({"torque": math.nan}, Reason.NOT_FINITE, "torque is nan"),
-        ({"pedal_force": math.inf}, Reason.NOT_FINITE, "check the policy"),
-        ({"goal": (math.nan, 0.0)}, Reason.NOT_FINITE, "finite goals"),
-        ({"displacement": 0.2001}, Reason.OUT_OF_RANGE, "beyond the scenario's 0.2 m"),
-        ({"pedal_force": 1e-300}, Reason.OUT_OF_RANGE, "load a policy"),
-        ({"episode": 2}, Reason.WRONG_EPISODE, "this is episode 1"),
-        ({"step": 4}, Reason.FUTURE, "at step 3 only"),
-        ({"step": 0}, Reason.STALE, "step 1 is answered already"),
-        ({"controller": "b", "step": 3}, Reason.SECOND_CONTROLLER, "'a' is in charge"),
+        ({"torque": math.nan}, RejectionReason.NOT_FINITE, "torque is nan"),
+        ({"pedal_force": math.inf}, RejectionReason.NOT_FINITE, "check the policy"),
+        ({"goal": (math.nan, 0.0)}, RejectionReason.NOT_FINITE, "finite goals"),
+        ({"displacement": 0.2001}, RejectionReason.OUT_OF_RANGE, "beyond the scenario's 0.2 m"),
+        ({"pedal_force": 1e-300}, RejectionReason.OUT_OF_RANGE, "load a policy"),
+        ({"episode": 2}, RejectionReason.WRONG_EPISODE, "this is episode 1"),
+        ({"step": 4}, RejectionReason.FUTURE, "at step 3 only"),
+        ({"step": 0}, RejectionReason.STALE, "step 1 is answered already"),
+        ({"controller": "b", "step": 3}, RejectionReason.SECOND_CONTROLLER, "'a' is in charge"),
     ],
 )
 def test_a_bad_command_is_refused_once_aloud(
-    validator: CommandValidator, change: dict[str, Any], reason: Reason, words: str
+    validator: CommandValidator, change: dict[str, Any], reason: RejectionReason, words: str
 ) -> None:
     good = replace(GOOD, step=1)
     assert validator.decide(good, 1).accepted
@@ -85,7 +85,7 @@ def test_a_repeated_answer_keeps_its_sender_alive(
     assert validator.decide(GOOD, 0).accepted
     clock.now += 0.2
     decision = validator.decide(GOOD, 0)
-    assert decision.reason is Reason.DUPLICATE
+    assert decision.reason is RejectionReason.DUPLICATE
     assert decision.warning == ""
     clock.now += 0.2
     assert validator.owner == "a"
@@ -97,10 +97,10 @@ def test_another_controller_takes_over_after_silence_only(
     other = replace(GOOD, controller="b", step=1)
     assert validator.decide(GOOD, 0).accepted
     clock.now += 0.24
-    assert validator.decide(other, 1).reason is Reason.SECOND_CONTROLLER
+    assert validator.decide(other, 1).reason is RejectionReason.SECOND_CONTROLLER
     clock.now += 0.02
     assert validator.decide(other, 1).accepted
-    assert validator.decide(replace(GOOD, step=2), 2).reason is Reason.SECOND_CONTROLLER
+    assert validator.decide(replace(GOOD, step=2), 2).reason is RejectionReason.SECOND_CONTROLLER
 
 
 def test_rubbish_does_not_keep_its_sender_in_charge(
@@ -118,7 +118,7 @@ def test_an_answer_from_long_ago_is_stale_though_nothing_newer_came(
 ) -> None:
     assert validator.decide(replace(GOOD, step=5), 15).accepted
     decision = validator.decide(replace(GOOD, step=6), 17)
-    assert decision.reason is Reason.STALE
+    assert decision.reason is RejectionReason.STALE
     assert "faster controller" in decision.warning
 
 
@@ -130,7 +130,7 @@ def test_answers_in_flight_at_a_reset_are_no_trouble(
     assert validator.newest is None
     clock.now += 0.1
     late = validator.decide(replace(GOOD, step=1), 0)
-    assert (late.reason, late.warning) == (Reason.WRONG_EPISODE, "")
+    assert (late.reason, late.warning) == (RejectionReason.WRONG_EPISODE, "")
     clock.now += QUIET + 1
     assert validator.decide(replace(GOOD, step=1), 0).warning
 
@@ -159,9 +159,9 @@ def test_a_gate_without_settings_lets_another_in_after_a_quarter_second_and_ten_
     assert validator.decide(first, 10).accepted, "episodes are counted from 0"
     clock.now += 0.25
     other = replace(first, controller="b", step=1)
-    assert validator.decide(other, 1).reason is Reason.SECOND_CONTROLLER
+    assert validator.decide(other, 1).reason is RejectionReason.SECOND_CONTROLLER
     clock.now += 0.125
-    assert validator.decide(other, 12).reason is Reason.STALE
+    assert validator.decide(other, 12).reason is RejectionReason.STALE
     assert validator.decide(other, 11).accepted
 
 
@@ -169,7 +169,7 @@ def test_a_repeated_answer_is_known_late_in_a_ride(validator: CommandValidator) 
     # Python keeps one object of each small number only: from 257 on, equal is not identical.
     assert validator.decide(replace(GOOD, step=int("100000")), 100_000).accepted
     decision = validator.decide(replace(GOOD, step=int("100000")), 100_000)
-    assert decision.reason is Reason.DUPLICATE
+    assert decision.reason is RejectionReason.DUPLICATE
 
 
 def test_the_same_trouble_is_told_again_after_just_five_seconds(

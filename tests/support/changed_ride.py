@@ -58,7 +58,7 @@ def with_field(topic: str, step: int, field: str, value: Any) -> Change:
     return change
 
 
-def judged(path: Path, ride: list[Message], prefix: str = "") -> verify_states.Verdict:
+def judged(path: Path, ride: list[Message], prefix: str = "") -> verify_states.StateVerdict:
     """Return the verdict of a bag with these messages."""
     recording = ride_recording.read(recorded(path, ride, prefix))
     (*_, verdict) = verify_states.verify(recording)

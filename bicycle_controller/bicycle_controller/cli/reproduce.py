@@ -12,7 +12,7 @@ from bicycle_controller.cli import options
 from bicycle_controller.reproduce import experiment as experiments
 from bicycle_controller.reproduce.experiment import MODES, Experiment
 from bicycle_controller.reproduce.results import write_results
-from bicycle_controller.reproduce.runner import Options, redraw, reproduce
+from bicycle_controller.reproduce.runner import ReproduceOptions, redraw, reproduce
 
 MOST = 1_000_000
 """Upper bound of episodes, seeds and parallel runs."""
@@ -67,7 +67,7 @@ def run_command(args: argparse.Namespace) -> int:
         value = getattr(args, name)
         in_range = value is None or 1 <= value <= MOST
         require(in_range, f"--{name} must be 1 to {MOST:,}, not {value}")
-    how = Options(
+    how = ReproduceOptions(
         out=args.out,
         short=args.short,
         arms=_arms(args.arms, chosen),

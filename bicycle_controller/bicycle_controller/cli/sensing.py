@@ -15,7 +15,7 @@ from bicycle_controller.cli import options
 from bicycle_controller.control.lqr import TUNED, LqrController
 from bicycle_controller.evaluation import link_loss, sensing
 from bicycle_controller.evaluation.evaluate import wilson
-from bicycle_controller.evaluation.sensing import Conditions, Outcome
+from bicycle_controller.evaluation.sensing import Conditions, SensedRides
 from bicycle_controller.policy.policy import load_controller, write_atomically
 from bicycle_controller.policy.trained_for import unlike_training, warning
 from bicycle_sim.plants import registry
@@ -206,7 +206,7 @@ def _cases(all_of_it: Conditions, costs: bool) -> list[tuple[str, Conditions]]:
     ]
 
 
-def _ride(args: argparse.Namespace, bicycle: str, conditions: Conditions) -> Outcome:
+def _ride(args: argparse.Namespace, bicycle: str, conditions: Conditions) -> SensedRides:
     plant = conditions.applied(registry.named(bicycle=bicycle))
     controller: Controller
     if args.controller in TUNED:

@@ -17,13 +17,18 @@ from bicycle_controller.control.exploration_noise import Noise
 from bicycle_controller.control.goals import GoalTracker, Pose
 from bicycle_controller.control.guide import Guide, PathEnd, PlannedTurns
 from bicycle_controller.control.riding import Riding
-from bicycle_controller.control.safety import Reason, Safety, stopping_pedal
+from bicycle_controller.control.safety import HandOverReason, Safety, stopping_pedal
 from bicycle_controller.control.standby import Standby
 from bicycle_sim.plants.base import Plant
 
 TIMES_KEPT = 2000
 """Number of answers whose computing times are kept: 50 s at 40 Hz."""
-SPEED_IS_WELL = (Reason.EXTRAPOLATED_LEAN, Reason.LEAN, Reason.LEAN_RATE, Reason.STALE)
+SPEED_IS_WELL = (
+    HandOverReason.EXTRAPOLATED_LEAN,
+    HandOverReason.LEAN,
+    HandOverReason.LEAN_RATE,
+    HandOverReason.STALE,
+)
 """Reasons for which the fallback steers while a guide may still choose the speed."""
 QUICK = 0.0005
 """Largest duration of a policy that is warmed up (s); a slower one would delay the next state."""
@@ -363,7 +368,7 @@ class ControlLoop:
     def _tell(self, snapshot: BicycleState, trouble: str) -> ControllerSwitch:
         """Return the latest switch, and end the pursuit of the goal if a stop is requested."""
         assert self.safety is not None
-        reason = Reason(int(self.safety.reason[0]))
+        reason = HandOverReason(int(self.safety.reason[0]))
         policy, fallback = self.policy.policy_id, self._fallback_id
         text = f"calm again: policy {policy} drives"
         if reason:

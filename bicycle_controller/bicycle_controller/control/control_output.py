@@ -9,7 +9,7 @@ import numpy as np
 
 from bicycle_common.types import Command
 from bicycle_controller.control.goals import Event
-from bicycle_controller.control.safety import Reason
+from bicycle_controller.control.safety import HandOverReason
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class ControllerSwitch:
     episode: int
     step: int
     """Step of the state answered by the new controller."""
-    reason: Reason
+    reason: HandOverReason
     """Why the fallback drives; NONE if the policy drives again."""
     stop: bool
     """True if the bicycle is stopped until a new goal comes."""

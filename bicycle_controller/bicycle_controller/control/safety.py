@@ -56,7 +56,7 @@ STOP_GAIN = 200.0
 """N of pedal force per m/s above it."""
 
 
-class Reason(IntEnum):
+class HandOverReason(IntEnum):
     """Why the fallback drives; the numbers are those of HandOver."""
 
     NONE = 0
@@ -69,19 +69,19 @@ class Reason(IntEnum):
     POLICY = 7
 
 
-WATCHED = tuple(Reason)[1:7]
+WATCHED = tuple(HandOverReason)[1:7]
 """Rows of `_measures`, in its order."""
 
 CALM = np.array([0.5, 0.7, 0.5, 0.97, 0.97, 0.5])[:, None]
 """Share of each limit that must not be exceeded before the policy gets the bicycle back."""
 
 _WORDS = {
-    Reason.EXTRAPOLATED_LEAN: ("extrapolated lean", "rad"),
-    Reason.LEAN: ("lean", "rad"),
-    Reason.LEAN_RATE: ("lean rate", "rad/s"),
-    Reason.TOO_SLOW: ("speed", "m/s"),
-    Reason.TOO_FAST: ("speed", "m/s"),
-    Reason.STALE: ("age of the command that led to the state", "steps"),
+    HandOverReason.EXTRAPOLATED_LEAN: ("extrapolated lean", "rad"),
+    HandOverReason.LEAN: ("lean", "rad"),
+    HandOverReason.LEAN_RATE: ("lean rate", "rad/s"),
+    HandOverReason.TOO_SLOW: ("speed", "m/s"),
+    HandOverReason.TOO_FAST: ("speed", "m/s"),
+    HandOverReason.STALE: ("age of the command that led to the state", "steps"),
 }
 
 
@@ -125,7 +125,7 @@ class Safety:
     """Says for every state who drives, and keeps commands from jumping.
 
     Attributes:
-        reason: (N,) why the fallback drives, a `Reason`; 0 where the policy does.
+        reason: (N,) why the fallback drives, a `HandOverReason`; 0 where the policy does.
         hand_overs: (N,) times that it took over.
         limited: (N,) commands whose change was cut.
     """
@@ -254,7 +254,9 @@ class Safety:
 
     def fail(self, failed: np.ndarray) -> np.ndarray:
         """Take over where the policy gave no action, bool (N,); returns the reasons again."""
-        self._take_over(failed & (self.reason == 0), np.full(len(failed), int(Reason.POLICY)))
+        self._take_over(
+            failed & (self.reason == 0), np.full(len(failed), int(HandOverReason.POLICY))
+        )
         return self.reason
 
     def limit(self, action: np.ndarray, steps: int = 1) -> np.ndarray:
@@ -273,13 +275,13 @@ class Safety:
 
     def explain(self, index: int = 0) -> str:
         """Why the fallback drives bicycle `index`, in words with numbers."""
-        reason = Reason(int(self.reason[index]))
+        reason = HandOverReason(int(self.reason[index]))
         if reason not in _WORDS:
             return ""
         what, unit = _WORDS[reason]
         row = WATCHED.index(reason)
         value, limit = self._values[row, index], self._limits[row, index]
-        if reason is Reason.STALE and math.isinf(value):
+        if reason is HandOverReason.STALE and math.isinf(value):
             return "no command led to the state"
         return f"{what} {value:.3g} {unit} is beyond {limit:.3g} {unit}"
 

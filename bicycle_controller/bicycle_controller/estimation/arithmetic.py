@@ -47,7 +47,7 @@ TURN_SHARE = 0.05
 """Standard deviation of the modelled yaw rate, as a share of it; added to the configured one."""
 
 
-class Measured(IntEnum):
+class ImuReadings(IntEnum):
     """Measurements of an IMU that the model explains."""
 
     ROLL_TURN = 0
@@ -265,7 +265,7 @@ class Arithmetic:
         p[:, 1, 1] += along * go
         p[:, 2, 2] += along * go
 
-    def expected(self, what: Measured, then: np.ndarray) -> Expected:
+    def expected(self, what: ImuReadings, then: np.ndarray) -> Expected:
         """Return what an IMU should measure in states `then` (N, 13).
 
         Compiled, the answer is good until the next call.

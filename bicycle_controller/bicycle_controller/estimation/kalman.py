@@ -20,7 +20,7 @@ from bicycle_controller.estimation.arithmetic import (
     STEP,
     Arithmetic,
     Belief,
-    Measured,
+    ImuReadings,
     Numbers,
     wrapped,
 )
@@ -188,7 +188,7 @@ class Filter:
         turn_force = (parts[..., 0] + parts[..., 1]) + parts[..., 2]
         roll, yaw, side = turn_force[:, 0, 0], turn_force[:, 0, 2], turn_force[:, 1, 1]
         there = known[:, 0]
-        expected = self._arithmetic.expected(Measured.ROLL_TURN, self._history.at(time))
+        expected = self._arithmetic.expected(ImuReadings.ROLL_TURN, self._history.at(time))
         error = roll - expected.value
         resting = self.resting
         if resting.any():
@@ -197,10 +197,10 @@ class Filter:
             self._leave_rest(there & resting & turns)
         self._correct(time, error, expected.slopes, expected.noise, there)
         there = there & known[:, 1] & known[:, 2]
-        expected = self._arithmetic.expected(Measured.YAW_TURN, self._history.at(time))
+        expected = self._arithmetic.expected(ImuReadings.YAW_TURN, self._history.at(time))
         self._correct(time, yaw - expected.value, expected.slopes, expected.noise, there)
         there = known[:, 0] & known[:, 3:].all(axis=1)
-        expected = self._arithmetic.expected(Measured.SIDE_FORCE, self._history.at(time))
+        expected = self._arithmetic.expected(ImuReadings.SIDE_FORCE, self._history.at(time))
         error = side - expected.value
         self._correct(time, error, expected.slopes, expected.noise, there, self.settings.gate)
 

@@ -17,7 +17,7 @@ from bicycle_controller.estimation.arithmetic import (
     Arithmetic,
     Belief,
     Expected,
-    Measured,
+    ImuReadings,
     Numbers,
 )
 from bicycle_controller.estimation.model import Model
@@ -133,7 +133,7 @@ class NativeArithmetic(Arithmetic):
         """See `Arithmetic.predict`."""
         self._library.predict(self._all, dt)
 
-    def expected(self, what: Measured, then: np.ndarray) -> Expected:
+    def expected(self, what: ImuReadings, then: np.ndarray) -> Expected:
         """See `Arithmetic.expected`."""
         self._state[:] = then
         self._library.expected(self._all, what, *self._for_expected)

@@ -94,7 +94,7 @@ class Conditions:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SensedRides:
     """Results of N rides."""
 
     fallen: np.ndarray
@@ -113,7 +113,7 @@ class Outcome:
     """(N,) N m."""
 
     @classmethod
-    def join(cls, parts: list[Outcome]) -> Outcome:
+    def join(cls, parts: list[SensedRides]) -> SensedRides:
         """Return all rides of several parts."""
         names = [item.name for item in fields(cls)]
         return cls(**{n: np.concatenate([getattr(part, n) for part in parts]) for n in names})
@@ -145,7 +145,7 @@ def ride(
     count: int,
     seed: int,
     model: Plant[Any] | None = None,
-) -> Outcome:
+) -> SensedRides:
     """Ride `count` bicycles.
 
     Args:
@@ -168,7 +168,7 @@ def ride(
         for _ in range(round(conditions.duration / rides.period)):
             rides.step()
         parts.append(rides.outcome())
-    return Outcome.join(parts)
+    return SensedRides.join(parts)
 
 
 class _Rides:
@@ -285,11 +285,11 @@ class _Rides:
         self.sums[2] += upright * wrap_angle(self.state.heading - self.wanted) ** 2
         self.sums[3] += upright * torque**2
 
-    def outcome(self) -> Outcome:
+    def outcome(self) -> SensedRides:
         """Return the summary of all rides."""
         number = np.maximum(self.counted, 1.0)
         square, mean, heading, torque = self.sums / number
-        return Outcome(
+        return SensedRides(
             fallen=np.isfinite(self.fall_step),
             fall_time=self.fall_step * self.period,
             speed=self.speed,

@@ -7,7 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from bicycle_controller.identification.logs import Array
-from bicycle_controller.identification.ride_model import Noise, delivered, explained, matrices
+from bicycle_controller.identification.ride_model import (
+    OutputNoise,
+    delivered,
+    explained,
+    matrices,
+)
 from bicycle_controller.identification.windows import Stack
 from bicycle_sim.plants.whipple.parameters import Motor, Parameters
 from bicycle_sim.plants.whipple.plant import WhipplePlant
@@ -18,7 +23,7 @@ MOST = (0.5, 0.3)
 """rad/s and rad; windows with a larger difference stay as they are."""
 
 
-def straightened(p: Parameters, stacks: list[Stack], noise: Noise) -> list[Stack]:
+def straightened(p: Parameters, stacks: list[Stack], noise: OutputNoise) -> list[Stack]:
     """Return the windows as a linear bicycle would have ridden them.
 
     From a window's initial state and torque both bicycles are simulated; their difference is taken

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from bicycle_controller.identification.logs import Array, Log
-from bicycle_controller.identification.ride_model import Noise, matrices, residuals, weave
-from bicycle_controller.identification.ringdown import Measured
+from bicycle_controller.identification.ride_model import OutputNoise, matrices, residuals, weave
+from bicycle_controller.identification.ringdown import MeasuredMode
 from bicycle_controller.identification.unknowns import Unknowns
 from bicycle_controller.identification.windows import Stack
 from bicycle_sim.plants.whipple.parameters import Parameters
@@ -40,7 +40,7 @@ class Fit:
         return self.unknowns.parameters(self.x)
 
 
-def noise_of(logs: list[Log]) -> Noise:
+def noise_of(logs: list[Log]) -> OutputNoise:
     """Return the outputs' noise: third differences, which a bicycle's own motion hardly has."""
     levels = []
     for key, least in (("lean_rate", 1e-3), ("steer_angle", 1e-4)):
@@ -54,15 +54,15 @@ def noise_of(logs: list[Log]) -> Noise:
         quantum = float(np.quantile(some, 0.01)) if len(some) else 0.0
         white = 1.4826 * float(np.median(np.abs(third))) / np.sqrt(20.0)
         levels.append(max(least, white, quantum / np.sqrt(12.0)))
-    return Noise(*levels)
+    return OutputNoise(*levels)
 
 
 def fit(
     unknown: Unknowns,
     stacks: list[Stack],
-    noise: Noise,
+    noise: OutputNoise,
     gains: Array | None = None,
-    measured: list[tuple[Measured, float]] | None = None,
+    measured: list[tuple[MeasuredMode, float]] | None = None,
     start: Array | None = None,
     turns: int = 3,
 ) -> Fit:

@@ -16,9 +16,9 @@ from bicycle_common.validation import require
 from bicycle_controller.identification.curvature import straightened
 from bicycle_controller.identification.fitting import Fit, fit, noise_of
 from bicycle_controller.identification.logs import Array, Log, Piece
-from bicycle_controller.identification.ride_model import Noise, matrices, residuals, weave
-from bicycle_controller.identification.ringdown import Measured, Ringdown, ringdowns, summary
-from bicycle_controller.identification.score import Score, ahead, law_of
+from bicycle_controller.identification.ride_model import OutputNoise, matrices, residuals, weave
+from bicycle_controller.identification.ringdown import MeasuredMode, Ringdown, ringdowns, summary
+from bicycle_controller.identification.score import PredictionScore, ahead, law_of
 from bicycle_controller.identification.unknowns import EXTRAS, Unknowns, unknowns
 from bicycle_controller.identification.windows import Window, cut, stacks
 from bicycle_sim.plants.whipple.parameters import Parameters
@@ -66,16 +66,16 @@ class Identified:
 
     fit: Fit
     logs: list[Log]
-    noise: Noise
+    noise: OutputNoise
     laws: list[tuple[float, float] | None]
     """(a, b) of each log whose torque is (a + b v) times the lean rate; else None."""
     by_pushes: bool
     """True if modes after pushes were fitted, False if the whole ride was."""
-    measured: list[Measured]
+    measured: list[MeasuredMode]
     modes: list[Mode]
-    held_out: tuple[Score, Score]
+    held_out: tuple[PredictionScore, PredictionScore]
     held_out_names: list[str]
-    held_out_modes: list[tuple[Measured, Mode]]
+    held_out_modes: list[tuple[MeasuredMode, Mode]]
 
     @property
     def parameters(self) -> Parameters:
@@ -184,7 +184,7 @@ def _checked(logs: list[Log]) -> list[Window]:
     return windows
 
 
-def _check_signs(prior: Parameters, windows: list[Window], noise: Noise) -> None:
+def _check_signs(prior: Parameters, windows: list[Window], noise: OutputNoise) -> None:
     """Refuse logs that the prior bicycle explains far better with a sign turned round."""
     m = matrices(prior)
     groups = stacks(_spread(windows, 40))
@@ -208,7 +208,7 @@ def _fitted(
     logs: list[Log],
     prior: Parameters,
     trust: float,
-    noise: Noise,
+    noise: OutputNoise,
     laws: list[tuple[float, float] | None],
     windows: list[Window],
     pushed: list[list[Ringdown]],

@@ -25,7 +25,7 @@ CONSTANT_TORQUE, STEER_OFFSET = 0.5, 0.03
 """N m and rad: standard deviations of a window's constants."""
 
 
-class Noise(NamedTuple):
+class OutputNoise(NamedTuple):
     """Standard deviations of the two outputs."""
 
     lean_rate: float
@@ -106,7 +106,7 @@ def residuals(
     p: Parameters,
     m: Matrices,
     stack: Stack,
-    noise: Noise,
+    noise: OutputNoise,
     gains: Array | None = None,
     known: int | None = None,
 ) -> Array:
@@ -133,7 +133,7 @@ def residuals(
     return found
 
 
-def explained(p: Parameters, m: Matrices, stack: Stack, noise: Noise) -> tuple[Array, Array]:
+def explained(p: Parameters, m: Matrices, stack: Stack, noise: OutputNoise) -> tuple[Array, Array]:
     """Return what `residuals` leaves under the logged torque, and what it solved for.
 
     Returns:
@@ -147,7 +147,7 @@ def _rows(
     p: Parameters,
     m: Matrices,
     stack: Stack,
-    noise: Noise,
+    noise: OutputNoise,
     gain: float | None,
     rows: Array,
     known: int | None,

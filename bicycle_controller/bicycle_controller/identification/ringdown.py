@@ -35,7 +35,7 @@ class Ringdown(NamedTuple):
     explained: float
 
 
-class Measured(NamedTuple):
+class MeasuredMode(NamedTuple):
     """The mode of one log: medians over its pushes with standard errors."""
 
     log: str
@@ -84,7 +84,7 @@ def ringdowns(log: Log) -> list[Ringdown]:
     return found
 
 
-def summary(log: Log, found: list[Ringdown]) -> list[Measured]:
+def summary(log: Log, found: list[Ringdown]) -> list[MeasuredMode]:
     """Return the mode of a log at each speed at which three pushes or more show it."""
     order = sorted(found, key=lambda one: one.speed)
     groups: list[list[Ringdown]] = []
@@ -96,14 +96,14 @@ def summary(log: Log, found: list[Ringdown]) -> list[Measured]:
     return [_mean(log, group) for group in groups if len(group) >= ENOUGH]
 
 
-def _mean(log: Log, found: list[Ringdown]) -> Measured:
+def _mean(log: Log, found: list[Ringdown]) -> MeasuredMode:
     sigma, omega = (np.array([getattr(one, key) for one in found]) for key in ("sigma", "omega"))
 
     def error(values: Array, least: float) -> float:
         spread = 1.4826 * float(np.median(np.abs(values - np.median(values))))
         return max(1.25 * spread / float(np.sqrt(len(values))), least)
 
-    return Measured(
+    return MeasuredMode(
         log.name,
         float(np.mean([one.speed for one in found])),
         float(np.median(sigma)),

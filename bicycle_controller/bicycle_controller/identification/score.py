@@ -12,7 +12,7 @@ from bicycle_controller.identification.pushes import pushed, pushes, released
 from bicycle_controller.identification.ride_model import (
     LEAN_RATE,
     STEER,
-    Noise,
+    OutputNoise,
     closed,
     delivered,
     matrices,
@@ -28,7 +28,7 @@ UNKNOWN = (2.0, 6.0)
 """rad/s^2 per square root of Hz: accelerations of lean and steering that no model knows."""
 
 
-class Score(NamedTuple):
+class PredictionScore(NamedTuple):
     """Score of predictions over a log, or over several."""
 
     explained: float
@@ -42,10 +42,10 @@ class Score(NamedTuple):
 def ahead(
     p: Parameters,
     logs: list[Log],
-    noise: Noise,
+    noise: OutputNoise,
     laws: list[tuple[float, float] | None],
     since: float = 0.0,
-) -> tuple[Score, Score]:
+) -> tuple[PredictionScore, PredictionScore]:
     """Return the scores of predictions of the lean rate AHEAD from what was seen before.
 
     The present state is a Kalman filter's, of the same bicycle. No prediction spans a push.
@@ -84,17 +84,19 @@ def ahead(
     return _score(ends), _score(paths)
 
 
-def _score(parts: list[tuple[Array, Array]]) -> Score:
+def _score(parts: list[tuple[Array, Array]]) -> PredictionScore:
     if sum(len(wanted) for wanted, _ in parts) < 2:
-        return Score(float("nan"), float("nan"), 0)
+        return PredictionScore(float("nan"), float("nan"), 0)
     wanted, guess = (np.concatenate(side) for side in zip(*parts, strict=True))
     error = np.clip(guess - wanted, -1e3, 1e3)
     variance = float(((wanted - wanted.mean()) ** 2).sum())
     explained = 1.0 - float((error**2).sum()) / max(variance, 1e-12)
-    return Score(explained, float(np.sqrt((error**2).mean())), len(wanted))
+    return PredictionScore(explained, float(np.sqrt((error**2).mean())), len(wanted))
 
 
-def _foretold(p: Parameters, piece: Piece, noise: Noise, law: tuple[float, float] | None) -> Array:
+def _foretold(
+    p: Parameters, piece: Piece, noise: OutputNoise, law: tuple[float, float] | None
+) -> Array:
     """Return (n - count, count) lean rates foretold at each sample for the next ones."""
     count, dt = round(AHEAD / piece.dt), piece.dt
     torque = delivered(p, piece.torque[None], dt, len(piece.torque))[0]
@@ -129,7 +131,7 @@ def _foretold(p: Parameters, piece: Piece, noise: Noise, law: tuple[float, float
 
 
 def _tools(
-    p: Parameters, m: Matrices, speed: float, dt: float, noise: Noise
+    p: Parameters, m: Matrices, speed: float, dt: float, noise: OutputNoise
 ) -> tuple[Array, Array, Array]:
     """Return the step (6, 6), the torque's part (6,) and the filter's gain (6, 2).
 

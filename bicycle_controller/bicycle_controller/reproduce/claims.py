@@ -10,9 +10,9 @@ from collections.abc import Callable
 
 from bicycle_controller.reproduce import learning_claims, riding_claims
 from bicycle_controller.reproduce.experiment import Experiment
-from bicycle_controller.reproduce.verdicts import Summary, Verdict
+from bicycle_controller.reproduce.verdicts import FigureVerdict, Summary
 
-CLAIMS: dict[str, Callable[[Experiment, Summary], Verdict]] = {
+CLAIMS: dict[str, Callable[[Experiment, Summary], FigureVerdict]] = {
     "terms": learning_claims.terms,
     "learning": learning_claims.learning,
     "states": learning_claims.states,
@@ -25,6 +25,6 @@ CLAIMS: dict[str, Callable[[Experiment, Summary], Verdict]] = {
 }
 
 
-def verdict(experiment: Experiment, summary: Summary) -> Verdict:
+def verdict(experiment: Experiment, summary: Summary) -> FigureVerdict:
     """Return the verdict on an experiment's claims."""
     return CLAIMS[experiment.picture](experiment, summary)

@@ -92,7 +92,7 @@ def scored(experiment: Experiment, mode: str, ridden: Ridden, rides: int) -> Row
 
 
 @dataclass(frozen=True)
-class Trace:
+class ExperimentTrace:
     """N rides step by step: arrays of shape (steps + 1, N) or (steps + 1, N, 6 or 3)."""
 
     x: np.ndarray
@@ -113,7 +113,7 @@ class Trace:
 
 def trace(
     controller: Controller, scenario: Scenario, plant: Plant[Any], count: int, seed: int = SEED
-) -> Trace:
+) -> ExperimentTrace:
     """Ride `count` bicycles to their ends and record every step."""
     task = BicycleTask(scenario, plant, count, np.random.default_rng((seed, 0, 0)))
     limits = scenario.action_limits
@@ -138,10 +138,10 @@ def trace(
         fallen |= going & step.fallen
         going &= ~(step.terminated | step.truncated | step.fallen)
     x, y, speed, seen, acted = (np.stack(values) for values in zip(*kept, strict=True))
-    return Trace(x, y, speed, seen, acted, length, reached, fallen)
+    return ExperimentTrace(x, y, speed, seen, acted, length, reached, fallen)
 
 
-def ways(ridden: Ridden, traced: Trace) -> list[Row]:
+def ways(ridden: Ridden, traced: ExperimentTrace) -> list[Row]:
     """Return the points of each ride's track."""
     rows: list[Row] = []
     for ride, length in enumerate(traced.length):
@@ -154,7 +154,7 @@ def ways(ridden: Ridden, traced: Trace) -> list[Row]:
     return rows
 
 
-def states(ridden: Ridden, traced: Trace, plant: Plant[Any]) -> list[Row]:
+def states(ridden: Ridden, traced: ExperimentTrace, plant: Plant[Any]) -> list[Row]:
     """Return every step of the first ride that reached its goal, or else of the first ride."""
     ride = int(np.argmax(traced.reached))
     rows: list[Row] = []
@@ -167,7 +167,7 @@ def states(ridden: Ridden, traced: Trace, plant: Plant[Any]) -> list[Row]:
     return rows
 
 
-def profile(ridden: Ridden, traced: Trace, every: int = 4) -> list[Row]:
+def profile(ridden: Ridden, traced: ExperimentTrace, every: int = 4) -> list[Row]:
     """Return speed and absolute heading error by step, over the rides still running."""
     rows: list[Row] = []
     for step in range(0, int(traced.length.max()) + 1, every):

@@ -68,7 +68,7 @@ class Arm:
 
 
 @dataclass(frozen=True)
-class Rider:
+class ExistingController:
     """An existing controller."""
 
     name: str
@@ -133,7 +133,7 @@ class Experiment:
     ride_set: tuple[str, ...] = ()
     """Changes of the scenario in rides only."""
     arms: tuple[Arm, ...] = ()
-    riders: tuple[Rider, ...] = ()
+    riders: tuple[ExistingController, ...] = ()
     variants: tuple[Variant, ...] = (ALL,)
     train_variants: bool = True
     """True to train every arm on every variant; False to train once, without variants."""
@@ -215,7 +215,7 @@ def build(name: str, tree: dict[str, Any]) -> Experiment:
     values = dict(tree)
     for key in ("full", "short"):
         values[key] = _made(Length, tree[key])
-    for key, kind in (("arms", Arm), ("riders", Rider), ("variants", Variant)):
+    for key, kind in (("arms", Arm), ("riders", ExistingController), ("variants", Variant)):
         if key in tree:
             values[key] = tuple(_made(kind, item) for item in tree[key])
     for key in ("paper", "differs"):

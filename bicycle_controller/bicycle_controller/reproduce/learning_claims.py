@@ -9,9 +9,9 @@ from bicycle_controller.reproduce.formatting import number, percent
 from bicycle_controller.reproduce.verdicts import (
     DDPG,
     Entry,
+    FigureVerdict,
     Part,
     Summary,
-    Verdict,
     arrivals,
     at_length,
     first,
@@ -38,12 +38,12 @@ SETTLED = 0.05
 """Share of its range within which a state counts as zero."""
 
 
-def terms(experiment: Experiment, summary: Summary) -> Verdict:
+def terms(experiment: Experiment, summary: Summary) -> FigureVerdict:
     """Figure 9: every term shrinks, and the heading term is the largest at first."""
     found = training(summary, arm=DDPG)
     notes = [_lost(experiment, summary, arm) for arm in ("paper", "fast")]
     if found is None:
-        return Verdict(not_run("the terms tend to zero"), tuple(notes))
+        return FigureVerdict(not_run("the terms tend to zero"), tuple(notes))
     start, end = ({n: -found[part][n][0] for n in TERMS} for part in ("first", "last"))
     shrunk = [name for name in TERMS if end[name] < start[name]]
     lean = sum(start[n] for n in TERMS[:3]), sum(end[n] for n in TERMS[:3])
@@ -61,7 +61,7 @@ def terms(experiment: Experiment, summary: Summary) -> Verdict:
     closes = Part("the gap between them closes", gap[1] < gap[0], shown, full)
     said = f"`{DDPG}`: {over(experiment, found)}{of_runs(found)}."
     notes = [said, *notes, arrivals(summary, experiment, ("paper", DDPG))]
-    return Verdict((most, shrink, closes), tuple(notes))
+    return FigureVerdict((most, shrink, closes), tuple(notes))
 
 
 def _lost(experiment: Experiment, summary: Summary, arm: str) -> str:
@@ -73,7 +73,7 @@ def _lost(experiment: Experiment, summary: Summary, arm: str) -> str:
     return f"`{arm}`: return from {start} to {end} over {over(experiment, found)}{of_runs(found)}."
 
 
-def learning(experiment: Experiment, summary: Summary) -> Verdict:
+def learning(experiment: Experiment, summary: Summary) -> FigureVerdict:
     """Figure 10: DDPG ends above NAF and PPO and varies less than PPO; NAF does not balance."""
     arms = {name: training(summary, arm=name) for name in (DDPG, "naf", "ppo")}
     ddpg, naf, ppo = arms.values()
@@ -95,7 +95,7 @@ def learning(experiment: Experiment, summary: Summary) -> Verdict:
     lengths = [f"`{n}`: {over(experiment, e)}" for n, e in arms.items() if e is not None]
     said = f"{', '.join(lengths)}." if lengths else "None of the three was run."
     names = ("paper", DDPG, "naf", "ppo", "fast", "fixed-speed", "lqr", "lqr-20cm")
-    return Verdict(parts, (said, arrivals(summary, experiment, names)))
+    return FigureVerdict(parts, (said, arrivals(summary, experiment, names)))
 
 
 def _unbalanced(experiment: Experiment, summary: Summary, naf: Entry | None) -> Part:
@@ -123,7 +123,7 @@ def _number(value: float | None) -> str:
     return "unknown" if value is None else number(value)
 
 
-def states(experiment: Experiment, summary: Summary) -> Verdict:
+def states(experiment: Experiment, summary: Summary) -> FigureVerdict:
     """Figure 11: the states come to rest near zero."""
     trained = training(summary, arm=DDPG)
     notes = []
@@ -138,7 +138,7 @@ def states(experiment: Experiment, summary: Summary) -> Verdict:
         notes.append(f"`{entry['rider']}` arrives upright, {text}.")
     ride = first(summary["states"], rider=DDPG)
     if trained is None or ride is None:
-        return Verdict(not_run("all six states converge to zero"), tuple(notes))
+        return FigureVerdict(not_run("all six states converge to zero"), tuple(notes))
     worst, left = unsettled(ride)
     full = at_length(experiment, trained)
     shown = f"`{DDPG}` {'arrives' if ride['reached'] else 'never arrives'} after"
@@ -147,7 +147,7 @@ def states(experiment: Experiment, summary: Summary) -> Verdict:
     shown = f"{worst.replace('_', ' ')} ends within {percent(left)} of its range"
     settled = ride["reached"] and left <= SETTLED
     rests = Part("all six states converge to zero", settled, shown, full)
-    return Verdict((arrives, rests), tuple(notes))
+    return FigureVerdict((arrives, rests), tuple(notes))
 
 
 def unsettled(entry: Entry) -> tuple[str, float]:

@@ -9,7 +9,7 @@ from typing import Any
 from bicycle_controller.reproduce.claims import verdict
 from bicycle_controller.reproduce.formatting import number, percent
 from bicycle_controller.reproduce.learning_claims import unsettled
-from bicycle_controller.reproduce.result import Result, title
+from bicycle_controller.reproduce.result import ExperimentResult, title
 from bicycle_controller.reproduce.verdicts import is_short, training
 
 Entry = dict[str, Any]
@@ -29,7 +29,7 @@ GROUPS = ("authors", "paper", "best", "lqr")
 NONE = "-"
 
 
-def overview(results: list[Result], mode: str, pages: Path) -> list[str]:
+def overview(results: list[ExperimentResult], mode: str, pages: Path) -> list[str]:
     """Return the table of one mode's results; its links lead into the folder `pages`."""
     head = " | ".join(COLUMNS).format(mode=mode)
     lines = [f"| {head} |", "| --- " * len(COLUMNS) + "|"]
@@ -44,7 +44,7 @@ def overview(results: list[Result], mode: str, pages: Path) -> list[str]:
     return lines
 
 
-def causes(results: list[Result], pages: Path) -> list[str]:
+def causes(results: list[ExperimentResult], pages: Path) -> list[str]:
     """Return the table of changes made to find the cause of a failed claim."""
     lines = ["| why | the paper | physics | what came of it |", "| --- " * 4 + "|"]
     for item in results:
@@ -55,7 +55,7 @@ def causes(results: list[Result], pages: Path) -> list[str]:
     return lines
 
 
-def _marked(item: Result, text: str, arm: str, variant: str = "") -> str:
+def _marked(item: ExperimentResult, text: str, arm: str, variant: str = "") -> str:
     """Return a number, marked if its runs are shorter or fewer than the paper's."""
     wanted = {"arm": arm} | ({"variant": variant} if variant else {})
     entry = training(item.summary, **wanted)
@@ -64,12 +64,12 @@ def _marked(item: Result, text: str, arm: str, variant: str = "") -> str:
     return f"{text} (short)"
 
 
-def _goals(item: Result, role: str) -> str:
+def _goals(item: ExperimentResult, role: str) -> str:
     """Return the largest share of goals that a controller of this role reaches without noise."""
     return _of_variant(item, role, item.experiment.variants[0].name)
 
 
-def _of_variant(item: Result, role: str, variant: str) -> str:
+def _of_variant(item: ExperimentResult, role: str, variant: str) -> str:
     mine = [e for e in _rides(item, role) if e["variant"] == variant]
     if not mine:
         return ""
@@ -77,14 +77,14 @@ def _of_variant(item: Result, role: str, variant: str) -> str:
     return _marked(item, percent(best["reached"][0]), best["rider"], variant)
 
 
-def _by_displacement(item: Result, role: str) -> str:
+def _by_displacement(item: ExperimentResult, role: str) -> str:
     """Return the goals without displacement, and with the most."""
     ends = item.experiment.variants[0], item.experiment.variants[-1]
     cells = [_of_variant(item, role, variant.name) or NONE for variant in ends]
     return "" if set(cells) == {NONE} else " → ".join(cells)
 
 
-def _worst(item: Result, role: str) -> str:
+def _worst(item: ExperimentResult, role: str) -> str:
     """Return the best share of goals of this role, on the variant where it is smallest."""
     worst: dict[str, float] = {}
     for entry in _rides(item, role):
@@ -96,7 +96,7 @@ def _worst(item: Result, role: str) -> str:
     return _marked(item, percent(worst[best]), best)
 
 
-def _returns(item: Result, role: str) -> str:
+def _returns(item: ExperimentResult, role: str) -> str:
     """Return the best return of an episode in the last tenth of training."""
     mine = [entry for entry in item.summary["training"] if entry["role"] == role]
     if not mine:
@@ -105,7 +105,7 @@ def _returns(item: Result, role: str) -> str:
     return _marked(item, number(best["last"]["return"][0]), best["arm"])
 
 
-def _settled(item: Result, role: str) -> str:
+def _settled(item: ExperimentResult, role: str) -> str:
     """Return the final distance from zero of the least settled state, as a share of its range."""
     mine = [entry for entry in item.summary["states"] if entry["role"] == role]
     arrived = [entry for entry in mine if entry["reached"]]
@@ -117,11 +117,11 @@ def _settled(item: Result, role: str) -> str:
     return _marked(item, percent(unsettled(best)[1]), best["rider"])
 
 
-def _rides(item: Result, role: str) -> list[Entry]:
+def _rides(item: ExperimentResult, role: str) -> list[Entry]:
     return [entry for entry in item.summary["rides"] if entry["role"] == role]
 
 
-COUNTED: dict[str, tuple[str, Callable[[Result, str], str]]] = {
+COUNTED: dict[str, tuple[str, Callable[[ExperimentResult, str], str]]] = {
     "terms": ("return of an episode at the end of training", _returns),
     "learning": ("goals without noise", _goals),
     "states": ("largest state at the end of a ride, of its range", _settled),

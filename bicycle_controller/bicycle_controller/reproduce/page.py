@@ -7,9 +7,9 @@ from typing import Any
 from bicycle_controller.reproduce.claims import verdict
 from bicycle_controller.reproduce.formatting import lengths, mean, rate
 from bicycle_controller.reproduce.pictures import PICTURE
-from bicycle_controller.reproduce.result import Result, title
+from bicycle_controller.reproduce.result import ExperimentResult, title
 from bicycle_controller.reproduce.style import label
-from bicycle_controller.reproduce.verdicts import Verdict, asked, is_short
+from bicycle_controller.reproduce.verdicts import FigureVerdict, asked, is_short
 
 READING = """\
 `paper` is DDPG by tables 2 and 3 as printed, `authors` by what their code ran, `fast` is ours; all
@@ -21,7 +21,7 @@ largest), which for shares hold Wilson's over all rides as well; a single run's 
 Wilson's. A run is `short` of the paper's length where its row says so."""
 
 
-def page(results: list[Result], links: dict[str, str], up: str) -> str:
+def page(results: list[ExperimentResult], links: dict[str, str], up: str) -> str:
     """Return the page of one experiment.
 
     Args:
@@ -47,7 +47,7 @@ def page(results: list[Result], links: dict[str, str], up: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _claims(found: Verdict) -> list[str]:
+def _claims(found: FigureVerdict) -> list[str]:
     """Return the parts of a claim as a list, then the notes."""
     lines = [f"**{found.word}.**", ""] if found.parts else []
     lines += [f"- {part.text}" for part in found.parts]
@@ -56,7 +56,7 @@ def _claims(found: Verdict) -> list[str]:
     return [*lines, *found.notes] if len(found.notes) < 2 else [*lines, " ".join(found.notes)]
 
 
-def _provenance(result: Result, data: str) -> list[str]:
+def _provenance(result: ExperimentResult, data: str) -> list[str]:
     """Return the origin of the numbers."""
     run = result.run
     trained = run["training"]
@@ -73,7 +73,7 @@ def _provenance(result: Result, data: str) -> list[str]:
     return [text + "."]
 
 
-def _training_table(result: Result) -> list[str]:
+def _training_table(result: ExperimentResult) -> list[str]:
     """Return the results of training, by arm and variant."""
     rows = result.summary["training"]
     if not rows:
@@ -88,7 +88,7 @@ def _training_table(result: Result) -> list[str]:
     return [*lines, ""]
 
 
-def _length(result: Result, row: dict[str, Any]) -> str:
+def _length(result: ExperimentResult, row: dict[str, Any]) -> str:
     """Return runs and their length, and the requested ones if larger."""
     experiment = result.experiment
     text = f"{row['runs']} × {lengths(row)}"
@@ -96,7 +96,7 @@ def _length(result: Result, row: dict[str, Any]) -> str:
     return f"{text} (short: {full})" if is_short(experiment, row) else text
 
 
-def _rides_table(result: Result) -> list[str]:
+def _rides_table(result: ExperimentResult) -> list[str]:
     """Return the results of rides without noise."""
     head = "| rides without noise | runs × rides | reached | fell | steps | return | median time |"
     lines = [head, "| --- " * (head.count("|") - 1) + "|"]
@@ -110,7 +110,7 @@ def _rides_table(result: Result) -> list[str]:
     return lines
 
 
-def _named(result: Result, name: str, variant: str) -> str:
+def _named(result: ExperimentResult, name: str, variant: str) -> str:
     """Return the name of a controller, with the variant if there are several."""
     words = label(name) if label(name) == name else f"{label(name)} (`{name}`)"
     text = result.experiment.variant(variant).label if variant else ""

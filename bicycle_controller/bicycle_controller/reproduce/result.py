@@ -12,7 +12,7 @@ from bicycle_controller.reproduce.experiment import MODES, Experiment
 
 
 @dataclass(frozen=True)
-class Result:
+class ExperimentResult:
     """One experiment in one mode of the physics, from its folder."""
 
     experiment: Experiment
@@ -22,7 +22,7 @@ class Result:
     run: dict[str, Any]
 
 
-def collect(out: Path) -> list[Result]:
+def collect(out: Path) -> list[ExperimentResult]:
     """Return the results in a folder, in the paper's order."""
     found = []
     for name in [*experiments.names(), *experiments.causes()]:
@@ -31,7 +31,7 @@ def collect(out: Path) -> list[Result]:
             if (folder / "summary.json").exists():
                 texts = [(folder / f"{part}.json").read_text() for part in ("summary", "run")]
                 parts = [json.loads(text) for text in texts]
-                found.append(Result(experiments.load(name), mode, folder, *parts))
+                found.append(ExperimentResult(experiments.load(name), mode, folder, *parts))
     return found
 
 

@@ -14,7 +14,7 @@ from bicycle_controller.reproduce import experiment as experiments
 from bicycle_controller.reproduce.experiment import MODES
 from bicycle_controller.reproduce.overview import causes, overview
 from bicycle_controller.reproduce.page import page
-from bicycle_controller.reproduce.result import Result, collect, title
+from bicycle_controller.reproduce.result import ExperimentResult, collect, title
 from bicycle_controller.reproduce.summary_fields import filled
 
 BY_HAND = "summary.md"
@@ -73,7 +73,7 @@ def render_pages(out: Path, where: Path) -> dict[str, str]:
     return texts
 
 
-def _missing(results: list[Result]) -> list[str]:
+def _missing(results: list[ExperimentResult]) -> list[str]:
     """Return the names of experiments without results."""
     there = {(item.experiment.name, item.mode) for item in results}
     return [

@@ -7,9 +7,9 @@ from bicycle_controller.reproduce.formatting import number, percent
 from bicycle_controller.reproduce.verdicts import (
     DDPG,
     Entry,
+    FigureVerdict,
     Part,
     Summary,
-    Verdict,
     arrivals,
     at_length,
     first,
@@ -25,7 +25,7 @@ MOST = 0.99
 """Share of goals that counts as all."""
 
 
-def displacement(experiment: Experiment, summary: Summary) -> Verdict:
+def displacement(experiment: Experiment, summary: Summary) -> FigureVerdict:
     """Figure 12: the more displacement, the better; without it the bicycle falls."""
     least, most = experiment.variants[0], experiment.variants[-1]
     trained = [training(summary, arm=DDPG, variant=v.name) for v in experiment.variants]
@@ -54,16 +54,16 @@ def displacement(experiment: Experiment, summary: Summary) -> Verdict:
         Part("in training it comes to arrive", learned, shown, at_length(experiment, end)),
     )
     names = (DDPG, "fast", "lqr", "lqr-20cm")
-    return Verdict(parts, (arrivals(summary, experiment, names),))
+    return FigureVerdict(parts, (arrivals(summary, experiment, names),))
 
 
-def goals(experiment: Experiment, summary: Summary) -> Verdict:
+def goals(experiment: Experiment, summary: Summary) -> FigureVerdict:
     """Judge figures 13 and 14: the trained bicycle arrives from anywhere."""
     names = (DDPG, "fast", "fixed-speed", "lqr", "lqr-20cm")
     arrival_note = arrivals(summary, experiment, names)
     trained, ridden = training(summary, arm=DDPG), rides(summary, rider=DDPG)
     if trained is None or ridden is None:
-        return Verdict(not_run("it arrives from anywhere"), (arrival_note,))
+        return FigureVerdict(not_run("it arrives from anywhere"), (arrival_note,))
     start, end = ({n: trained[p][n][0] for n in ("return", "steps")} for p in ("first", "last"))
     full, rate = at_length(experiment, trained), ridden["reached"][0]
     shown = f"`{DDPG}` reaches {percent(rate)}{of_runs(ridden)} after {over(experiment, trained)}"
@@ -73,10 +73,10 @@ def goals(experiment: Experiment, summary: Summary) -> Verdict:
     returns = Part("the return converges to zero (to a tenth)", small, shown, full)
     shown = f"from {number(start['steps'])} to {number(end['steps'])}"
     steps = Part("the steps fall (to half)", end["steps"] < 0.5 * start["steps"], shown, full)
-    return Verdict((arrives, returns, steps), (arrival_note,))
+    return FigureVerdict((arrives, returns, steps), (arrival_note,))
 
 
-def turn(experiment: Experiment, summary: Summary) -> Verdict:
+def turn(experiment: Experiment, summary: Summary) -> FigureVerdict:
     """Figure 15: the pedal helps, by slowing down to turn."""
     names = ("pedal", "no-pedal")
     trained = [training(summary, arm=DDPG, variant=name) for name in names]
@@ -102,7 +102,7 @@ def turn(experiment: Experiment, summary: Summary) -> Verdict:
         Part("the pedal earns more", earns, shown, at_length(experiment, *trained)),
         Part("it slows, turns and speeds up", slows, speeds, at_length(experiment, trained[0])),
     )
-    return Verdict(parts, (*said, arrival_note))
+    return FigureVerdict(parts, (*said, arrival_note))
 
 
 def _speeds(rider: str, profile: Entry, where: str) -> str:
@@ -114,7 +114,7 @@ def _speeds(rider: str, profile: Entry, where: str) -> str:
     return f"`{rider}` goes from {number(profile['start'])} m/s to {middle} and {end}"
 
 
-def speed(experiment: Experiment, summary: Summary) -> Verdict:
+def speed(experiment: Experiment, summary: Summary) -> FigureVerdict:
     """Figure 16: return up, steps and distance down; slower first, then around 2 m/s."""
     names = (DDPG, "fast", "learned-speed", "lqr-displacement-pedal")
     notes = [arrivals(summary, experiment, names)]
@@ -123,7 +123,7 @@ def speed(experiment: Experiment, summary: Summary) -> Verdict:
         notes += [_speeds(name, found, "100") + "."] if found is not None else []
     trained, slow = training(summary, arm=DDPG), first(summary["profiles"], rider=DDPG)
     if trained is None or slow is None:
-        return Verdict(not_run("return, steps and distance improve"), tuple(notes))
+        return FigureVerdict(not_run("return, steps and distance improve"), tuple(notes))
     full, parts = at_length(experiment, trained), []
     claims = (("return", "rises", 1.0), ("steps", "fall", -1.0), ("distance", "falls", -1.0))
     for name, moves, better in claims:
@@ -135,10 +135,10 @@ def speed(experiment: Experiment, summary: Summary) -> Verdict:
     shown = f"{number(slow['end'])} m/s at step {slow['end_at']}"
     parts.append(Part("then around 2 m/s", 1.5 < slow["end"] < 2.5, shown, full))
     notes.insert(0, f"`{DDPG}`: {over(experiment, trained)}{of_runs(trained)}.")
-    return Verdict(tuple(parts), tuple(notes))
+    return FigureVerdict(tuple(parts), tuple(notes))
 
 
-def robustness(experiment: Experiment, summary: Summary) -> Verdict:
+def robustness(experiment: Experiment, summary: Summary) -> FigureVerdict:
     """Compare the learned controllers with the classical one, and name their weakest point."""
     parts = []
     for rider in dict.fromkeys(entry["rider"] for entry in summary["rides"]):
@@ -149,10 +149,10 @@ def robustness(experiment: Experiment, summary: Summary) -> Verdict:
         trained = training(summary, arm=rider)
         if trained is not None and is_short(experiment, trained):
             parts[-1] += f" after {over(experiment, trained)}"
-    return Verdict((), (f"Fewest goals, and where: {', '.join(parts)}.",))
+    return FigureVerdict((), (f"Fewest goals, and where: {', '.join(parts)}.",))
 
 
-def cause(experiment: Experiment, summary: Summary) -> Verdict:
+def cause(experiment: Experiment, summary: Summary) -> FigureVerdict:
     """Return the results of the rides with each change; the paper claims nothing about it."""
     names = tuple(dict.fromkeys(entry["rider"] for entry in summary["rides"]))
-    return Verdict((), (arrivals(summary, experiment, names),))
+    return FigureVerdict((), (arrivals(summary, experiment, names),))

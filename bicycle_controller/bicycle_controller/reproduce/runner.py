@@ -23,7 +23,7 @@ RUNS = "runs"
 
 
 @dataclass(frozen=True)
-class Options:
+class ReproduceOptions:
     """Command-line options of a reproduction."""
 
     out: Path
@@ -40,7 +40,7 @@ class Options:
     progress: bool = False
 
 
-def reproduce(experiment: Experiment, mode: str, length: Length, options: Options) -> int:
+def reproduce(experiment: Experiment, mode: str, length: Length, options: ReproduceOptions) -> int:
     """Create the experiment's data and picture in `OUT/NAME/MODE`.
 
     Returns:

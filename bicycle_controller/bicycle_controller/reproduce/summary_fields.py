@@ -13,7 +13,7 @@ from pathlib import Path
 
 from bicycle_controller.reproduce.claims import verdict
 from bicycle_controller.reproduce.formatting import number, percent
-from bicycle_controller.reproduce.result import Result
+from bicycle_controller.reproduce.result import ExperimentResult
 from bicycle_controller.reproduce.verdicts import over, rides, training
 
 FIELD = re.compile(r"\{([^{}]+)\}")
@@ -21,7 +21,7 @@ SHARES = ("reached", "fallen", "orbits")
 RIDES = ("return", "steps", "time_s", "speed")
 
 
-def filled(text: str, results: list[Result], source: Path) -> str:
+def filled(text: str, results: list[ExperimentResult], source: Path) -> str:
     """Return the text with its fields replaced by their values.
 
     Raises:
@@ -40,7 +40,7 @@ def filled(text: str, results: list[Result], source: Path) -> str:
     return FIELD.sub(value, text)
 
 
-def _value(words: list[str], results: list[Result]) -> str:
+def _value(words: list[str], results: list[ExperimentResult]) -> str:
     figure, mode, *asked = words
     name = f"figure-{figure}" if figure.isdigit() else figure
     (item,) = [r for r in results if (r.experiment.name, r.mode) == (name, mode)]

@@ -48,7 +48,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class FigureVerdict:
     """Verdict on a figure's claims."""
 
     parts: tuple[Part, ...]

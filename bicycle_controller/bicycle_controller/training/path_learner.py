@@ -48,7 +48,7 @@ class PathLearning:
     """Standard deviation of the exploration, shares of the largest torque."""
 
 
-class Actor(nn.Module):
+class FollowerActor(nn.Module):
     """Actor that is symmetric: for a mirrored observation it answers with the opposite torque."""
 
     def __init__(self, hidden: tuple[int, ...]) -> None:
@@ -95,7 +95,7 @@ class PathLearner:
         """Initialise the networks."""
         torch.manual_seed(seed)
         self.config = config
-        self.actor = Actor(config.hidden)
+        self.actor = FollowerActor(config.hidden)
         self.critics = nn.ModuleList(_critic(config.hidden) for _ in range(2))
         self.slow_actor = copy.deepcopy(self.actor).requires_grad_(False)
         self.slow_critics = copy.deepcopy(self.critics).requires_grad_(False)

@@ -27,7 +27,7 @@ _NAMES = ("torque", "displacement", "pedal force")
 _UNITS = ("N m", "m", "N")
 
 
-class Reason(Enum):
+class RejectionReason(Enum):
     """Reason why a command was rejected; the values are the counters' names in diagnostics."""
 
     NOT_FINITE = "not finite"
@@ -43,7 +43,7 @@ class Reason(Enum):
 class Decision:
     """Decision about one command."""
 
-    reason: Reason | None = None
+    reason: RejectionReason | None = None
     """Reason of the rejection; None if the command is accepted."""
     warning: str = ""
     """Rejection in one line with the remedy; empty if one of its kind was reported lately."""
@@ -80,12 +80,12 @@ class CommandValidator:
         self.max_age = max_age
         self.newest: Command | None = None
         self.accepted = 0
-        self.rejected: Counter[Reason] = Counter()
+        self.rejected: Counter[RejectionReason] = Counter()
         self._clock = clock
         self._owner: str | None = None
         self._heard = clock()
         self._begun = clock()
-        self._last_seen: dict[Reason, float] = {}
+        self._last_seen: dict[RejectionReason, float] = {}
         self._episode = 0
 
     def begin(self, episode: int) -> None:
@@ -110,7 +110,7 @@ class CommandValidator:
     def decide(self, command: Command, step: int) -> Decision:
         """Accept `command` as the newest or return why not; `step` is the current state's."""
         reason, text = self._judge(command, step)
-        if reason is Reason.DUPLICATE and command.controller == self._owner:
+        if reason is RejectionReason.DUPLICATE and command.controller == self._owner:
             self._heard = self._clock()
         if reason is not None:
             self.rejected[reason] += 1
@@ -122,56 +122,62 @@ class CommandValidator:
         self._heard = self._clock()
         return Decision()
 
-    def _judge(self, command: Command, step: int) -> tuple[Reason | None, str]:
+    def _judge(self, command: Command, step: int) -> tuple[RejectionReason | None, str]:
         """Return the reason and a sentence if the command is rejected; (None, "") if accepted."""
         for value, limit, name, unit in zip(
             command.action, self.limits, _NAMES, _UNITS, strict=True
         ):
             if not math.isfinite(value):
-                return Reason.NOT_FINITE, f"its {name} is {value}: check the policy it runs"
+                return (
+                    RejectionReason.NOT_FINITE,
+                    f"its {name} is {value}: check the policy it runs",
+                )
             if abs(value) > limit:
-                return Reason.OUT_OF_RANGE, (
+                return RejectionReason.OUT_OF_RANGE, (
                     f"its {name} {value:g} {unit} is beyond the scenario's {limit:g} {unit}: load "
                     "a policy for these limits, or start the simulator with another scenario"
                 )
         if command.goal is not None and not all(map(math.isfinite, command.goal)):
-            return Reason.NOT_FINITE, f"its goal is {command.goal}: send finite goals"
+            return RejectionReason.NOT_FINITE, f"its goal is {command.goal}: send finite goals"
         return self._judge_order(command, step)
 
-    def _judge_order(self, command: Command, step: int) -> tuple[Reason | None, str]:
+    def _judge_order(self, command: Command, step: int) -> tuple[RejectionReason | None, str]:
         """Judge the sender and the answered state, as part of `_judge`."""
         owner = self.owner
         if command.episode != self._episode:
-            return Reason.WRONG_EPISODE, (
+            return RejectionReason.WRONG_EPISODE, (
                 f"it answers episode {command.episode}, this is episode {self._episode}: answer "
                 "the newest state"
             )
         if owner is not None and command.controller != owner:
-            return Reason.SECOND_CONTROLLER, (
+            return RejectionReason.SECOND_CONTROLLER, (
                 f"{owner!r} is in charge: stop one of the two, or give one another "
                 "ROS_DOMAIN_ID or namespace"
             )
         if command.step > step:
-            return Reason.FUTURE, (
+            return RejectionReason.FUTURE, (
                 f"the bicycle is at step {step} only: answer with the step number of a state"
             )
         if self.newest is not None and command.step == self.newest.step:
-            return Reason.DUPLICATE, ""
+            return RejectionReason.DUPLICATE, ""
         if self.newest is not None and command.step < self.newest.step:
-            return Reason.STALE, f"step {self.newest.step} is answered already: send in order"
+            return (
+                RejectionReason.STALE,
+                f"step {self.newest.step} is answered already: send in order",
+            )
         if step - command.step > self.max_age:
-            return Reason.STALE, (
+            return RejectionReason.STALE, (
                 f"the bicycle is at step {step} by now: use a faster controller, a smaller "
                 "real_time_factor or pace:=lockstep"
             )
         return None, ""
 
-    def _report(self, reason: Reason, text: str, old: bool) -> str:
+    def _report(self, reason: RejectionReason, text: str, old: bool) -> str:
         """Return the log line when `reason` begins; empty while it lasts."""
         now = self._clock()
         last = self._last_seen.get(reason, -math.inf)
         self._last_seen[reason] = now
         in_flight = old and now - self._begun <= IN_FLIGHT
-        if reason is Reason.DUPLICATE or in_flight or now - last < QUIET:
+        if reason is RejectionReason.DUPLICATE or in_flight or now - last < QUIET:
             return ""
         return text

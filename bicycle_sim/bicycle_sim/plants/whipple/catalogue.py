@@ -14,7 +14,7 @@ from typing import Any
 from bicycle_common.named_files import NamedFiles, parsed
 from bicycle_common.validation import nearest, require
 from bicycle_sim.plants.whipple import measure
-from bicycle_sim.plants.whipple.measure import Measured, RigidRider
+from bicycle_sim.plants.whipple.measure import RigidRider, TapeReadings
 from bicycle_sim.plants.whipple.parameters import Bicycle, Parameters
 from bicycle_sim.plants.whipple.plain_parameters import PARTS, make
 
@@ -90,7 +90,7 @@ def _described(data: Any, name: str) -> Described:
     )
     estimated: list[str] = []
     if "measured" in data:
-        bicycle, estimated = measure.bicycle(make(Measured, data["measured"]))
+        bicycle, estimated = measure.bicycle(make(TapeReadings, data["measured"]))
     else:
         bicycle = make(Bicycle, data["bicycle"])
     if "rigid_rider" in data:

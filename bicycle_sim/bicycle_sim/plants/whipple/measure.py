@@ -122,7 +122,7 @@ def with_rider(b: Bicycle, rider: RigidRider) -> Bicycle:
 
 
 @dataclass(frozen=True)
-class Measured:
+class TapeReadings:
     """Readings of a tape measure, a protractor and a scale.
 
     Raises:
@@ -193,7 +193,7 @@ class Measured:
         )
 
 
-def bicycle(m: Measured) -> tuple[Bicycle, list[str]]:
+def bicycle(m: TapeReadings) -> tuple[Bicycle, list[str]]:
     """Return the 25 parameters, and a line for each estimated one.
 
     Raises:
@@ -280,7 +280,7 @@ def bicycle(m: Measured) -> tuple[Bicycle, list[str]]:
     return with_rider(bicycle, _rider(m)), notes
 
 
-def _rider(m: Measured) -> RigidRider:
+def _rider(m: TapeReadings) -> RigidRider:
     """Return the rider as a rigid body."""
     assert m.rider_mass is not None
     assert m.rider_height is not None

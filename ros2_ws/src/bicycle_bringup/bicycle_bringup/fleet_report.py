@@ -14,7 +14,7 @@ from bicycle_common.origin import origin
 
 
 @dataclass
-class Rider:
+class FleetMember:
     """Record of one bicycle of a fleet.
 
     Attributes:
@@ -52,7 +52,7 @@ class Rider:
         }
 
 
-def least_distance(one: Rider, other: Rider) -> float:
+def least_distance(one: FleetMember, other: FleetMember) -> float:
     """Return how near two bicycles came, m; infinite if they did not ride at the same time."""
     a, b = np.array(one.track).reshape(-1, 3), np.array(other.track).reshape(-1, 3)
     if not (len(a) and len(b)):
@@ -63,7 +63,7 @@ def least_distance(one: Rider, other: Rider) -> float:
     return float(np.hypot(*apart).min(initial=math.inf))
 
 
-def facts(riders: Sequence[Rider]) -> dict[str, Any]:
+def facts(riders: Sequence[FleetMember]) -> dict[str, Any]:
     """Return the content of `fleet.json`."""
     nearest = {
         (one.name, other.name): least_distance(one, other)

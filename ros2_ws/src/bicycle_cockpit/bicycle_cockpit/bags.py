@@ -15,7 +15,7 @@ from bicycle_cockpit.arrivals import arrivals
 from bicycle_cockpit.followed_paths import followed_paths
 from bicycle_cockpit.loop_stats import loop_figures
 from bicycle_cockpit.marks import Ridden, marks
-from bicycle_cockpit.riders import Rider, lqr_names, rider, shipped_names
+from bicycle_cockpit.riders import ListedPolicy, lqr_names, rider, shipped_names
 from bicycle_cockpit.samples import COLUMNS, ESTIMATED, plain_column, reward_columns
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
@@ -166,7 +166,7 @@ def _at(messages: Mapping[str, NDArray[Any]], name: str, rows: NDArray[np.intp])
 
 def _riders(
     ride: RideLog, newest: NDArray[np.intp], names: Mapping[str, str]
-) -> tuple[list[Rider], Numbers]:
+) -> tuple[list[ListedPolicy], Numbers]:
     """Return the policies that rode, in order of first use, and (n,) their index per row."""
     numbers = np.full(len(newest), np.nan)
     if "policy" not in ride.commands or not len(ride.commands["policy"]):

@@ -6,15 +6,15 @@ from collections.abc import Mapping
 
 from bicycle_cockpit.riders import rider
 from bicycle_common.angles import in_degrees
-from bicycle_controller.control.safety import Reason
+from bicycle_controller.control.safety import HandOverReason
 
 REASONS = {
-    Reason.EXTRAPOLATED_LEAN: "it was about to fall",
-    Reason.LEAN: "it leaned too far",
-    Reason.LEAN_RATE: "it leaned too fast",
-    Reason.TOO_SLOW: "it was too slow",
-    Reason.TOO_FAST: "it was too fast",
-    Reason.STALE: "its command was too old",
+    HandOverReason.EXTRAPOLATED_LEAN: "it was about to fall",
+    HandOverReason.LEAN: "it leaned too far",
+    HandOverReason.LEAN_RATE: "it leaned too fast",
+    HandOverReason.TOO_SLOW: "it was too slow",
+    HandOverReason.TOO_FAST: "it was too fast",
+    HandOverReason.STALE: "its command was too old",
 }
 """Meaning of the measured limits."""
 
@@ -23,7 +23,8 @@ def explained(reason: int, message: str, policy: str, names: Mapping[str, str]) 
     """Explain a switch, such as "it leaned too fast (lean rate 34.4°/s is beyond ...)".
 
     Args:
-        reason: of the switch, see `Reason`; an unknown one is described by the message alone.
+        reason: of the switch, see `HandOverReason`; an unknown one is described by the
+            message alone.
         message: the controller's line, such as "lean rate 0.6 rad/s is beyond 0.5 rad/s: lqr-1234
             takes over from policy naf@5678" or "calm again: policy naf@5678 drives".
         policy: id of the policy that rides from here on.
@@ -37,5 +38,5 @@ def explained(reason: int, message: str, policy: str, names: Mapping[str, str]) 
         is_policy = bare in names or "@" in bare or bare.startswith("lqr-")
         words.append(rider(bare, names).label + word[len(bare) :] if is_policy else word)
     detail = in_degrees(" ".join(words).removeprefix("policy "))
-    meaning = REASONS.get(Reason(reason)) if reason in set(Reason) else None
+    meaning = REASONS.get(HandOverReason(reason)) if reason in set(HandOverReason) else None
     return f"{meaning} ({detail})" if meaning else detail

@@ -20,7 +20,7 @@ NAMESPACE = "__ns:="
 
 
 @dataclass(frozen=True)
-class Options:
+class CockpitOptions:
     """Options of a cockpit."""
 
     access_policy: AccessPolicy
@@ -63,7 +63,7 @@ class Options:
         )
 
 
-def parse(arguments: Sequence[str], workspace: Path) -> Options:
+def parse(arguments: Sequence[str], workspace: Path) -> CockpitOptions:
     """Read the command line; on an error end the program with status 2 and one line."""
     words = list(arguments)
     at = words.index("--ros-args") if "--ros-args" in words else len(words)
@@ -90,7 +90,7 @@ def parse(arguments: Sequence[str], workspace: Path) -> Options:
         parser.error(str(error))
 
 
-def _checked(given: argparse.Namespace, ros: list[str]) -> Options:
+def _checked(given: argparse.Namespace, ros: list[str]) -> CockpitOptions:
     """Return the options.
 
     Raises:
@@ -105,7 +105,7 @@ def _checked(given: argparse.Namespace, ros: list[str]) -> Options:
         raise ValueError(f"{given.parameters[0]!r} sets nothing with --no-ride: leave one out")
     token = find_token(given.token, given.token_file, os.environ)
     names = frozenset(name.lower() for name in given.host_name)
-    return Options(
+    return CockpitOptions(
         access_policy=AccessPolicy(given.bind, token, names),
         port=given.port,
         bags=given.bags,

@@ -56,7 +56,7 @@ def label(name: str) -> str:
 
 
 @dataclass(frozen=True)
-class Rider:
+class ListedPolicy:
     """A policy as displayed by the pages."""
 
     policy: str
@@ -71,7 +71,7 @@ class Rider:
     """Kind, such as a neural network; empty if unknown."""
 
 
-def rider(policy: str, names: Mapping[str, str]) -> Rider:
+def rider(policy: str, names: Mapping[str, str]) -> ListedPolicy:
     """Return a policy by its id.
 
     Args:
@@ -81,15 +81,15 @@ def rider(policy: str, names: Mapping[str, str]) -> Rider:
     if policy in names:
         name = names[policy]
         kind = NETWORK if "@" in policy else ""
-        return Rider(policy, name, name, *LABELS.get(name, (label(name), kind)))
+        return ListedPolicy(policy, name, name, *LABELS.get(name, (label(name), kind)))
     word, at, _ = policy.partition("@")
     family = policy.partition("-")[0] if not at else ""
     if family in FOLLOWERS:
-        return Rider(policy, family, policy, FOLLOWERS[family], LINEAR)
+        return ListedPolicy(policy, family, policy, FOLLOWERS[family], LINEAR)
     linear = not at and policy.startswith("lqr-")
     if linear:
-        return Rider(policy, "lqr", policy, LABELS["lqr"][0], LINEAR)
-    return Rider(policy, word, policy, word, NETWORK if at else "")
+        return ListedPolicy(policy, "lqr", policy, LABELS["lqr"][0], LINEAR)
+    return ListedPolicy(policy, word, policy, word, NETWORK if at else "")
 
 
 class Palette:

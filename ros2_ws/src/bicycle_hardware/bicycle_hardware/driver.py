@@ -43,7 +43,7 @@ class Line(Protocol):
 
 
 @dataclass(frozen=True)
-class Measured:
+class SensorReading:
     """One reading of a sensor."""
 
     sensor: str
@@ -54,7 +54,7 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Step:
+class ControlPeriod:
     """A control period that is over."""
 
     episode: int
@@ -66,7 +66,7 @@ class Step:
     """Command that was in force during the step."""
 
 
-Heard = Measured | Step | DriverState
+Heard = SensorReading | ControlPeriod | DriverState
 
 
 @dataclass(frozen=True)
@@ -159,12 +159,14 @@ class Driver:
             if isinstance(message, Imu):
                 m = message
                 gyro, force = (m.gyro_x, m.gyro_y, m.gyro_z), (m.force_x, m.force_y, m.force_z)
-                found.append(Measured("imu", self._time(m.stamp_us), (*gyro, *force)))
+                found.append(SensorReading("imu", self._time(m.stamp_us), (*gyro, *force)))
             elif isinstance(message, Steer):
                 values = (message.angle, message.torque)
-                found.append(Measured("steer", self._time(message.stamp_us), values))
+                found.append(SensorReading("steer", self._time(message.stamp_us), values))
             elif isinstance(message, Wheel):
-                found.append(Measured("wheel", self._time(message.stamp_us), (message.speed,)))
+                found.append(
+                    SensorReading("wheel", self._time(message.stamp_us), (message.speed,))
+                )
             elif isinstance(message, DriverState):
                 self.state = message
                 self._arm_itself(message)
@@ -180,7 +182,7 @@ class Driver:
             return self._clock.to_pc(stamp_us)
         return self._base + self._clock.unwrapped(stamp_us)
 
-    def _step(self, period: Period, now: float) -> Step:
+    def _step(self, period: Period, now: float) -> ControlPeriod:
         """Count a control period as a step."""
         if self._last is None or period.number <= self._last.number:
             self._begin(period)
@@ -191,7 +193,9 @@ class Driver:
         while len(self._stamps) > KEPT:
             self._stamps.popitem(last=False)
         self.ask(now)
-        return Step(self.episode, step, self._time(period.stamp_us), self._applied(period, step))
+        return ControlPeriod(
+            self.episode, step, self._time(period.stamp_us), self._applied(period, step)
+        )
 
     def _begin(self, period: Period) -> None:
         """Begin an episode: this microcontroller has begun."""
@@ -213,7 +217,7 @@ class Driver:
         fresh = command.step == step - 1
         return AppliedCommand(CommandSource.FRESH if fresh else CommandSource.HELD, command)
 
-    def again(self) -> Step | None:
+    def again(self) -> ControlPeriod | None:
         """Return the last step once more; None before the first, and within the rest."""
         if self._last is None:
             return None
@@ -221,7 +225,7 @@ class Driver:
         if step < 0:
             return None
         applied = self._applied(self._last, step)
-        return Step(self.episode, step, self._time(self._last.stamp_us), applied)
+        return ControlPeriod(self.episode, step, self._time(self._last.stamp_us), applied)
 
     # PC to microcontroller.
 

@@ -28,7 +28,7 @@ class Mode(IntEnum):
     ESTOP = 4
 
 
-class Reason(IntFlag):
+class RefusalReason(IntFlag):
     """Why it refuses to be armed."""
 
     MOVES = 1
@@ -42,14 +42,14 @@ class Reason(IntFlag):
 
 
 WORDS = {
-    Reason.MOVES: "the gyro is not at rest",
-    Reason.UNCALIBRATED: "the gyro is not calibrated: let the bicycle stand still for 1 s",
-    Reason.NO_IMU: "the IMU's readings are old",
-    Reason.NO_STEER: "the steer encoder's readings are old",
-    Reason.NO_WHEEL: "the wheel sensor's readings are old",
-    Reason.NO_COMMANDS: "commands have not come for 1 s without a gap",
-    Reason.TOO_FAST: "the wheel turns",
-    Reason.STOPPED: "the emergency stop is pressed",
+    RefusalReason.MOVES: "the gyro is not at rest",
+    RefusalReason.UNCALIBRATED: "the gyro is not calibrated: let the bicycle stand still for 1 s",
+    RefusalReason.NO_IMU: "the IMU's readings are old",
+    RefusalReason.NO_STEER: "the steer encoder's readings are old",
+    RefusalReason.NO_WHEEL: "the wheel sensor's readings are old",
+    RefusalReason.NO_COMMANDS: "commands have not come for 1 s without a gap",
+    RefusalReason.TOO_FAST: "the wheel turns",
+    RefusalReason.STOPPED: "the emergency stop is pressed",
 }
 
 

@@ -14,7 +14,7 @@ DECIDED = (Status.REACHED, Status.MISSED, Status.GIVEN_UP, Status.FALLEN)
 
 
 @dataclass(frozen=True)
-class Outcome:
+class GoalOutcome:
     """Outcome of one goal."""
 
     position: Point2D
@@ -35,7 +35,7 @@ class Outcome:
     """True if it was active when the recording began: its numbers count from before."""
 
 
-def outcomes(statuses: Columns) -> list[Outcome]:
+def outcomes(statuses: Columns) -> list[GoalOutcome]:
     """Return the goals of a ride in the order of acceptance, each once.
 
     A goal that was open when the controller died or the bicycle fell, and was sent again, counts
@@ -44,7 +44,7 @@ def outcomes(statuses: Columns) -> list[Outcome]:
     Args:
         statuses: columns of GoalStatus.
     """
-    goals: dict[tuple[int, int], Outcome] = {}
+    goals: dict[tuple[int, int], GoalOutcome] = {}
     life = 0  # a restarted controller counts goals from 1 again
     for row in range(len(statuses.get("status", ()))):
         status = Status(int(statuses["status"][row]))
@@ -61,8 +61,8 @@ def outcomes(statuses: Columns) -> list[Outcome]:
 
 
 def _update(
-    known: Outcome | None, position: Point2D, status: Status, statuses: Columns, row: int
-) -> Outcome:
+    known: GoalOutcome | None, position: Point2D, status: Status, statuses: Columns, row: int
+) -> GoalOutcome:
     """Return the goal updated with one more status message."""
     distance = float(statuses["distance"][row])
     straight = distance if status is Status.ACTIVE else known.straight if known else float("nan")
@@ -71,7 +71,7 @@ def _update(
     begun_before = bool(known and known.begun_before)
     if status is Status.ACTIVE:
         begun_before = bool("before" in statuses and statuses["before"][row])
-    return Outcome(
+    return GoalOutcome(
         position=position,
         status=status,
         straight=straight,
@@ -84,9 +84,9 @@ def _update(
     )
 
 
-def _without_resent(goals: list[Outcome]) -> list[Outcome]:
+def _without_resent(goals: list[GoalOutcome]) -> list[GoalOutcome]:
     """Drop goals that were left open and sent again later."""
-    kept: list[Outcome] = []
+    kept: list[GoalOutcome] = []
     later: set[Point2D] = set()
     for goal in reversed(goals):
         if goal.status in DECIDED or goal.position not in later:

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bicycle_controller.control.goals import Status
-from bicycle_controller.control.guide import PathEnd as Followed
-from bicycle_tools.outcomes import DECIDED, Outcome, outcomes
+from bicycle_controller.control.guide import PathEnd
+from bicycle_tools.outcomes import DECIDED, GoalOutcome, outcomes
 from bicycle_tools.recorded_here import OPEN
 from bicycle_tools.ride_log import Columns, RideLog
 
@@ -41,7 +41,7 @@ class Quantiles:
 
 
 @dataclass(frozen=True)
-class Loop:
+class LoopSummary:
     """Punctuality of the simulator and speed of the controller."""
 
     lockstep: bool
@@ -66,7 +66,7 @@ class Loop:
 
 
 @dataclass(frozen=True)
-class PathEnd:
+class FollowedPath:
     """End of one path that was followed."""
 
     name: str
@@ -112,7 +112,7 @@ class RideSummary:
     """rad."""
     policies: tuple[str, ...]
     """Ids of the policies that controlled the bicycle."""
-    loop: Loop
+    loop: LoopSummary
     messages: int
     """Number of messages in the bag."""
     decided: int = 0
@@ -121,7 +121,7 @@ class RideSummary:
     """Number of goals that were waiting or active when the recording ended."""
     begun_before: int = 0
     """Number of goals that were active when the recording began."""
-    paths: tuple[PathEnd, ...] = ()
+    paths: tuple[FollowedPath, ...] = ()
     """Ends of the paths that were followed."""
 
     @property
@@ -165,13 +165,13 @@ def summarise(log: RideLog) -> RideSummary:
     )
 
 
-def path_ends(statuses: Columns) -> tuple[PathEnd, ...]:
+def path_ends(statuses: Columns) -> tuple[FollowedPath, ...]:
     """Return the last status of every path, in order."""
     last = {int(number): row for row, number in enumerate(statuses.get("path_id", ())) if number}
     return tuple(
-        PathEnd(
+        FollowedPath(
             name=str(statuses["name"][row]),
-            status=Followed(int(statuses["status"][row])).name.lower(),
+            status=PathEnd(int(statuses["status"][row])).name.lower(),
             length=float(statuses["length"][row]),
             rms=float(statuses["rms"][row]),
             largest=float(statuses["largest"][row]),
@@ -182,7 +182,7 @@ def path_ends(statuses: Columns) -> tuple[PathEnd, ...]:
     )
 
 
-def summarise_loop(log: RideLog) -> Loop:
+def summarise_loop(log: RideLog) -> LoopSummary:
     """Sum up the timing of a ride."""
     timing = log.timing
     period = _floats(timing, "period")
@@ -191,7 +191,7 @@ def summarise_loop(log: RideLog) -> Loop:
     middle = _usual(timing)
     source = log.states["command_source"]
     gaps = np.diff(log.states["step"].astype(np.int64))[np.diff(log.segment) == 0] - 1
-    return Loop(
+    return LoopSummary(
         lockstep=bool(len(known)) and not np.isfinite(lateness).any(),
         rate=1.0 / float(known.mean()) if len(known) else np.nan,
         jitter=Quantiles.of(np.abs(period - middle)),
@@ -212,7 +212,7 @@ def path_length(states: Columns, segment: NDArray[np.intp]) -> float:
     return float(legs[np.diff(segment) == 0].sum())
 
 
-def path_ratio(goals: Iterable[Outcome]) -> float:
+def path_ratio(goals: Iterable[GoalOutcome]) -> float:
     """Return the path over the straight line, of the goals reached; 1 is a straight ride."""
     reached = [
         goal

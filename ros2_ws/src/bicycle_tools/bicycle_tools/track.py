@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bicycle_common.plot_style import FAINT, INK
 from bicycle_controller.control.goals import Status
 from bicycle_tools.drawing import FAILED, REACHED, Floats, ride_time
-from bicycle_tools.outcomes import Outcome, outcomes
+from bicycle_tools.outcomes import GoalOutcome, outcomes
 from bicycle_tools.ride_log import RideLog
 
 GOAL_RADIUS = 1.0
@@ -96,7 +96,7 @@ def _colouring(log: RideLog) -> tuple[Floats, str]:
     return ride_time(log), "time (s)"
 
 
-def _goal(axes: Axes, number: int, goal: Outcome) -> None:
+def _goal(axes: Axes, number: int, goal: GoalOutcome) -> None:
     """Draw one goal with its true radius."""
     if not np.isfinite(goal.position).all():
         return

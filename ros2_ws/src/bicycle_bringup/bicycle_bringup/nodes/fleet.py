@@ -24,7 +24,7 @@ from rclpy.node import Node
 from std_srvs.srv import SetBool
 
 from bicycle_bringup import fleet_report
-from bicycle_bringup.fleet_report import Rider
+from bicycle_bringup.fleet_report import FleetMember
 from bicycle_bringup.fleet_routes import Route, routes
 from bicycle_common.command_line import OneLineParser
 from bicycle_common.node_commands import (
@@ -58,7 +58,7 @@ class Watch:
     """Listens to one bicycle."""
 
     def __init__(self, route: Route, context: Context) -> None:
-        self.route, self.rider = route, Rider(route.name)
+        self.route, self.rider = route, FleetMember(route.name)
         self.state: BicycleState | None = None
         self.counts = False
         self.node = Node("bicycle_fleet", namespace=f"/{route.name}", context=context)
@@ -191,7 +191,7 @@ class Fleet:
                     f"{what} did not come within {patience:g} s: see {self._folder}/*.log"
                 )
 
-    def close(self) -> list[Rider]:
+    def close(self) -> list[FleetMember]:
         """Stop all; return what each bicycle did."""
         for watch in self._watches:
             order = self._orders.get(watch.route.name)

@@ -14,8 +14,8 @@ import time
 from pathlib import Path
 
 from bicycle_cockpit.nodes.cockpit_node import NAME, CockpitNode
-from bicycle_cockpit.nodes.recording import Recording
-from bicycle_cockpit.options import NAMESPACE, RIDE, Options, parse
+from bicycle_cockpit.nodes.recording import RecorderProcess
+from bicycle_cockpit.options import NAMESPACE, RIDE, CockpitOptions, parse
 from bicycle_cockpit.trouble import Line
 from bicycle_common.node_commands import config_folder, node_command, workspace
 from bicycle_common.nodes.runner import UserError, run
@@ -30,10 +30,10 @@ NICENESS = 5
 """Niceness of the web server, below simulator and controller."""
 
 
-class Ride:
+class StartedRide:
     """Processes that the cockpit started, and their state."""
 
-    def __init__(self, options: Options, logs: Path) -> None:
+    def __init__(self, options: CockpitOptions, logs: Path) -> None:
         """Start the processes, if they are requested."""
         self._logs = logs
         self._words = options.parameters
@@ -124,7 +124,7 @@ class Ride:
 class Announced:
     """Prints the address once, when the bicycle can be ridden."""
 
-    def __init__(self, ride: Ride, options: Options) -> None:
+    def __init__(self, ride: StartedRide, options: CockpitOptions) -> None:
         self._ride, self._options = ride, options
         self._begun = time.monotonic()
         self._told = False
@@ -150,13 +150,13 @@ def main() -> int:
         logs.mkdir(parents=True, exist_ok=True)
         for old in logs.glob("*.log"):
             old.unlink()
-        ride = Ride(options, logs)
+        ride = StartedRide(options, logs)
     except (OSError, ValueError) as error:
         print(f"cockpit.sh: {error}", file=sys.stderr)
         return 2
     os.nice(NICENESS)
     announced = Announced(ride, options)
-    recording = Recording(options.bags, logs)
+    recording = RecorderProcess(options.bags, logs)
 
     def make() -> CockpitNode:
         announced.node = CockpitNode(options, recording, ride, announced.tick)
@@ -169,7 +169,7 @@ def main() -> int:
     return status or bool(failures)
 
 
-def _end(ride: Ride, recording: Recording) -> list[str]:
+def _end(ride: StartedRide, recording: RecorderProcess) -> list[str]:
     """Stop the processes, the recorder last, so that it records the others' last messages.
 
     Returns:

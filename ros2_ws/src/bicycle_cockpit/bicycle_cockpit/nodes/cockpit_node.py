@@ -13,10 +13,10 @@ from rclpy.node import Node
 from bicycle_cockpit import ride_setup
 from bicycle_cockpit.event_room import EventRoom
 from bicycle_cockpit.nodes.other_bicycles import OtherBicycles
-from bicycle_cockpit.nodes.recording import Recording
+from bicycle_cockpit.nodes.recording import RecorderProcess
 from bicycle_cockpit.nodes.ride_conditions import StartedRide
 from bicycle_cockpit.nodes.shown_bicycle import NotOurs, ShownBicycle
-from bicycle_cockpit.options import Options
+from bicycle_cockpit.options import CockpitOptions
 from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_cockpit.requests import Request, ShowBicycle
 from bicycle_cockpit.server import Server
@@ -41,8 +41,8 @@ class CockpitNode(Node):
 
     def __init__(
         self,
-        options: Options,
-        recording: Recording,
+        options: CockpitOptions,
+        recording: RecorderProcess,
         ride: StartedRide,
         on_tick: Callable[[], Line | None],
     ) -> None:

@@ -16,7 +16,7 @@ HEARD = f"{STATE.name}: first message"
 """Line that the recorder prints once it receives the bicycle's state."""
 
 
-class Recording:
+class RecorderProcess:
     """Recorder's process, at most one at a time, which writes into the folder of bags.
 
     Attributes:

@@ -19,7 +19,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from bicycle_cockpit import requests, ride_setup
 from bicycle_cockpit.fit import Suits
-from bicycle_cockpit.nodes.recording import Recording
+from bicycle_cockpit.nodes.recording import RecorderProcess
 from bicycle_cockpit.nodes.ride_conditions import RideConditions, StartedRide
 from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_cockpit.rate_limiter import RateLimiter
@@ -78,7 +78,7 @@ class RequestHandler:
         node: Node,
         live: RideState,
         choices: PolicyCatalogue,
-        recording: Recording,
+        recording: RecorderProcess,
         ride: StartedRide,
         conditions: RideConditions,
     ) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.node import Node
 
 from bicycle_cockpit.nodes.hearing import Hearing, Tell
-from bicycle_cockpit.nodes.recording import Recording
+from bicycle_cockpit.nodes.recording import RecorderProcess
 from bicycle_cockpit.nodes.request_handler import RequestHandler
 from bicycle_cockpit.nodes.ride_conditions import RideConditions, StartedRide
 from bicycle_cockpit.policy_catalogue import PolicyCatalogue
@@ -53,7 +53,7 @@ class ShownBicycle:
         self,
         namespace: str,
         choices: PolicyCatalogue,
-        recording: Recording,
+        recording: RecorderProcess,
         ride: StartedRide,
         tell: Tell,
         newest: Callable[[dict[str, Any]], None],

@@ -31,7 +31,7 @@ from bicycle_common.nodes.runner import LOOP_EXECUTOR, UserError, run
 from bicycle_common.nodes.topics import STATE_PERIOD, Topic, advertise, listen, serve
 from bicycle_common.parameters import describe
 from bicycle_hardware import frames
-from bicycle_hardware.driver import Driver, Heard, Measured, Step
+from bicycle_hardware.driver import ControlPeriod, Driver, Heard, SensorReading
 from bicycle_hardware.frames import DriverState, Message, Mode
 from bicycle_hardware.nodes.driver_settings import DriverSettings
 from bicycle_hardware.serial_line import SPEEDS, SerialLine
@@ -94,7 +94,7 @@ class DriverNode(Node):
         self._line: SerialLine | None = None
         self._why_not = "not opened yet"
         self._stepped = time.monotonic()
-        self._step: Step | None = None
+        self._step: ControlPeriod | None = None
         self._arrived: dict[int, float] = {}
         self._latencies: deque[float] = deque(maxlen=2000)
         self._steps = 0
@@ -182,7 +182,7 @@ class DriverNode(Node):
 
     def _tell(self, heard: Heard, now: float) -> None:
         """Publish the microcontroller's messages."""
-        if isinstance(heard, Measured):
+        if isinstance(heard, SensorReading):
             self._publish_reading(heard)
         elif isinstance(heard, DriverState):
             self._publish_state(heard)
@@ -197,7 +197,7 @@ class DriverNode(Node):
                 self._arrived.pop(heard.step - 100, None)
                 self._publish_step(heard)
 
-    def _begin(self, heard: Step) -> None:
+    def _begin(self, heard: ControlPeriod) -> None:
         """Publish an episode's settings at its first step."""
         if self._step is not None and heard.episode == self._step.episode:
             return
@@ -218,7 +218,7 @@ class DriverNode(Node):
             f"{self._sensors.rest:g} s"
         )
 
-    def _publish_reading(self, measured: Measured) -> None:
+    def _publish_reading(self, measured: SensorReading) -> None:
         reading = Reading(
             measured.sensor,
             measured.stamp,
@@ -229,7 +229,7 @@ class DriverNode(Node):
         for topic, message in sensor_messages.messages(reading, 0, self._sensors, self._frames):
             self._publish(topic, message)
 
-    def _publish_step(self, heard: Step) -> None:
+    def _publish_step(self, heard: ControlPeriod) -> None:
         """Publish the command that led to a step, then its time: who controls answers that."""
         nanoseconds = round(heard.time * 1e9)
         echo = convert.from_applied(heard.applied, heard.episode, heard.step, nanoseconds)

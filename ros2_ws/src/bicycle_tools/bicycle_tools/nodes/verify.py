@@ -23,11 +23,11 @@ from bicycle_tools.nodes import (
 )
 from bicycle_tools.nodes.sensed_recording import ENCODERS, IMU, SETUP
 from bicycle_tools.nodes.verify_estimates import EstimateVerdict
-from bicycle_tools.nodes.verify_states import Verdict
+from bicycle_tools.nodes.verify_states import StateVerdict
 from bicycle_tools.ride_log import EPISODE
 
 
-def verdicts_of(path: Path) -> list[Verdict | EstimateVerdict]:
+def verdicts_of(path: Path) -> list[StateVerdict | EstimateVerdict]:
     """Return the verdicts about a bag: of its states, and of its estimates where it has some.
 
     States of a microcontroller's ride are measured and cannot be computed again.
@@ -35,10 +35,10 @@ def verdicts_of(path: Path) -> list[Verdict | EstimateVerdict]:
     Raises:
         BagError: if the bag cannot be read or verified.
     """
-    found: list[Verdict | EstimateVerdict] = []
+    found: list[StateVerdict | EstimateVerdict] = []
     reader = TodaysReader(path)
     if not sensed_recording.is_hardware(reader):
-        recording, verdict = ride_recording.read(path), Verdict()
+        recording, verdict = ride_recording.read(path), StateVerdict()
         steps = verify_states.verify(recording)
         with ProgressBar(steps, total=len(recording.states), unit="state") as bar:
             found.append(deque(bar, maxlen=1).pop() if recording.states else verdict)

@@ -32,7 +32,7 @@ ROUNDING = 1e-9
 
 
 @dataclass
-class Verdict:
+class StateVerdict:
     """Result of a verification so far."""
 
     checked: int = 0
@@ -91,7 +91,7 @@ class Verdict:
         return f"not proved: the bag holds {why} to compute again"
 
 
-def verify(recording: Recording) -> Iterator[Verdict]:
+def verify(recording: Recording) -> Iterator[StateVerdict]:
     """Compute one state after another.
 
     Args:
@@ -103,7 +103,7 @@ def verify(recording: Recording) -> Iterator[Verdict]:
     Raises:
         BagError: if an episode's settings are not in the bag or not of this simulator.
     """
-    verdict = Verdict()
+    verdict = StateVerdict()
     before: BicycleState | None = None
     simulator: Simulator | None = None
     for place, data in recording.states:
@@ -130,7 +130,7 @@ def verify(recording: Recording) -> Iterator[Verdict]:
 
 def _compute(
     recording: Recording,
-    verdict: Verdict,
+    verdict: StateVerdict,
     simulator: Simulator,
     state: BicycleState,
     place: int,
@@ -217,7 +217,7 @@ def _is_repeated(state: BicycleState, before: BicycleState) -> bool:
     return bool(again == before)
 
 
-def _skip(verdict: Verdict, state: BicycleState) -> None:
+def _skip(verdict: StateVerdict, state: BicycleState) -> None:
     """Count a state without a predecessor."""
     verdict.unknown += 1
     verdict.first_unknown = verdict.first_unknown or _place(state)

@@ -20,7 +20,7 @@ from bicycle_bag.reader import BagReader, bag_in
 from bicycle_bag.repair import repair
 from bicycle_bag.steps import states_name_commands
 from bicycle_tools.drawing import Floats, ride_time
-from bicycle_tools.outcomes import Outcome, outcomes
+from bicycle_tools.outcomes import GoalOutcome, outcomes
 from bicycle_tools.ride_log import (
     ECHO,
     EXPECTED,
@@ -55,7 +55,7 @@ class RidePage:
     path: Path
     log: RideLog
     summary: RideSummary
-    outcomes: list[Outcome]
+    outcomes: list[GoalOutcome]
     contents: BagMetadata
     start: float
     notes: tuple[str, ...]
@@ -87,7 +87,7 @@ class RidePage:
         rows = np.searchsorted(self.log.states["recorded_order"], places, side="right") - 1
         return self.state_time[np.clip(rows, 0, None)]
 
-    def ends_of(self, goals: Sequence[Outcome]) -> Floats:
+    def ends_of(self, goals: Sequence[GoalOutcome]) -> Floats:
         """Return when the last status of each goal was recorded, see `time_of`."""
         places = np.array([goal.place for goal in goals], dtype=np.int64)
         logged = np.array([goal.known_at for goal in goals], dtype=np.float64)

@@ -9,7 +9,7 @@ from html import escape
 
 from bicycle_common import json_input
 from bicycle_controller.control.goals import Status
-from bicycle_tools.outcomes import Outcome
+from bicycle_tools.outcomes import GoalOutcome
 from bicycle_tools.report_page.events import RideEvent, ride_events
 from bicycle_tools.report_page.loading import RidePage
 from bicycle_tools.text_summary import rows
@@ -88,7 +88,7 @@ def goals(page: RidePage) -> str:
     return table(heads, lines, numbers=(0, 1, 3, 4, 5, 6))
 
 
-def _goal(number: int, goal: Outcome, page: RidePage) -> list[str]:
+def _goal(number: int, goal: GoalOutcome, page: RidePage) -> list[str]:
     kind = {Status.REACHED: "good", Status.QUEUED: "", Status.ACTIVE: ""}.get(goal.status, "bad")
     name = goal.status.name.lower().replace("_", " ")
     word = f'<span class="{kind}">{name}</span>'
