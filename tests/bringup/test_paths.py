@@ -50,6 +50,7 @@ def clone(folder: Path) -> Path:
     (messages / "CMakeLists.txt").write_text(CMAKE)
     shutil.copy(ROOT / "bicycle_msgs" / "package.xml", messages)
     shutil.copytree(WORKSPACE / "src" / "tf2_msgs", workspace / "src" / "tf2_msgs")
+    shutil.copytree(ROOT / "bicycle_msgs" / "cmake", messages / "cmake")
     for name in ("bicycle_sim", "resource"):
         (python / name).mkdir(parents=True)
     (python / "resource" / "bicycle_sim").touch()
