@@ -44,7 +44,7 @@ class RefusalReason(IntFlag):
 WORDS = {
     RefusalReason.MOVES: "the gyro is not at rest",
     RefusalReason.UNCALIBRATED: "the gyro is not calibrated: let the bicycle stand still for 1 s",
-    RefusalReason.NO_IMU: "the IMU's readings are old",
+    RefusalReason.NO_IMU: "the IMU's readings are old, or always the same",
     RefusalReason.NO_STEER: "the steer encoder's readings are old",
     RefusalReason.NO_WHEEL: "the wheel sensor's readings are old",
     RefusalReason.NO_COMMANDS: "commands have not come for 1 s without a gap",
