@@ -110,7 +110,7 @@ def test_arming_is_refused_with_an_imu_that_repeats_itself(rig: Rig) -> None:
             rig.inputs.imu_us = rig.now_us  # it still comes
         rig.command()
         rig.tick()
-    assert _refused(rig) == Reason.NO_IMU
+    assert _refused(rig) == RefusalReason.NO_IMU
     rig.frozen = ()
     rig.command()
     rig.tick(2)
@@ -123,7 +123,7 @@ def test_arming_is_refused_when_the_stop_is_pressed_at_that_moment(rig: Rig) -> 
         rig.command()
         rig.tick()
     rig.inputs.stopped = True
-    assert _refused(rig) == Reason.STOPPED
+    assert _refused(rig) == RefusalReason.STOPPED
 
 
 def test_arming_is_refused_without_a_second_of_commands(rig: Rig) -> None:

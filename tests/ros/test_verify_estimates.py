@@ -95,6 +95,24 @@ def test_a_command_of_another_processor_s_design_is_proved_but_for_its_rounding(
     assert "but for 1 of the commands, which differ by 1e-12 at most, as a design" in str(verdict)
 
 
+@pytest.mark.parametrize("slower", [True, False])
+def test_a_pedal_that_gives_way_to_another_bicycle_is_taken_as_recorded(
+    sensed: Sensed, slower: bool
+) -> None:
+    changed = copy.copy(sensed)
+    changed.setups = [
+        (at, replace(one, settings=replace(one.settings, keep_clear="b2")))
+        for at, one in sensed.setups
+    ]
+    changed.commands = copy.deepcopy(sensed.commands)
+    (key,) = [key for key in changed.commands if key[1] == 100]
+    for one in changed.commands[key]:
+        one.pedal_force -= 1.0 if slower else -1.0
+    verdict = last(changed)
+    assert verdict.same == slower, verdict
+    assert verdict.guided == slower
+
+
 def test_a_bag_without_the_controller_s_setup_is_refused(sensed: Sensed) -> None:
     changed = copy.copy(sensed)
     changed.setups = []

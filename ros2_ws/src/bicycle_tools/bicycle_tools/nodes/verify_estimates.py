@@ -68,7 +68,10 @@ class EstimateVerdict:
     largest_command: float = 0.0
     """Largest difference in a field of a rounded command, in the field's unit."""
     guided: int = 0
-    """Number of those from a guide or another policy, taken as recorded apart from the limits."""
+    """Number of those from a guide or another policy, or that give way to another bicycle.
+
+    They are taken as recorded apart from the limits.
+    """
     unknown: int = 0
     """Number of commands that cannot be computed here."""
     why_unknown: str = ""
@@ -103,7 +106,10 @@ class EstimateVerdict:
         if self.unproved and not self.estimates:
             return f"not proved, none of {self.unproved} estimates: {self.why_unproved}"
         if self.guided:
-            done += f" ({self.guided} along a path or by a policy loaded later, taken as recorded)"
+            done += (
+                f" ({self.guided} along a path, giving way, or by a policy loaded later, taken as "
+                "recorded)"
+            )
         if self.unknown:
             done += f"; {self.unknown} commands cannot be computed here: {self.why_unknown}"
         if self.unproved:
@@ -419,6 +425,9 @@ def _check_command(
         verdict.difference = f"command of {_place(state)}: none comes out"
         return False
     message = convert.from_command(computed, sent[0].header.stamp)
+    if controller.setup.settings.keep_clear and sent[0].pedal_force < message.pedal_force:
+        # It slowed down for another bicycle, of which the bag does not tell what it heard.
+        message.pedal_force, guided = sent[0].pedal_force, True
     found = _difference(sent[0], message)
     if found:
         gap = _gap(sent[0], message)
