@@ -42,7 +42,7 @@ export NO_PROXY=$no_proxy
 echo "== pytest"
 # Two workers a processor, for nodes wait for one another most of the time. Whole files to one worker,
 # so that a module's nodes and bags are made once.
-workers=$((2 * $(nproc)))
+workers=$((2 * $(env -u OMP_NUM_THREADS nproc)))
 ((workers <= 8)) || workers=8
 status=0
 # A run under nohup ignores SIGHUP, and so would every program that a test starts.
