@@ -154,3 +154,12 @@ def test_of_a_course_the_screen_tells_the_course_s_result_and_no_goals() -> None
     assert "course slalom finished: ridden to its end; 0.07 m rms" in lines
     assert "path 10.0 m" in lines
     assert not [line for line in lines if line.startswith("goals")]
+
+
+def test_a_state_that_is_missing_at_the_start_counts_where_its_answer_is_recorded() -> None:
+    recorded = {name: column[2:] for name, column in states(50).items()}
+    answered = commands(49)
+    assert list(answered["step"][:3]) == [0, 1, 2]
+    assert summarise(ride(recorded, given=answered)).loop.lost_steps == 2
+    later = {name: column[2:] for name, column in answered.items()}
+    assert summarise(ride(recorded, given=later)).loop.lost_steps == 0

@@ -202,8 +202,21 @@ def summarise_loop(log: RideLog) -> LoopSummary:
         held_steps=int((source == HELD).sum()),
         zero_steps=int((source == ZERO).sum()),
         watchdog_events=_rises(source == ZERO, log.segment),
-        lost_steps=int(gaps.sum()),
+        lost_steps=int(gaps.sum()) + _lost_at_starts(log),
     )
+
+
+def _lost_at_starts(log: RideLog) -> int:
+    """Count states that are missing at the starts of episodes whose first command is recorded.
+
+    That command shows that the recorder listened by then. Without it the recording began later.
+    """
+    if not len(log.commands.get("step", ())):
+        return 0
+    begun = np.unique(log.commands["episode"][log.commands["step"] == 0])
+    steps = log.states["step"].astype(np.int64)
+    firsts = [steps[log.states["episode"] == episode] for episode in begun]
+    return sum(int(first.min()) for first in firsts if len(first))
 
 
 def path_length(states: Columns, segment: NDArray[np.intp]) -> float:
