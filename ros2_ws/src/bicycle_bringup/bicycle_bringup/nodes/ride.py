@@ -50,6 +50,8 @@ ECHO = 2.0
 """Time for a controller to confirm a goal before it is sent again (s)."""
 LIE_DOWN = 0.5
 """Time for which a fallen bicycle lies before the reset (s), so that the bag shows it."""
+MATCHED = 2.0
+"""Longest time for the simulator to hear of the recorder (s)."""
 TOLD = 10.0
 """Longest wait for the controller's diagnostics (s), which come once a second."""
 STOPPED_LAST = ("simulator", "driver", "controller", "recorder")
@@ -111,6 +113,7 @@ class Ride:
         self._wait("simulator", lambda: self._rider.state is not None)
         self._wait("controller", self._rider.controller_listens)
         self._wait("recorder", lambda: self._rider.recorder_listens(self._recorder))
+        self._let_match()
         if self._options.bench:
             self._crew.start("driver")
         self._order()
@@ -172,6 +175,15 @@ class Ride:
             "controller's action",
             lambda: self._rider.follow(options.course, options.laps, options.speed),
         )
+
+    def _let_match(self) -> None:
+        """Let the simulator find the recorder, too: wait for two more states, MATCHED s at most.
+
+        Each process hears of the others on its own, so a bag could lack the first state.
+        """
+        until, enough = time.monotonic() + MATCHED, self._rider.states_heard + 2
+        while self._rider.states_heard < enough and time.monotonic() < until:
+            self._rider.spin()
 
     def _take_path(self) -> None:
         """Say how the course ended."""

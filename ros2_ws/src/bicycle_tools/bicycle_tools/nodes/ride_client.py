@@ -51,6 +51,7 @@ class RideClient(Node):
 
     Attributes:
         state: newest state; None before the first.
+        states_heard: number of states so far, repeated ones included.
         changes: changes of goals not yet taken by the caller, oldest first.
         warnings: the controller's warnings, each line once, oldest first.
         path: newest status of a path that was followed; None before the first.
@@ -61,6 +62,7 @@ class RideClient(Node):
     def __init__(self, name: str) -> None:
         super().__init__(name)
         self.state: BicycleState | None = None
+        self.states_heard = 0
         self.changes: deque[GoalStatus] = deque()
         self._goal: Point2D | None = None
         self.warnings: list[str] = []
@@ -81,6 +83,7 @@ class RideClient(Node):
 
     def _on_state(self, message: BicycleState) -> None:
         before, self.state = self.state, message
+        self.states_heard += 1
         self._heard = time.monotonic()
         if before is None or (before.episode, before.step) != (message.episode, message.step):
             self._moved = self._heard
