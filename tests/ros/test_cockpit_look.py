@@ -132,6 +132,8 @@ def test_a_policy_has_one_colour_in_every_browser_and_no_other_has_it(
 
 def _legible(page: BrowserPage, legend: str) -> bool:
     """Return True if every colour of a legend stands out from its card."""
+    # A page that is behind another one is not drawn; the one that closes may be in front for long.
+    page.bring_to_front()
     card = page.evaluate("getComputedStyle(document.body).getPropertyValue('--card')").strip()
     return all(contrast(_hex(colour), card) >= 3.0 for colour in page.evaluate(legend).values())
 
