@@ -45,11 +45,11 @@ def test_no_command_names_a_folder_for_temporary_files(path: Path) -> None:
 
 def test_the_page_has_the_numbers_of_random_roads_and_arrivals() -> None:
     cells = []
-    for bicycle in ("browser-rider", "choi"):
-        (course,) = load(f"courses/random-{bicycle}.json")["courses"]
+    for rides in ("browser-rider", "learned-browser-rider", "choi"):
+        (course,) = load(f"courses/random-{rides}.json")["courses"]
         assert course["falls"] == 0
         cells.append(f"{course['rms_m']:.3f}, {course['largest_m']:.3f}, no fall")
-    assert f"| 1,000 random roads, 3 m/s | {cells[0]} |  | {cells[1]} |" in PAGE
+    assert f"| 1,000 random roads, 3 m/s | {' | '.join(cells)} |" in PAGE
     for bicycle in ("browser-rider", "choi"):
         found = load(f"arrivals/{bicycle}.json")
         assert found["reached"] == found["poses"] == 200
