@@ -12,6 +12,12 @@ VERSION = next(
 )
 
 
+def meshes() -> list[str]:
+    """Return the files of the URDF's meshes, for data_files."""
+    here = Path(__file__).parent
+    return sorted(str(path.relative_to(here)) for path in (here / "meshes").glob("*.stl"))
+
+
 def sibling(name: str) -> str:
     """Return the requirement of a package of this repository: its folder, if beside this one."""
     root = Path(__file__).resolve().parent.parent
@@ -60,6 +66,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
+        # The URDF on robot_description names them by package://.
+        (f"share/{NAME}/meshes", meshes()),
     ],
     install_requires=[sibling("bicycle_common"), "numpy"],
     extras_require={

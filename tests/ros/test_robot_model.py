@@ -13,8 +13,8 @@ from probe import Probe
 
 from bicycle_common.nodes import topics
 from bicycle_common.types import InitialPose
-from bicycle_sim.nodes import robot_model
-from bicycle_sim.nodes.visualization import JOINTS
+from bicycle_sim.nodes import robot_model, robot_urdf
+from bicycle_sim.nodes.visualization import JOINTS, Joints
 from bicycle_sim.plants import registry
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_sim.sensors import settings
@@ -72,9 +72,21 @@ def test_lean_and_steering_turn_their_links_to_the_left() -> None:
     assert axle[0] < -0.2  # the wheel points to the left, so its left side looks back
 
 
+def test_wheels_without_size_do_not_turn() -> None:
+    skate = registry.named(plant="whipple", bicycle="two-mass-skate")
+    simulator = Simulator(named("learned-speed"), skate)
+    simulator.reset(InitialPose(0.0, 0.0, 0.0, 3.0))
+    message = robot_model.transforms(simulator.snapshot, 5, skate.geometry, "", 1.0)
+    turns = {one.child_frame_id: one.transform.rotation.w for one in message.transforms}
+    assert turns["rear_wheel_link"] == turns["front_wheel_link"] == turns["crank_link"] == 1.0
+    joints = Joints(skate.geometry, skate.time_step)
+    joints.advance(simulator.snapshot)
+    assert list(joints.message(simulator.snapshot, 5).position) == [0.0] * len(JOINTS)
+
+
 def test_the_urdf_has_the_tree_and_the_joints_of_the_messages() -> None:
     g = WHIPPLE.geometry
-    root = ElementTree.fromstring(robot_model.urdf(g, 'a "bicycle" & more', "b1/"))
+    root = ElementTree.fromstring(robot_urdf.urdf(g, 'a "bicycle" & more', "b1/"))
     links = {link.attrib["name"] for link in root.findall("link")}
     joints = {joint.attrib["name"]: joint for joint in root.findall("joint")}
     assert set(JOINTS) <= set(joints)
@@ -109,7 +121,7 @@ def test_sensors_have_their_mounts_in_tree_and_model() -> None:
     assert (place.x, place.y, place.z) == (0.1, 0.2, 0.3)
     # Half a right angle each about roll, then yaw: x goes to y, y to z, z to x.
     assert [turn.w, turn.x, turn.y, turn.z] == pytest.approx([0.5] * 4)
-    root = ElementTree.fromstring(robot_model.urdf(WHIPPLE.geometry, "b", "b1/", mounts))
+    root = ElementTree.fromstring(robot_urdf.urdf(WHIPPLE.geometry, "b", "b1/", mounts))
     origin = root.find("joint[@name='imu_link']/origin")
     assert origin is not None
     assert origin.attrib == {"xyz": "0.1 0.2 0.3", "rpy": "1.5708 0 1.5708"}

@@ -33,7 +33,7 @@ from bicycle_common.nodes.topics import STATE_PERIOD, Topic, advertise, listen, 
 from bicycle_common.parameters import describe
 from bicycle_common.types import InitialPose
 from bicycle_sim import __version__
-from bicycle_sim.nodes import robot_model, sensor_messages, visualization
+from bicycle_sim.nodes import robot_model, robot_urdf, sensor_messages, visualization
 from bicycle_sim.nodes.exclusive import refuse_second_simulator
 from bicycle_sim.nodes.sim_diagnostics import SimReport
 from bicycle_sim.nodes.sim_settings import NAME, SimSettings
@@ -137,7 +137,7 @@ class SimNode(Node):
         """Publish the constant facts: the model and the fixed transform."""
         label = f"bicycle {self._loop.simulator.plant.label}"
         mounts = robot_model.mounts_of(self._sensors)
-        text = robot_model.urdf(self._geometry, label, self._frames, mounts)
+        text = robot_urdf.urdf(self._geometry, label, self._frames, mounts)
         self._publish(topics.ROBOT_DESCRIPTION, String(data=text))
         self._publish(topics.TF_STATIC, robot_model.static_transforms(self._frames, 0, mounts))
 

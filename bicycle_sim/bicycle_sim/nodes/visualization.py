@@ -87,10 +87,8 @@ class Joints:
 
     def message(self, snapshot: BicycleState, nanoseconds: int, moving: bool = True) -> JointState:
         """Return the angles in rad and rates in rad/s of JOINTS; see `odometry` for `moving`."""
-        g = self._geometry
         moving = moving and not snapshot.fallen
-        # Of the front wheel, the rear one and the crank, rad per m.
-        turns = 1.0 / g.front_radius, 1.0 / g.rear_radius, g.crank_ratio / g.rear_radius
+        turns = self._geometry.wheel_turns
         return JointState(
             header=to_header(nanoseconds),
             name=list(JOINTS),

@@ -119,6 +119,21 @@ class Geometry:
     crank_ratio: float = 0.5
     """Turns of the crank per turn of the rear wheel."""
 
+    @property
+    def has_rider(self) -> bool:
+        """True if the mass includes a person's.
+
+        Measured bicycles have up to 35 kg without a rider, and from 75 kg with one.
+        """
+        return self.mass > 55.0
+
+    @property
+    def wheel_turns(self) -> tuple[float, float, float]:
+        """Turns of front wheel, rear wheel and crank, rad per m; zero of a wheel without size."""
+        front = 1.0 / self.front_radius if self.front_radius > 0.0 else 0.0
+        rear = 1.0 / self.rear_radius if self.rear_radius > 0.0 else 0.0
+        return front, rear, self.crank_ratio * rear
+
 
 class Plant(ABC, Generic[State]):
     """N bicycles with the same equations and one set of parameters, or one set for each."""
