@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -70,6 +71,27 @@ def test_topics_come_as_they_are_with_their_definitions(
     assert "clientPublish" in client.info["capabilities"]
     assert "services" in client.info["capabilities"]
     assert set(client.info["supportedEncodings"]) == {"json", "cdr"}
+
+
+def test_foxglove_gets_the_meshes_of_the_model_and_no_other_file(
+    client: FoxgloveClient,
+) -> None:
+    model = "/robot_description"
+    assert "assets" in client.info["capabilities"]
+    client.subscribe(model)
+    text = client.until(lambda: client.messages.get(model))[0].data
+    names = set(re.findall(r'mesh filename="([^"]+)"', text))
+    assert len(names) >= 8
+    for name in names:
+        data = client.asset(name)
+        assert data is not None, name
+        count = int.from_bytes(data[80:84], "little")
+        assert len(data) == 84 + 50 * count > 84
+    folder = next(iter(names)).rpartition("/")[0]
+    for other in ("../package.xml", "none.stl", "", "%2e%2e/package.xml"):
+        assert client.asset(f"{folder}/{other}") is None, other
+    assert client.asset("file:///etc/hostname") is None
+    assert client.asset("package://bicycle_sim/package.xml") is None
 
 
 def test_a_goal_in_json_is_ridden_to(client: FoxgloveClient) -> None:
@@ -145,7 +167,7 @@ def test_it_only_shows_unless_it_is_told_otherwise(start_node: Start, bicycle: N
     client = FoxgloveClient(port)
     client.subscribe(STATE)
     client.until(lambda: client.messages.get(STATE))
-    assert client.info["capabilities"] == []
+    assert client.info["capabilities"] == ["assets"]
     assert client.services == {}
     client.offer(1, "/goal_pose", POSE)
     client.publish(1, goal(12, 0))

@@ -18,6 +18,7 @@ from waiting import PATIENCE
 PROTOCOL = "foxglove.sdk.v1"
 MESSAGE_DATA = 1
 SERVICE_REQUEST, SERVICE_RESPONSE = 2, 3
+FETCH_ASSET_RESPONSE = 4
 UNKNOWN_CHANNEL = re.compile(r"Unknown channel ID: (\d+)")
 
 
@@ -46,6 +47,7 @@ class FoxgloveClient:
         self.statuses: list[str] = []
         self.services: dict[str, dict[str, Any]] = {}
         self._answers: dict[int, Any] = {}
+        self._assets: dict[int, bytes | None] = {}
         self._topics: dict[int, str] = {}
         self._again: list[int] = []
         self._decode: dict[str, Callable[[bytes], Any]] = {}
@@ -84,6 +86,9 @@ class FoxgloveClient:
         elif message.type == aiohttp.WSMsgType.BINARY and message.data[0] == SERVICE_RESPONSE:
             _, _, call, length = struct.unpack_from("<BIII", message.data)
             self._answers[call] = json.loads(message.data[13 + length :])
+        elif message.type == aiohttp.WSMsgType.BINARY and message.data[0] == FETCH_ASSET_RESPONSE:
+            _, number, failed, length = struct.unpack_from("<BIBI", message.data)
+            self._assets[number] = None if failed else message.data[10 + length :]
         elif message.type == aiohttp.WSMsgType.TEXT:
             said = json.loads(message.data)
             if said["op"] == "serverInfo":
@@ -120,6 +125,13 @@ class FoxgloveClient:
         head = struct.pack("<BIII", SERVICE_REQUEST, self.services[name]["id"], number, 4)
         self._run(self._socket.send_bytes(head + b"json" + json.dumps(values).encode()))
         return self.until(lambda: self._answers.get(number))
+
+    def asset(self, uri: str) -> bytes | None:
+        """Ask for a file; return its contents, None if it is refused."""
+        number = len(self._assets) + 1
+        self.send(op="fetchAsset", uri=uri, requestId=number)
+        self.until(lambda: number in self._assets)
+        return self._assets[number]
 
     def subscribe(self, topic: str) -> None:
         """Ask for a topic, once it is advertised."""

@@ -43,6 +43,7 @@ from bicycle_common.nodes.runner import UserError, run
 from bicycle_common.parameters import describe
 from bicycle_tools.foxglove_pose import MOST_BYTES, parse_pose
 from bicycle_tools.foxglove_settings import FoxgloveSettings
+from bicycle_tools.nodes.foxglove_meshes import mesh
 from bicycle_tools.nodes.foxglove_relay import Relay
 from bicycle_tools.nodes.foxglove_services import Services
 
@@ -126,6 +127,7 @@ class FoxgloveServer(Node):
                 services=services,
                 supported_encodings=["json", "cdr"] if settings.publish else None,
                 server_listener=Listener(self._put, self),
+                asset_handler=mesh,
                 context=self._shown,
                 message_backlog_size=settings.backlog,
             )
