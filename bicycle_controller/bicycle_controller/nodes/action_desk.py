@@ -32,6 +32,7 @@ from bicycle_common.types import BicycleState
 from bicycle_controller.control.goals import Event, Status
 from bicycle_controller.control.guidance import NEWER
 from bicycle_controller.control.guide import PathEnd, PathReport
+from bicycle_controller.nodes import nav2_errors
 from bicycle_sim.nodes.robot_model import frames_of
 
 nav2: Any = None
@@ -381,22 +382,17 @@ def _taken_away(event: Event | PathReport) -> bool:
 
 
 def _error_code(order: Order, result: Any) -> int:
-    """Return nav2's number for why an order was not carried out; 0 if it was, or was cancelled.
-
-    The numbers are the result's own constants, which differ from action to action.
-    """
+    """Return nav2's number for why an order was not carried out; 0 if it was, or was cancelled."""
     if (_good(order.last) and not order.reason) or order.handle.is_cancel_requested:
         return 0
-    status = order.last.status if isinstance(order.last, PathReport) else PathEnd.REJECTED
-    name = "TIMEOUT"
+    why: tuple[str, ...] = nav2_errors.OTHER
     if order.follows:
-        name = {
-            PathEnd.REJECTED: "INVALID_PATH",
-            PathEnd.LOST: "FAILED_TO_MAKE_PROGRESS",
-        }.get(status, "UNKNOWN")
-    elif not (isinstance(order.last, Event) and order.last.status is Status.GIVEN_UP):
-        name = "UNKNOWN"
-    return int(getattr(result, name, 0) or getattr(result, "UNKNOWN", 0) or 1)
+        status = order.last.status if isinstance(order.last, PathReport) else PathEnd.REJECTED
+        known = {PathEnd.REJECTED: nav2_errors.INVALID_PATH, PathEnd.LOST: nav2_errors.LOST}
+        why = known.get(status, why)
+    elif isinstance(order.last, Event) and order.last.status is Status.GIVEN_UP:
+        why = nav2_errors.LATE
+    return nav2_errors.number(why, result, nav2.FollowPath.Result)
 
 
 def _distance(snapshot: BicycleState, pose: PoseStamped) -> float:
