@@ -43,7 +43,7 @@ Starts, goals and start disturbances follow from the seed alone: every controlle
 
 With --course or --arrivals, CONTROLLER is a follower: preview (an LQR that sees the path's
 curvature ahead; the default) or stanley (the baseline). --course random rides one random road per
-episode.
+episode. With --crossings it is a follower, cmd_vel or a policy, which rides to goals.
 
 examples:
   bicycle evaluate fixed-speed --episodes 10000 --against lqr --json
@@ -170,8 +170,7 @@ def run_command(args: argparse.Namespace) -> int:
     if args.arrivals is not None:
         return _score_arrivals(args)
     if args.crossings is not None:
-        plant = options.named_plant(args) or registry.default()
-        return _told(args, plant, crossings.score(plant, args.crossings, args.seed), crossings)
+        return _score_crossings(args)
     if args.start is not None or args.picture is not None or args.sensors is not None:
         raise ValueError("--from, --picture and --sensors belong to --course")
     args.episodes = 1000 if args.episodes is None else args.episodes
@@ -315,6 +314,23 @@ def _score_arrivals(args: argparse.Namespace) -> int:
     )
     result = {"scenario": scenario.name, "follower": config.follower, **result}
     return _told(args, plant, result, arrivals)
+
+
+def _score_crossings(args: argparse.Namespace) -> int:
+    """Score how pairs of bicycles keep clear at crossings; return the exit status.
+
+    Raises:
+        ValueError: on a user's mistake.
+    """
+    rider = args.controller or "preview"
+    if rider in (*FOLLOWERS, crossings.CMD_VEL):
+        plant = options.named_plant(args) or registry.default()
+        result = crossings.score(plant, args.crossings, args.seed, rider)
+        return _told(args, plant, result, crossings)
+    scenario, plant = _world(args, load_controller(rider))
+    policy = actor_on(load_controller(rider, plant, scenario.torque_limit), args.device)
+    result = crossings.score(plant, args.crossings, args.seed, rider, policy, scenario)
+    return _told(args, plant, {"scenario": scenario.name, **result}, crossings)
 
 
 def _told(args: argparse.Namespace, plant: Plant[Any], result: dict[str, Any], kind: Any) -> int:

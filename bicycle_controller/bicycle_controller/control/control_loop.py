@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from bicycle_common.geometry import wrap_angle
 from bicycle_common.observation import observation
 from bicycle_common.types import AppliedCommand, BicycleState, Command
 from bicycle_controller.control.control_output import ControllerSwitch, ControlOutput
@@ -16,9 +17,11 @@ from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.exploration_noise import Noise
 from bicycle_controller.control.goals import GoalTracker, Pose
 from bicycle_controller.control.guide import Guide, PathEnd, PlannedTurns
+from bicycle_controller.control.keep_clear import Mover
 from bicycle_controller.control.riding import Riding
 from bicycle_controller.control.safety import Reason, Safety, stopping_pedal
 from bicycle_controller.control.standby import Standby
+from bicycle_controller.control.swerve import Swerve, pedal_at_most
 from bicycle_sim.plants.base import Plant
 
 TIMES_KEPT = 2000
@@ -44,6 +47,8 @@ class ControlLoop:
         failing: True if the policy failed at the last answer.
         standby: detects that another controller drives.
         guide: steers in place of the policy, along a path or by cmd_vel; None for goals.
+        swerve: how it passes other bicycles on the way to goals.
+        slowest: lowest speed to give way with, m/s.
         times: computing times of the latest answers, s.
         policy_times: the policy's own part of them, s, if it was asked.
     """
@@ -97,6 +102,7 @@ class ControlLoop:
         self.failing = False
         self.standby = Standby(name)
         self.guide: Guide | None = None
+        self.swerve, self.slowest = Swerve(), 2.0
         self._time = 0.0
 
     def answer(
@@ -198,11 +204,16 @@ class ControlLoop:
         error = (
             self.tracker.heading_error(pose) if guide is None else guide.heading_error(snapshot)
         )
+        most = None
+        if guide is None and self.swerve.others:
+            error, most = self._beside_others(snapshot, error)
         seen, speed = observation(snapshot, error)[None], np.array([snapshot.speed])
         lateness = 0.0 if applied is None else applied.lateness(snapshot.step)
         action, in_charge, warning, hand_over = self._choose(
             snapshot, seen, speed, lateness, guide
         )
+        if most is not None:
+            action[2] = pedal_at_most(action[2:], speed, most)[0]
         if self._noise is not None:
             known = np.where(np.isfinite(self.limits), self.limits, 0.0)
             action = action + self._noise.sample()[0] * known
@@ -228,6 +239,16 @@ class ControlLoop:
             goal_distance=self.tracker.distance,
         )
         return command, warning, hand_over
+
+    def _beside_others(self, snapshot: BicycleState, error: float) -> tuple[float, np.ndarray]:
+        """Return psi_g by which it keeps clear of others, rad, and the highest speed, (1,) m/s."""
+        way = snapshot.heading - error
+        numbers = snapshot.rear_x, snapshot.rear_y, way, snapshot.speed
+        self.swerve.pedals = bool(self.limits[2] > 0.0)
+        most, aside = self.swerve.look(
+            Mover(*(np.array([value]) for value in numbers)), self.slowest
+        )
+        return float(wrap_angle(error - aside[0])), most
 
     def _choose(
         self,

@@ -27,6 +27,7 @@ from bicycle_controller.control.keep_clear import Mover
 from bicycle_controller.control.path import Path
 from bicycle_controller.control.path_follower import PathFollower
 from bicycle_controller.control.path_ride import PathRide
+from bicycle_controller.control.swerve import Swerve
 from bicycle_controller.control.twist_ride import TwistLimits, TwistRide
 from bicycle_sim.plants.base import Plant
 
@@ -105,9 +106,10 @@ class Guidance:
         self._wanted: tuple[Point2D, float] | None = None
         self._unable = ""
         self.others: dict[str, Mover] = {}
-        """Other bicycles to keep clear of on paths, by name."""
+        """Other bicycles to keep clear of, by name."""
         self.name = ""
         """Own name among them."""
+        loop.swerve = Swerve(self.others)
         self.log_lines: list[str] = []
         self.followed: Path | None = None
 
@@ -229,7 +231,7 @@ class Guidance:
     def _steer(self, ride: PathRide) -> None:
         self._finish()
         self._loop.steer_by(ride)
-        ride.others, ride.name = self.others, self.name
+        ride.others, ride.name, ride.pedals = self.others, self.name, self._pedals
         self._ride, self._twist = ride, None
         self.followed = ride.course.path
 
@@ -348,6 +350,8 @@ class Guidance:
             raise ValueError(self._unable or "the follower's gains are not computed yet")
         if self._twist is None or self._loop.guide is not self._twist:
             twist = TwistRide(self._follower, self.config.twist)
+            twist.swerve = Swerve(self.others, self.name)
+            twist.swerve.pedals = self._pedals
             twist.command(speed, yaw_rate)
             self._drop(PathEnd.REPLACED, "cmd_vel steers instead")
             self._finish()
@@ -361,6 +365,7 @@ class Guidance:
     def poll(self, snapshot: BicycleState) -> None:
         """Take up what the threads have finished, before a state is answered."""
         self._snapshot = snapshot
+        self._loop.swerve.name, self._loop.slowest = self.name, self.config.slowest
         while not self._ready.empty():
             self._ready.get()()
         if self._pending is not None and not self._pending.begun and self._may_begin:

@@ -9,6 +9,7 @@ about to touch: then it moves aside, too. Head on, both keep to the right.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -70,9 +71,12 @@ def keep_clear(
     other: Mover,
     later: np.ndarray,
     wanted: np.ndarray,
-    slowest: float,
+    slowest: np.ndarray | float,
     beside: np.ndarray | float = 0.0,
     last: np.ndarray | float = 0.0,
+    shifts: Sequence[float] = SHIFTS,
+    against: float = AGAINST,
+    side: float = 0.0,
 ) -> Way:
     """Return how each bicycle rides past its other one.
 
@@ -81,9 +85,12 @@ def keep_clear(
         other: one for each.
         later: (N,) bool, True where the own name comes after the other's.
         wanted: (N,) m/s.
-        slowest: m/s.
+        slowest: (N,) m/s; `wanted` where the speed cannot be changed.
         beside: (N,) m, where the own bicycle is, to the left of its path.
         last: (N,) m, its last shift, which it keeps unless another one is clearly better.
+        shifts: m to the left of the path that are tried, the first of equals wins.
+        against: rad between two headings beyond which it does not swerve to the left.
+        side: m of clearance that the other side must gain to be taken instead of the last one.
     """
     wanted = np.asarray(wanted, dtype=float)
     miss, soon = _miss(own, other, own.speed, 0.0)
@@ -96,15 +103,16 @@ def keep_clear(
     angle = np.abs(np.angle(np.exp(1j * (other.heading - own.heading))))
     best = np.full(len(wanted), -np.inf)
     speed, shift = wanted.copy(), np.zeros(len(wanted))
-    for aside in SHIFTS if acts.any() else ():  # nearly all of the work, seldom needed
+    for aside in shifts if acts.any() else ():  # nearly all of the work, seldom needed
         for share in np.linspace(1.0, 0.0, SPEEDS):
             tried = slowest + share * np.maximum(wanted - slowest, 0.0)
             found, _ = _miss(own, other, tried, aside - beside)
             # Of all clear ways, take the first: it is the fastest and straightest.
             score = np.minimum(found, CLEAR) - 0.02 * abs(aside) - 0.01 * (1.0 - share)
             if aside > 0.0:  # who comes against it may keep to its right
-                score = score - np.where(angle > AGAINST, CLEAR, 0.0)
+                score = score - np.where(angle > against, CLEAR, 0.0)
             score = score + np.where(np.abs(last - aside) < 0.1, KEEP, 0.0)
+            score = score + np.where(last * aside > 0.0, side, 0.0)
             better = score > best + 1e-9
             best = np.where(better, score, best)
             speed = np.where(acts & better, tried, speed)

@@ -72,6 +72,8 @@ class PathRide:
         """Other bicycles to keep clear of, by name."""
         self.name = ""
         """Own name among them."""
+        self.pedals = True
+        """False if the speed cannot be changed, so that it only swerves past others."""
         self.yielding = False
         self._shift, self._slowest = 0.0, slowest
         self._shifts: dict[str, float] = {}
@@ -131,7 +133,7 @@ class PathRide:
         other = Mover(*map(np.concatenate, zip(*self.others.values(), strict=True)))
         later = np.array([self.name > name for name in names])
         last = np.array([self._shifts.get(name, 0.0) for name in names])
-        slowest = min(self._slowest, float(wanted[0]))
+        slowest = min(self._slowest, float(wanted[0])) if self.pedals else float(wanted[0])
         way = keep_clear(
             own, other, later, np.repeat(wanted, count), slowest, place.cross_track, last
         )

@@ -12,7 +12,9 @@ from bicycle_common.observation import observation
 from bicycle_common.types import BicycleState
 from bicycle_common.validation import require
 from bicycle_controller.control.guide import ANY_TURN, PathEnd, PlannedTurns
+from bicycle_controller.control.keep_clear import Mover
 from bicycle_controller.control.path_follower import PathFollower
+from bicycle_controller.control.swerve import Swerve
 
 SETTLING = 3.0
 """s for which a bicycle may still be in the turn that it rode before."""
@@ -53,6 +55,8 @@ class TwistRide:
         self.over = False
         self.silent = False
         """True if no command has come for too long."""
+        self.swerve = Swerve()
+        """How it passes other bicycles."""
 
     @property
     def policy_id(self) -> str:
@@ -82,6 +86,9 @@ class TwistRide:
         self.silent = time - self._heard > self.limits.timeout
         yaw_rate = 0.0 if self.silent else self._yaw_rate
         speed = np.array([snapshot.speed])
+        wanted = np.array([self._speed])
+        if self.swerve.others:
+            yaw_rate, wanted = self._past_others(snapshot, time, yaw_rate)
         curvature = yaw_rate / np.maximum(speed, 0.5)
         if self._ridden and time < self._ridden[-1][0]:
             self._ridden.clear()
@@ -89,8 +96,21 @@ class TwistRide:
         while time - self._ridden[0][0] > SETTLING:
             self._ridden.popleft()
         seen = observation(snapshot, 0.0)[None]
-        wanted = np.array([self._speed])
         return np.asarray(self._follower.turn(seen, speed, curvature, wanted)[0])
+
+    def _past_others(
+        self, snapshot: BicycleState, time: float, yaw_rate: float
+    ) -> tuple[float, np.ndarray]:
+        """Return the yaw rate, rad/s, and the speed, (1,) m/s, that keep clear of others."""
+        numbers = snapshot.rear_x, snapshot.rear_y, snapshot.heading, snapshot.speed
+        since = time - self._ridden[-1][0] if self._ridden else 0.0
+        most, more = self.swerve.turn(
+            Mover(*(np.array([value]) for value in numbers)),
+            np.array([yaw_rate * max(0.0, since)]),
+            self.limits.slowest,
+            np.array([self._speed]),
+        )
+        return yaw_rate + float(more[0]), np.minimum(most, self._speed)
 
     def turns(self, speed: float) -> PlannedTurns | None:
         """Return the turns that were commanded within the last seconds."""

@@ -172,7 +172,7 @@ class ControllerSettings:
     )
     keep_clear: str = parameter(
         "",
-        "namespaces of other bicycles, as b2,b3, to keep clear of on paths; none by default",
+        "namespaces of other bicycles, as b2,b3, to keep clear of; none by default",
     )
     take_over: bool = parameter(True, "ride on a bicycle that is found riding, to the goal it had")
     managed: bool = parameter(
