@@ -28,8 +28,13 @@ def has_heard(probe: Probe) -> bool:
     return bool(probe[topics.STATE] and probe[topics.ODOMETRY])
 
 
+@pytest.mark.parametrize(("by", "apart"), [("paths", 1.4), ("goals", 1.0)])
 def test_two_bicycles_cross_and_keep_clear(
-    start_node: Callable[..., NodeProcess], ros_domain: int, monkeypatch: pytest.MonkeyPatch
+    by: str,
+    apart: float,
+    start_node: Callable[..., NodeProcess],
+    ros_domain: int,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(commander, "READY", PATIENCE)
     starts = {"b1": (-30.0, 0.0, 0.0), "b2": (0.0, -30.0, math.pi / 2)}
@@ -57,8 +62,12 @@ def test_two_bicycles_cross_and_keep_clear(
     try:
         for probe in probes:
             probe.spin_until(partial(has_heard, probe))
-        orders[0].follow_path([(-30.0, 0.0), (25.0, 0.0)], speed=3.0)
-        orders[1].follow_path([(0.0, -30.0), (0.0, 25.0)], speed=3.0)
+        if by == "paths":
+            orders[0].follow_path([(-30.0, 0.0), (25.0, 0.0)], speed=3.0)
+            orders[1].follow_path([(0.0, -30.0), (0.0, 25.0)], speed=3.0)
+        else:
+            orders[0].ride_to(25.0, 0.0)
+            orders[1].ride_to(0.0, 25.0)
         least = math.inf
         while not all(order.done for order in orders):
             for probe, name in zip(probes, starts, strict=True):
@@ -69,7 +78,7 @@ def test_two_bicycles_cross_and_keep_clear(
         for order in orders:
             outcome = order.wait(timeout=PATIENCE)
             assert outcome.reached, outcome.message
-        assert least > 1.4
+        assert least > apart
         frames = {probe[topics.ODOMETRY][-1].header.frame_id for probe in probes}
         assert frames == {"b1/odom", "b2/odom"}
     finally:
