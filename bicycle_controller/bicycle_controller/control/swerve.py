@@ -23,7 +23,7 @@ WIDE = (*SHIFTS, -4.5, 4.5, -6.0, 6.0)
 """m to the left that a bicycle without a pedal tries."""
 SIDE = 2.0
 """m of clearance that the other side must gain before such a bicycle changes sides."""
-NARROW = np.radians(60.0)
+NARROW = np.radians(90.0)
 """Angle between two ways up to which a bicycle without a pedal turns away, rad."""
 TURN_GAIN = 0.8
 """1/s, yaw rate per heading error of a bicycle that is steered by turns."""
