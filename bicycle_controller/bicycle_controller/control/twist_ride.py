@@ -56,7 +56,7 @@ class TwistRide:
         self.silent = False
         """True if no command has come for too long."""
         self.swerve = Swerve()
-        """How it passes other bicycles."""
+        """Memory of how it passes other bicycles."""
 
     @property
     def policy_id(self) -> str:
