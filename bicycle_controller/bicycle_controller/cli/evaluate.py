@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bicycle_common.origin import made_by
 from bicycle_common.progress import ProgressBar
 from bicycle_common.validation import require
 from bicycle_controller.cli import options
@@ -24,7 +25,6 @@ from bicycle_controller.policy.devices import actor_on
 from bicycle_controller.policy.policy import load_controller, write_atomically
 from bicycle_controller.policy.policy_file import PolicyInfo
 from bicycle_controller.policy.trained_for import held_back, unlike_training, warning
-from bicycle_controller.training.run_folder import origin
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.sensors import settings as sensors
@@ -283,7 +283,7 @@ def _ride_courses(args: argparse.Namespace) -> int:
         title = f"{args.controller or 'preview'} on {plant.label}"
         course_score.draw(traces, title, args.picture)
     found = {
-        **_origin(),
+        **made_by(),
         "physics": json.loads(plant.to_json()),
         "torque_limit": limits[0],
         "pedal_limit": limits[1],
@@ -319,18 +319,12 @@ def _score_arrivals(args: argparse.Namespace) -> int:
 
 def _told(args: argparse.Namespace, plant: Plant[Any], result: dict[str, Any], kind: Any) -> int:
     """Write and print a result of the module `kind`; return the exit status."""
-    found = {**_origin(), "physics": json.loads(plant.to_json()), **result}
+    found = {**made_by(), "physics": json.loads(plant.to_json()), **result}
     written = json.dumps(found, indent=2)
     if args.out is not None:
         write_atomically(args.out, written.encode() + b"\n")
     print(written if args.json else kind.as_text(result), flush=True)
     return 0
-
-
-def _origin() -> dict[str, str]:
-    """Return what made a result: command, commit and processor."""
-    found = origin()
-    return {name: str(found[name]) for name in ("command", "commit", "processor")}
 
 
 def _unlike(

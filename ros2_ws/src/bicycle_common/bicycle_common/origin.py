@@ -20,6 +20,12 @@ def origin() -> dict[str, str]:
     }
 
 
+def made_by() -> dict[str, str]:
+    """Return command, commit and processor alone: the same words for the same run."""
+    found = origin()
+    return {name: found[name] for name in ("command", "commit", "processor")}
+
+
 def _program() -> str:
     """Return the words that start this program in a shell; `python -m` names a file instead."""
     name = Path(sys.argv[0]).name
