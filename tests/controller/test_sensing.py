@@ -53,6 +53,21 @@ def test_command_tells_what_each_imperfection_costs(capsys: pytest.CaptureFixtur
     assert rows[0]["roll_error_rms_deg"] == 0.0 < rows[1]["roll_error_rms_deg"] < 1.0
 
 
+def test_command_tells_what_a_wrong_friction_of_the_model_costs(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    words = "sensing lqr --bicycles browser-rider --episodes 6 --duration 6 --friction 0.5 --json"
+    assert main(words.split()) == 0
+    known = json.loads(capsys.readouterr().out)["rows"][0]
+    assert main([*words.split(), "--model-friction", "0,0.5"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {"command", "commit", "processor"} <= found.keys()
+    none, right = found["rows"]
+    assert [none["with"], right["with"]] == ["model friction 0", "model friction 0.5"]
+    assert right["roll_error_rms_deg"] == known["roll_error_rms_deg"]
+    assert none["roll_error_rms_deg"] > 1.2 * right["roll_error_rms_deg"]
+
+
 def test_a_policy_of_another_bicycle_is_warned_of(capsys: pytest.CaptureFixture[str]) -> None:
     words = "--bicycles browser-rider --episodes 1 --duration 1 --sensors none --json"
     for name, unlike in (("fixed-speed", ["plant whipple, not choi"]), ("any-bicycle", [])):
@@ -72,6 +87,11 @@ def test_a_policy_of_another_bicycle_is_warned_of(capsys: pytest.CaptureFixture[
         ("--speeds 6,2", "speeds must lie within"),
         ("--delay -1", "delay must lie within"),
         ("--episodes 0", "at least one ride"),
+        ("--model-friction x", "write N_M[,N_M...]"),
+        ("--model-friction -1", "friction must lie within"),
+        ("--model-friction 1 --costs", "choose one of"),
+        ("--model-friction 1 --sensors none", "needs --sensors"),
+        ("--model-friction 1 --link-loss", "has no estimator"),
     ],
 )
 def test_mistakes_are_told_in_one_line(

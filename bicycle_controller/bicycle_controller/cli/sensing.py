@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bicycle_common.origin import made_by
 from bicycle_common.progress import ProgressBar
+from bicycle_common.validation import require
 from bicycle_controller.cli import options
 from bicycle_controller.control.lqr import TUNED, LqrController
 from bicycle_controller.evaluation import link_loss, sensing
@@ -72,6 +74,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--link-loss", action="store_true", help="stop the commands at a random moment instead, "
         "and tell who is upright 10 s later")  # fmt: skip
     add("--costs", action="store_true", help="ride with each imperfection alone, too")
+    text = "friction that the estimator believes, each in turn (default: the bicycle's)"
+    add("--model-friction", type=_numbers, default=[], metavar="N_M[,N_M...]", help=text)
     options.add_seed(parser, "of starts, gusts and sensors", default=0)
     options.add_out(parser, "write the JSON there too", metavar="FILE")
     options.add_json(parser)
@@ -83,6 +87,13 @@ def _pair(text: str) -> tuple[float, float]:
     except ValueError:
         raise argparse.ArgumentTypeError(f"write LOW,HIGH in m/s, not {text!r}") from None
     return low, high
+
+
+def _numbers(text: str) -> list[float]:
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"write N_M[,N_M...], not {text!r}") from None
 
 
 def run_command(args: argparse.Namespace) -> int:
@@ -106,25 +117,31 @@ def run_command(args: argparse.Namespace) -> int:
         speeds=args.speeds,
         duration=args.duration,
     )
+    if args.model_friction:
+        require(not args.link_loss, "--link-loss has no estimator: leave out --model-friction")
+        require(not args.costs, "choose one of --costs and --model-friction")
+        require(args.sensors != "none", "--model-friction needs --sensors: the truth has no model")
     names = args.bicycles.split(",")
     for name in names:
         registry.named(bicycle=name)
     if args.link_loss:
         return _link_loss(args, names, conditions)
     unlike = {name: _unlike(args.controller, name, conditions) for name in names}
-    cases = [(name, *case) for name in names for case in _cases(conditions, args.costs)]
+    found = _frictions(conditions, args.model_friction) or _cases(conditions, args.costs)
+    cases = [(name, *case) for name in names for case in found]
     rows = [
         {
             "bicycle": name,
             "with": label,
-            **_ride(args, name, found).summary(),
+            **_ride(args, name, ridden, believed).summary(),
             "unlike_training": unlike[name],
         }
-        for name, label, found in ProgressBar(
+        for name, label, ridden, believed in ProgressBar(
             cases, desc="sensing", unit="row", shown=options.shows_progress(args)
         )
     ]
     result = {
+        **made_by(),
         "controller": args.controller,
         "seed": args.seed,
         "conditions": asdict(conditions),
@@ -168,13 +185,22 @@ def _link_loss(args: argparse.Namespace, names: list[str], conditions: Condition
                     "law": law,
                     "rides": len(found.upright),
                     "upright": int(found.upright.sum()),
-                    "median_fall_s": float(np.median(falls)) if len(falls) else None,
+                    "median_fall_s": round(float(np.median(falls)), 3) if len(falls) else None,
                 }
             )
-    written = json.dumps(
-        {"controller": args.controller, "seed": args.seed, "rows": rows}, indent=2
-    )
+    result = {
+        **made_by(),
+        "controller": args.controller,
+        "seed": args.seed,
+        "conditions": {
+            name: getattr(conditions, name)
+            for name in ("motor_lag", "torque_limit", "torque_step", "friction", "wind", "speeds")
+        },
+        "rows": rows,
+    }
+    written = json.dumps(result, indent=2)
     if args.out is not None:
+        args.out.parent.mkdir(parents=True, exist_ok=True)
         write_atomically(args.out, written.encode() + b"\n")
     lines = [f"{'bicycle':22} {'after the last command':24} upright after 10 s"]
     for row in rows:
@@ -189,36 +215,52 @@ def _link_loss(args: argparse.Namespace, names: list[str], conditions: Condition
     return 0
 
 
-def _cases(all_of_it: Conditions, costs: bool) -> list[tuple[str, Conditions]]:
-    """Return named conditions: everything, and each imperfection alone if asked for."""
-    if not costs:
-        return [("everything", all_of_it)]
-    alone = ("sensors", "delay", "motor_lag", "torque_step", "friction", "wind")
-    none = replace(all_of_it, **{name: getattr(Conditions(), name) for name in alone})
+Case = tuple[str, Conditions, Conditions]
+"""A name, conditions of the rides, and those that the estimator believes."""
+
+
+def _frictions(all_of_it: Conditions, believed: list[float]) -> list[Case]:
+    """Return everything, with each steering friction that the estimator may believe."""
     return [
-        ("nothing", none),
-        *(
-            (name.replace("_", " "), replace(none, **{name: getattr(all_of_it, name)}))
-            for name in alone
-            if getattr(all_of_it, name)
-        ),
-        ("everything", all_of_it),
+        (f"model friction {value:g}", all_of_it, replace(all_of_it, friction=value))
+        for value in believed
     ]
 
 
-def _ride(args: argparse.Namespace, bicycle: str, conditions: Conditions) -> Outcome:
+def _cases(all_of_it: Conditions, costs: bool) -> list[Case]:
+    """Return named conditions: everything, and each imperfection alone if asked for."""
+    if not costs:
+        return [("everything", all_of_it, all_of_it)]
+    alone = ("sensors", "delay", "motor_lag", "torque_step", "friction", "wind")
+    none = replace(all_of_it, **{name: getattr(Conditions(), name) for name in alone})
+    found = {
+        "nothing": none,
+        **{
+            name.replace("_", " "): replace(none, **{name: getattr(all_of_it, name)})
+            for name in alone
+            if getattr(all_of_it, name)
+        },
+        "everything": all_of_it,
+    }
+    return [(label, ridden, ridden) for label, ridden in found.items()]
+
+
+def _ride(
+    args: argparse.Namespace, bicycle: str, conditions: Conditions, believed: Conditions
+) -> Outcome:
     plant = conditions.applied(registry.named(bicycle=bicycle))
     controller: Controller
     if args.controller in TUNED:
         controller = LqrController.named(args.controller, plant, conditions.torque_limit)
     else:
         controller = load_controller(args.controller, plant)
-    return sensing.ride(controller, plant, conditions, args.episodes, args.seed)
+    model = believed.applied(registry.named(bicycle=bicycle))
+    return sensing.ride(controller, plant, conditions, args.episodes, args.seed, model)
 
 
 def _table(rows: list[dict[str, Any]]) -> str:
     """Return the rows as text."""
-    head = f"{'bicycle':22} {'with':11} {'falls':>12} {'95 %':>14} {'roll error':>16} "
+    head = f"{'bicycle':22} {'with':18} {'falls':>12} {'95 %':>14} {'roll error':>16} "
     lines = [head + f"{'heading':>8} {'torque':>7}"]
     for row in rows:
         falls, rides = int(row["falls"]), int(row["rides"])
@@ -226,7 +268,7 @@ def _table(rows: list[dict[str, Any]]) -> str:
         interval = f"{100 * low:.2f}-{100 * high:.2f} %"
         error = f"{row['roll_error_rms_deg']:.2f} / {row['roll_error_mean_deg']:.2f} deg"
         lines.append(
-            f"{row['bicycle']:22} {row['with']:11} {falls:>5} of {rides:<6} {interval:>12} "
+            f"{row['bicycle']:22} {row['with']:18} {falls:>5} of {rides:<6} {interval:>12} "
             f"{error:>16} {row['heading_rms_deg']:>6.1f} d {row['torque_rms']:>5.2f} N m"
         )
     return "\n".join([*lines, "roll error: root mean square / size of each ride's mean"])

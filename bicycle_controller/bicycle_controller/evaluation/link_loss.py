@@ -2,9 +2,9 @@
 
 The law of the microcontroller steers into the lean: kappa (6 - v) times the roll rate, less a
 damping of the steering, from one gyro, the wheel and the steer encoder
-(`bicycle_hardware/firmware/bicycle_core.c`). Without the damping, a motor that lags by 30 ms makes
-heavy bicycles fall. Beside it: the last torque held
-for 250 ms and then none, as the simulator's watchdog does, and none at once.
+(`bicycle_hardware/firmware/bicycle_core.c`). Beside it: the same without the damping, which a
+motor that lags needs; the last torque held for 250 ms and then none, as the simulator's watchdog
+does; and none at once.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ from bicycle_sim.plants.base import Loads, Plant
 if TYPE_CHECKING:
     from bicycle_controller.control.controller import Controller
 
-LAWS = ("steer into the lean", "hold 250 ms, then zero", "zero")
+FIRMWARE, UNDAMPED = "steer into the lean", "roll rate alone"
+HELD, NONE = "hold 250 ms, then zero", "zero"
+LAWS = (FIRMWARE, UNDAMPED, HELD, NONE)
 """Reactions after the last command."""
 GAIN, STABLE_SPEED = 10.0, 6.0
 """kappa, N m per rad/s and m/s; m/s. The firmware has the same (`CORE_DEFAULTS`)."""
@@ -57,11 +59,15 @@ class Lost:
 
 
 def fallback(
-    roll_rate: np.ndarray, speed: np.ndarray, limit: float, steer_rate: np.ndarray
+    roll_rate: np.ndarray,
+    speed: np.ndarray,
+    limit: float,
+    steer_rate: np.ndarray,
+    damping: float = DAMPING,
 ) -> np.ndarray:
     """Return the firmware's torque (N,), N m; rates (N,), rad/s, are positive to the left, too."""
     missing = np.clip(STABLE_SPEED - speed, 0.0, STABLE_SPEED)
-    wanted = GAIN * missing * roll_rate - DAMPING * steer_rate
+    wanted = GAIN * missing * roll_rate - damping * steer_rate
     return np.where(missing > 0.0, np.clip(wanted, -limit, limit), 0.0)
 
 
@@ -110,10 +116,11 @@ def ride(
         gyro = state.lean_rate + bias + GYRO_NOISE * rng.standard_normal(count)
         counted = STEER_STEP * np.rint(state.steer_angle / STEER_STEP)
         steer_rate, steer = 0.5 * (steer_rate + (counted - steer) / PERIOD), counted
-        if law == LAWS[0]:
-            alone = fallback(gyro, state.speed, most, steer_rate)
+        if law in (FIRMWARE, UNDAMPED):
+            damping = DAMPING if law == FIRMWARE else 0.0
+            alone = fallback(gyro, state.speed, most, steer_rate, damping)
         else:
-            hold = HOLD if law == LAWS[1] else 0.0
+            hold = HOLD if law == HELD else 0.0
             alone = np.where((step - lost_at) * PERIOD < hold, held, 0.0)
         keep = math.exp(-PERIOD)
         gust = keep * gust + c.wind * math.sqrt(1.0 - keep * keep) * rng.standard_normal(count)
