@@ -10,8 +10,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import shlex
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -20,6 +18,7 @@ from typing import Any
 import numpy as np
 from machine import machine
 
+from bicycle_common.origin import made_by
 from bicycle_controller.cli.sensing import BICYCLES
 from bicycle_controller.control.lqr import LqrController
 from bicycle_controller.evaluation.link_loss import HOLD
@@ -299,8 +298,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=OUT)
     given = parser.parse_args()
     result: dict[str, Any] = {
-        "commands": [],
-        "machine": machine("numpy"),
+        "made by": [],
         "conditions": {
             "motor lag (s)": 0.03,
             "friction (N m)": 0.5,
@@ -311,8 +309,7 @@ def main() -> None:
     }
     if given.add and given.out.is_file():
         result = json.loads(given.out.read_text())
-    command = ["python", "tests/benchmarks/bench_board.py", *sys.argv[1:]]
-    result["commands"].append(shlex.join(command))
+    result["made by"].append({**made_by(), "machine": machine("numpy")})
     given.out.parent.mkdir(parents=True, exist_ok=True)
     for part in given.parts:
         for row in measured(part, given.bicycles.split(","), given.rides, given.seed):

@@ -14,13 +14,13 @@ import argparse
 import gzip
 import json
 import math
-import shlex
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from machine import machine
 
+from bicycle_common.origin import made_by
 from bicycle_controller.estimation.kalman import Filter
 from bicycle_sim.plants import registry
 from bicycle_sim.sensors.reading import Reading
@@ -119,7 +119,8 @@ def main() -> None:
     given = parser.parse_args()
     names = [path.name for path in given.logs]
     result = {
-        "command": shlex.join(["python", "tests/benchmarks/bench_real_logs.py", *names]),
+        **made_by(),
+        "command": " ".join(["bench_real_logs.py", *names]),  # without their folder
         "machine": machine("numpy"),
         "logs": {path.name: compared(load(path)) for path in given.logs},
     }
