@@ -222,6 +222,67 @@ def test_a_pc_that_always_answers_late_is_no_worse_than_the_fallback(
     assert (obeyed > 20) == (late < 0.1)
 
 
+@pytest.mark.parametrize("used", [5, 400, 1500])
+def test_a_pc_that_begins_anew_is_obeyed_at_once(rig: Rig, used: int) -> None:
+    rig.arm()
+    rig.line.sequence = used
+    rig.command(torque=1.0)
+    assert rig.tick().mode is Mode.RIDING
+    rig.tick(30)
+    assert mode(rig) is Mode.FALLBACK
+    rig.line.sequence = 0  # counts from the start, as after a cable was put back
+    rig.command(torque=2.0)
+    assert (rig.tick().mode, rig.outputs.torque) == (Mode.RIDING, 2.0)
+
+
+def test_a_repeated_frame_is_not_obeyed_while_commands_come(rig: Rig) -> None:
+    rig.arm()
+    old = encode(Actuators(rig.now_us, -5.0, 0.0, 200), 200)
+    rig.line.sequence = 1999
+    rig.command(torque=1.0)
+    rig.tick()
+    for _ in range(3):
+        os.write(rig.line.file, old)  # far behind, and the board's clock says still valid
+        assert (rig.tick().mode, rig.outputs.torque) == (Mode.RIDING, 1.0)
+
+
+def test_an_old_command_stays_old_when_the_clock_wraps(rig: Rig) -> None:
+    rig.arm()
+    rig.command(torque=3.0, drive=90.0)
+    rig.tick()
+    assert rig.outputs.drive == 90.0
+    for _ in range(30):  # handled now and then, so that it is not disarmed at rest
+        rig.inputs.wheel = 1.0
+        rig.frozen = ("wheel",)
+        rig.tick()
+    assert mode(rig) is Mode.FALLBACK
+    stamp = rig.now_us
+    while rig.now_us - stamp < 2**32 + 100_000:
+        rig.now_us += 40_000_000 if rig.now_us - stamp < 2**32 - 50_000_000 else 10_000
+        if 2**32 - 50_000_000 <= rig.now_us - stamp < 2**32 - 600_000:
+            rig.now_us = stamp + 2**32 - 600_000
+        out = rig.tick()
+        assert (out.mode, out.drive) == (Mode.FALLBACK, 0.0)
+
+
+@pytest.mark.parametrize("rate", [-2.0, 2.0])
+def test_the_fallback_forgets_a_steer_rate_whose_encoder_is_gone(rig: Rig, rate: float) -> None:
+    rig.arm()
+    rig.frozen = ("steer", "imu", "wheel")
+    for index in range(40):
+        rig.inputs.imu_us = rig.inputs.wheel_us = rig.now_us
+        rig.inputs.gyro = (0.0, 0.0, 0.0)
+        rig.inputs.wheel = 2.0
+        if index < 20:  # it turns, then nothing comes any more
+            rig.inputs.steer_us = rig.now_us
+            rig.inputs.steer = 0.01 * rate * index
+        rig.tick()
+        if index == 19:
+            assert rig.outputs.torque == pytest.approx(-1.5 * rate, abs=0.5)
+    assert mode(rig) is Mode.FALLBACK
+    assert rig.outputs.torque == pytest.approx(0.0, abs=0.5)  # the gyro's bias is left
+
+
 def test_bytes_lost_flipped_and_delayed_are_no_worse_than_the_fallback(rig: Rig) -> None:
     rig.arm()
     rig.place(3.0)

@@ -117,6 +117,8 @@ void core_init(struct core *core, const struct core_settings *settings,
                void (*write)(void *, const uint8_t *, size_t), void *context) {
     memset(core, 0, sizeof *core);
     core->settings = *settings;
+    /* After this silence any sequence is taken: no older command may still be valid. */
+    if (core->settings.longest_ms > GAP_US / 1000u) core->settings.longest_ms = GAP_US / 1000u;
     core->write = write;
     core->context = context;
 }
@@ -128,14 +130,16 @@ static float limited(float value, float limit) {
 static void take_actuators(struct core *core, uint16_t sequence, const uint8_t *b, uint32_t now) {
     float torque = get_f32(b + 4), drive = get_f32(b + 8);
     uint16_t valid_ms = get_u16(b + 12);
-    /* A sequence that does not advance is a repeated or a late frame. */
+    bool began = !core->advancing || now - core->advanced_us > GAP_US;
+    /* A sequence that does not advance is a repeated or a late frame. After a silence it is a PC that began anew: a
+     * frame from before it is too old to be obeyed. */
     int16_t ahead = (int16_t)(uint16_t)(sequence - core->sequence);
-    if (!isfinite(torque) || !isfinite(drive) || (core->has_sequence && ahead <= 0 && ahead > -1000)) {
+    if (!isfinite(torque) || !isfinite(drive) || (!began && ahead <= 0)) {
         core->bad_frames++;
         return;
     }
-    if (!core->advancing || now - core->advanced_us > GAP_US) core->advancing_since_us = now;
-    core->advancing = core->has_sequence = true;
+    if (began) core->advancing_since_us = now;
+    core->advancing = true;
     core->sequence = sequence;
     core->advanced_us = now;
     if (valid_ms > core->settings.longest_ms) valid_ms = core->settings.longest_ms;
@@ -143,7 +147,7 @@ static void take_actuators(struct core *core, uint16_t sequence, const uint8_t *
     core->drive = limited(drive, core->settings.drive_limit);
     core->command_stamp_us = get_u32(b);
     core->valid_us = (uint32_t)valid_ms * 1000u;
-    core->has_command = true;
+    core->has_command = core->fresh_command = true;
 }
 
 static void report_state(struct core *core, uint32_t now) {
@@ -257,14 +261,22 @@ static void follow_steering(struct core *core, const struct core_inputs *in) {
     core->steer_us = in->steer_us;
 }
 
+/* A reading is old until another comes, and not young again when the clock wraps. */
+static bool is_old(struct core_age *age, uint32_t stamp, uint32_t longest, uint32_t now) {
+    if (stamp != age->stamp) age->old = false;
+    age->stamp = stamp;
+    if (now - stamp > longest) age->old = true;
+    return age->old;
+}
+
 static uint8_t look(struct core *core, const struct core_inputs *in, bool resting, uint32_t now) {
     uint8_t reasons = 0;
     uint32_t stale = core->settings.stale_us;
     if (!resting) reasons |= CORE_MOVES;
     if (!core->calibrated) reasons |= CORE_UNCALIBRATED;
-    if (now - in->imu_us > stale) reasons |= CORE_NO_IMU;
-    if (now - in->steer_us > stale || !isfinite(in->steer)) reasons |= CORE_NO_STEER;
-    if (now - in->wheel_us > 4u * stale || !isfinite(in->wheel)) reasons |= CORE_NO_WHEEL;
+    if (is_old(&core->imu_age, in->imu_us, stale, now)) reasons |= CORE_NO_IMU;
+    if (is_old(&core->steer_age, in->steer_us, stale, now) || !isfinite(in->steer)) reasons |= CORE_NO_STEER;
+    if (is_old(&core->wheel_age, in->wheel_us, 4u * stale, now) || !isfinite(in->wheel)) reasons |= CORE_NO_WHEEL;
     if (!core->advancing || now - core->advanced_us > GAP_US) {
         core->advancing = false;
         reasons |= CORE_NO_COMMANDS;
@@ -276,18 +288,19 @@ static uint8_t look(struct core *core, const struct core_inputs *in, bool restin
 }
 
 /* Steer into the lean: what keeps a bicycle upright that nobody commands. */
-static float fallback(const struct core *core, const struct core_inputs *in, uint32_t now) {
+static float fallback(const struct core *core, const struct core_inputs *in) {
     float missing = core->settings.stable_speed - in->wheel;
-    if (now - in->imu_us > core->settings.stale_us || !(missing > 0.0f)) return 0.0f;
+    if ((core->reasons & CORE_NO_IMU) || !(missing > 0.0f)) return 0.0f;
     if (missing > core->settings.stable_speed) missing = core->settings.stable_speed;
     float torque = -core->settings.gain * missing * (in->gyro[0] - core->bias[0]);
-    torque -= core->settings.damping * core->steer_rate;
+    if (!(core->reasons & CORE_NO_STEER)) torque -= core->settings.damping * core->steer_rate;
     return isfinite(torque) ? limited(torque, core->settings.torque_limit) : 0.0f;
 }
 
 static void decide(struct core *core, const struct core_inputs *in, uint32_t now) {
     /* From the state that it answers: a PC that answers late, but steadily, would fell the bicycle. */
-    bool valid = core->has_command && now - core->command_stamp_us <= core->valid_us;
+    if (now - core->command_stamp_us > core->valid_us) core->fresh_command = false;
+    bool valid = core->fresh_command;
     if (core->mode != CORE_DISARMED) {
         if (in->stopped)
             core->mode = CORE_ESTOP;
@@ -302,7 +315,7 @@ static void decide(struct core *core, const struct core_inputs *in, uint32_t now
         core->applied_torque = core->torque;
         core->applied_drive = core->drive;
     } else if (core->mode == CORE_FALLBACK || core->mode == CORE_ESTOP)
-        core->applied_torque = fallback(core, in, now);
+        core->applied_torque = fallback(core, in);
 }
 
 static void report_readings(struct core *core, const struct core_inputs *in) {

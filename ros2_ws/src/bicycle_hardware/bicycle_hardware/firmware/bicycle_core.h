@@ -65,6 +65,11 @@ struct core_inputs {
     bool stopped;                        /* the emergency stop, which also cuts the motors by wire */
 };
 
+struct core_age {
+    uint32_t stamp; /* of the last reading */
+    bool old;
+};
+
 struct core {
     struct core_settings settings;
     enum core_mode mode;
@@ -77,7 +82,6 @@ struct core {
     float steer, steer_rate; /* rad, rad/s from its differences */
     uint32_t steer_us;
     uint16_t sequence;      /* last one accepted */
-    bool has_sequence;
     uint32_t advanced_us;   /* when it last advanced, and since when it has kept doing so */
     uint32_t advancing_since_us;
     bool advancing;
@@ -85,6 +89,8 @@ struct core {
     uint32_t command_stamp_us; /* of the state that it answers */
     uint32_t valid_us;
     bool has_command;
+    bool fresh_command;      /* not older than it may be, since it came */
+    struct core_age imu_age, steer_age, wheel_age;
     uint32_t bad_frames;
     uint16_t own_sequence;
     bool begun;              /* true after the first tick */
