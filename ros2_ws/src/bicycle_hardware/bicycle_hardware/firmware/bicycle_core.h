@@ -51,7 +51,7 @@ struct core_settings {
     float damping;        /* N m per rad/s of steer rate: what a motor that lags needs */
     float stable_speed;   /* m/s from which on the fallback law gives no torque */
     float arm_speed;      /* m/s up to which arming is allowed */
-    uint16_t longest_ms;  /* no command is valid for longer */
+    uint16_t longest_ms;  /* no command is valid for longer; at most 200 */
     uint32_t stale_us;    /* age of a reading from which on it is old */
     uint32_t period_us;   /* of the PC's control loop, whose beat the board gives */
 };
