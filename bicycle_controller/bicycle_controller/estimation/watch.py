@@ -9,6 +9,7 @@ import numpy as np
 
 from bicycle_sim.sensors.reading import ORDER, Reading
 from bicycle_sim.sensors.settings import Sampled, SensorSettings
+from bicycle_sim.sensors.suite import turned
 
 GONE_PERIODS = 10.0
 """Periods of silence after which a sensor is gone; so many and GONE_LEAST s."""
@@ -16,14 +17,18 @@ GONE_LEAST = 0.1
 """s."""
 LATE = 0.05
 """s beyond its usual latency from which on readings are late."""
-STUCK_FORCE = 5
-"""Readings of an IMU in a row that are equal to the last digit."""
+STUCK_READINGS = {"imu": 5, "gnss": 3}
+"""Readings in a row that are equal to the last digit, though the sensor has noise."""
 STUCK_TIME = 0.5
 """s without any change of an encoder that the gyros contradict."""
 STUCK_STEER = 0.06
 """rad that the steering must have turned meanwhile, by the yaw gyro."""
 STUCK_SPEED = 1.0
 """m/s that the speed must have changed meanwhile, by the accelerometer."""
+ROLLING = 0.5
+"""m/s from which on a turn of the frame is one of the steering, and a place changes."""
+FELT_ALWAYS = 10.0
+"""s over which a mean of the accelerometer counts as its bias, and as the slope of the road."""
 
 
 @dataclass
@@ -53,7 +58,14 @@ class SensorWatch:
     _lasts: dict[str, _Last] = field(default_factory=dict)
     _speed: float = 0.0
     _gained: float = 0.0
-    """m/s that the accelerometer along the bicycle has added up."""
+    """m/s that the accelerometer along the bicycle has added up, less what it feels always."""
+    _always: float = math.nan
+    """m/s^2 that it feels always."""
+    _axes: np.ndarray = field(init=False)
+    """(3, 3), from the IMU's axes to the frame's."""
+
+    def __post_init__(self) -> None:
+        self._axes = turned(np.radians(np.array(self.settings.imu.mounting)))
 
     def take(self, reading: Reading, arrival: float, yaw_bias: float = 0.0) -> None:
         """Look at a reading.
@@ -67,7 +79,7 @@ class SensorWatch:
         values = reading.values[0]
         last.late = arrival - reading.stamp - getattr(self.settings, reading.sensor).latency
         last.arrival = arrival
-        same = last.values is not None and np.array_equal(values, last.values)
+        same = last.values is not None and np.array_equal(values, last.values, equal_nan=True)
         if reading.sensor == "steer" and last.values is not None:
             same = bool(values[0] == last.values[0])
         if not same:
@@ -83,12 +95,19 @@ class SensorWatch:
 
     def _contradict(self, values: np.ndarray, yaw_bias: float, gap: float) -> None:
         """Judge unchanging encoders by an IMU's reading."""
-        self._gained += float(values[3]) * min(gap, 0.1)
-        speed = max(abs(self._speed), 0.5)
-        steer = math.atan((float(values[2]) - yaw_bias) * self.wheelbase / speed)
-        for name, value in (("steer", steer), ("wheel", self._gained)):
+        turn, force = self._axes @ values[:3], self._axes @ values[3:]
+        forward, step = float(force[0]), min(gap, 0.1)
+        if not math.isfinite(self._always):
+            self._always = forward
+        self._always += (forward - self._always) * step / FELT_ALWAYS
+        self._gained += (forward - self._always) * step
+        speed = abs(self._speed)
+        found = {"wheel": self._gained}
+        if speed >= ROLLING:
+            found["steer"] = math.atan((float(turn[2]) - yaw_bias) * self.wheelbase / speed)
+        for name, value in found.items():
             last = self._lasts.get(name)
-            if last is not None and last.repeats > 0:
+            if last is not None and last.repeats > 0 and math.isfinite(value):
                 low, high = last.extremes
                 last.extremes = min(low, value), max(high, value)
 
@@ -107,6 +126,17 @@ class SensorWatch:
                 found.append(f"{name} {problem} since {last.since:.2f} s")
         return tuple(found)
 
+    def _should_change(self, name: str) -> bool:
+        """Return True if a healthy sensor's readings differ now."""
+        imu, gnss = self.settings.imu, self.settings.gnss
+        if name == "gnss":
+            return gnss.noise > 0.0 or abs(self._speed) >= ROLLING
+        if imu.gyro_noise > 0.0 or imu.accelerometer_noise > 0.0:
+            return True
+        # A simulated one without noise repeats itself while the bicycle goes straight on.
+        since = self._lasts["imu"].changed + STUCK_READINGS["imu"] / imu.rate
+        return self._lasts.get("steer", _Last()).changed > since
+
     def _problem(self, name: str, last: _Last, timing: Sampled, now: float) -> tuple[str, float]:
         """Return a word for a sensor's fault, and its begin."""
         patience = max(GONE_PERIODS / timing.rate, GONE_LEAST) + timing.latency
@@ -114,7 +144,7 @@ class SensorWatch:
             return "gone", max(last.arrival, 0.0)
         if last.late > LATE + 5.0 * timing.jitter:
             return "late", now
-        if name == "imu" and last.repeats >= STUCK_FORCE:
+        if last.repeats >= STUCK_READINGS.get(name, math.inf) and self._should_change(name):
             return "stuck", last.changed
         low, high = last.extremes
         still = last.stamp - last.changed

@@ -282,8 +282,9 @@ class _Rides:
             return
         upright = np.isinf(self.fall_step)
         self.counted = self.counted + upright
-        self.sums[2] += upright * wrap_angle(self.state.heading - self.wanted) ** 2
-        self.sums[3] += upright * torque**2
+        error = wrap_angle(self.state.heading - self.wanted)
+        self.sums[2] += np.where(upright, error, 0.0) ** 2
+        self.sums[3] += np.where(upright, torque, 0.0) ** 2  # not a number after some falls
 
     def outcome(self) -> Outcome:
         """Return the summary of all rides."""
