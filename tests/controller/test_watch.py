@@ -106,12 +106,14 @@ def test_an_imu_that_is_mounted_otherwise_judges_as_well(mounting: tuple[float, 
 
 @pytest.mark.parametrize("sensor", ["imu", "steer", "wheel", "gnss"])
 def test_gone(sensor: str) -> None:
-    assert problems(0.0, **{sensor: {"gone_from": 4.0}}) == (f"{sensor} gone",)
+    fault: dict[str, Any] = {sensor: {"gone_from": 4.0}}
+    assert problems(**fault) == (f"{sensor} gone",)
 
 
 @pytest.mark.parametrize("sensor", ["imu", "steer", "wheel"])
 def test_late(sensor: str) -> None:
-    assert problems(0.0, **{sensor: {"latency": 0.1}}) == (f"{sensor} late",)
+    fault: dict[str, Any] = {sensor: {"latency": 0.1}}
+    assert problems(**fault) == (f"{sensor} late",)
 
 
 def test_stuck() -> None:
