@@ -1,0 +1,100 @@
+"""Goals and largest kicks of measured bicycles by their LQRs, and kicks by `any-bicycle`.
+
+    python tests/benchmarks/bench_lqr_bicycles.py
+
+Goals: rides of the scenario random-start-random-goal. Kicks: `evaluation.kicks.largest`, with a
+motor of 7 N m that lags by 30 ms, by `lqr`, by the best LQR of the grid for that very bicycle,
+delay and speed, and by the network. Writes `docs/results/bicycles/lqr.json` after each row.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from machine import machine
+
+from bicycle_common.origin import made_by
+from bicycle_controller.control.lqr import LqrController
+from bicycle_controller.evaluation.evaluate import evaluate
+from bicycle_controller.evaluation.kicks import SPEEDS, largest
+from bicycle_controller.evaluation.lqr_grid import best
+from bicycle_controller.policy.policy import load_controller
+from bicycle_sim.plants import registry
+from bicycle_sim.plants.whipple import catalogue
+from bicycle_sim.plants.whipple.parameters import Motor
+from bicycle_sim.task.scenario import named
+
+OUT = Path(__file__).parents[2] / "docs" / "results" / "bicycles" / "lqr.json"
+TO_GOALS = ("browser-rider", "benchmark", "steer-by-wire", "balance-assist-rider")
+GOAL_SPEEDS = (2.0, 2.78, 5.0)
+KICKED = ("browser-rider", "steer-by-wire")
+DELAYS = (0.025, 0.05, 0.075)
+LAG, LIMIT = 0.03, 7.0
+"""s, N m."""
+PARTS = ("kicks", "goals")
+
+
+def kicks() -> Iterator[dict[str, Any]]:
+    """Yield the kicks caught by each controller, deg/s: the smallest of four, and straight on."""
+    for bicycle in KICKED:
+        for delay in DELAYS:
+            known = catalogue.load(bicycle).parameters
+            known = replace(known, delay=delay, motor=Motor(lag=LAG, limit=LIMIT))
+            plant = registry.PLANTS["whipple"](known)
+            limits = (LIMIT, 0.0, 0.0)
+            riders = {
+                "lqr": LqrController.named("lqr", plant),
+                "any-bicycle": load_controller("any-bicycle", plant),
+            }
+            for speed in SPEEDS:
+                found = {name: largest(who, plant, speed, limits) for name, who in riders.items()}
+                found["best of the grid"] = best(plant, speed, limits).kicks
+                yield {
+                    "bicycle": bicycle,
+                    "delay (s)": delay,
+                    "speed (m/s)": speed,
+                    "caught": {name: one.caught for name, one in found.items()},
+                    "straight": {name: min(one.straight) for name, one in found.items()},
+                }
+
+
+def goals(rides: int, seed: int) -> Iterator[dict[str, Any]]:
+    """Yield how many goals the LQR of each bicycle reaches."""
+    for bicycle in TO_GOALS:
+        plant = registry.named("whipple", bicycle)
+        scenario = named("random-start-random-goal").with_motor(plant.torque_limit)
+        scenario = scenario.suited(plant.input_names)
+        who = LqrController.named("lqr", plant, scenario.torque_limit)
+        for speed in GOAL_SPEEDS:
+            ridden = replace(scenario, start_speed=speed, speed_limits=None)
+            found = evaluate(who, ridden, plant, rides, seed).summary()
+            keys = ("reach_rate", "reach_rate_interval", "fall_rate", "orbit_rate")
+            row = {key: found[key] for key in keys}
+            yield {"bicycle": bicycle, "speed (m/s)": speed, **row}
+
+
+def main() -> None:
+    """Measure, and write after each row."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rides", type=int, default=1000, help="to goals, of each bicycle")
+    parser.add_argument("--seed", type=int, default=0, help="of starts and goals")
+    parser.add_argument("--parts", nargs="+", default=PARTS, choices=PARTS)
+    parser.add_argument("--out", type=Path, default=OUT)
+    given = parser.parse_args()
+    result: dict[str, Any] = {**made_by(), "machine": machine("numpy"), "seed": given.seed}
+    result["motor of the kicks"] = {"lag (s)": LAG, "limit (N m)": LIMIT}
+    given.out.parent.mkdir(parents=True, exist_ok=True)
+    for part in given.parts:
+        for row in kicks() if part == "kicks" else goals(given.rides, given.seed):
+            result.setdefault(part, []).append(row)
+            given.out.write_text(json.dumps(result, indent=1) + "\n")
+            print(json.dumps(row), flush=True)
+
+
+if __name__ == "__main__":
+    main()
