@@ -66,10 +66,9 @@ class Boards:
 
     def tick(self, now_us: int) -> np.ndarray:
         """Return the torques (N,) after a tick of each."""
-        self.outputs = [
-            board.tick(now_us, given)
-            for board, given in zip(self.boards, self.inputs, strict=True)
-        ]
+        for board, given in zip(self.boards, self.inputs, strict=True):
+            board.begin_tick(now_us, given)
+        self.outputs = [board.end_tick() for board in self.boards]
         return np.array([out.torque for out in self.outputs])
 
     def close(self) -> None:

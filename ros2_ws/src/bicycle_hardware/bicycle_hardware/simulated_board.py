@@ -111,12 +111,29 @@ class SimulatedBoard:
         Raises:
             OSError: if the process has ended.
         """
+        self.begin_tick(now_us, inputs)
+        return self.end_tick()
+
+    def begin_tick(self, now_us: int, inputs: BoardInputs) -> None:
+        """Let it run one period meanwhile: several boards do so beside each other.
+
+        Raises:
+            OSError: if the process has ended.
+        """
         i = inputs
         numbers = (*i.gyro, *i.force, i.steer, i.wheel, i.battery)
         stamps = (now_us, i.imu_us, i.steer_us, i.wheel_us)
         line = " ".join(str(value & 0xFFFFFFFF) for value in stamps)
         line += " " + " ".join(f"{value:.9g}" for value in numbers) + f" {int(i.stopped)}\n"
-        answer = self._asked(line).split()
+        self._tell(line)
+
+    def end_tick(self) -> BoardOutputs:
+        """Return the outputs of the period that `begin_tick` began.
+
+        Raises:
+            OSError: if the process has ended.
+        """
+        answer = self._answer().split()
         if len(answer) != 4:
             raise OSError("the simulated board has ended")
         torque, drive, mode, reasons = answer
@@ -152,14 +169,20 @@ class SimulatedBoard:
         self._asked("restart\n")
 
     def _asked(self, line: str) -> str:
-        assert self._process.stdin is not None
+        self._tell(line)
+        return self._answer()
+
+    def _answer(self) -> str:
         assert self._process.stdout is not None
+        return self._process.stdout.readline()
+
+    def _tell(self, line: str) -> None:
+        assert self._process.stdin is not None
         try:
             self._process.stdin.write(line)
             self._process.stdin.flush()
         except BrokenPipeError:
             raise OSError("the simulated board has ended") from None
-        return self._process.stdout.readline()
 
     def close(self) -> None:
         """End the process."""
