@@ -4,7 +4,8 @@
 
 The measured modes are in `tests/data/real_bicycles`. A steer torque follows the lean rate by the
 law that the bicycle had. The steer-by-wire bicycle's law takes its own wheel's speed, which reads
-more than the treadmill's.
+more than the treadmill's. Beside the measured numbers stand those that `bicycle identify` makes
+of the logs at 7.2, 14.4 and 18 km/h.
 """
 
 from __future__ import annotations
@@ -17,7 +18,11 @@ from typing import Any
 import numpy as np
 
 from bicycle_common.origin import made_by
+from bicycle_controller.identification import read_csv, report
+from bicycle_controller.identification.identify import identify
+from bicycle_controller.identification.ride_model import matrices, weave
 from bicycle_sim.plants import registry
+from bicycle_sim.plants.whipple import catalogue
 
 ROOT = Path(__file__).parents[2]
 DATA = ROOT / "tests" / "data" / "real_bicycles"
@@ -76,6 +81,32 @@ def balance_assist(gain: int, kappa: float) -> list[dict[str, Any]]:
     ]
 
 
+def identified() -> dict[str, Any]:
+    """Return what `bicycle identify` finds, and its modes at the treadmill's speeds."""
+    prior = catalogue.load("steer-by-wire").parameters
+    logs = [
+        log
+        for speed in ("7.2", "14.4", "18")
+        for log in read_csv.read(DATA / f"sbw_{speed}kph.csv.gz", 100.0)
+    ]
+    held_out = read_csv.read(DATA / "sbw_10.8kph_impulses.csv.gz", 100.0)
+    with np.errstate(all="ignore"):
+        result = identify(logs, prior, 1.0, held_out)
+    data, rows = report.as_data(result), []
+    for text, impulses in json.loads((DATA / "sbw_weave_modes.json").read_text()).items():
+        speed, (real, imaginary) = float(text), np.array(impulses)[:, :2].mean(axis=0)
+        row: dict[str, Any] = {"treadmill (m/s)": speed}
+        for name, known in (("measured numbers", prior), ("identified", result.parameters)):
+            mode = weave(known, matrices(known), speed, 2.0 * (6.5 - speed))
+            row[name] = {
+                "frequency off by (%)": round(100.0 * (mode.imag / float(imaginary) - 1.0), 1),
+                "damping off by (1/s)": round(mode.real - float(real), 2),
+            }
+        rows.append(row)
+    kept = ("fitted_to", "determined_combinations", "held_out")
+    return {"modes": rows, **{name: data[name] for name in kept}}
+
+
 def main() -> None:
     """Compute, print and write."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -87,6 +118,7 @@ def main() -> None:
         "steer-by-wire": steer_by_wire(),
         "balance-assist, gain 10, kappa 5.2": balance_assist(10, 5.2),
         "balance-assist, gain 8, kappa 3.9": balance_assist(8, 3.9),
+        "steer-by-wire, identified": identified(),
     }
     given.out.parent.mkdir(parents=True, exist_ok=True)
     given.out.write_text(json.dumps(result, indent=1) + "\n")
