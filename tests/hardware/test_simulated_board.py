@@ -97,6 +97,30 @@ def test_arming_is_refused_with_old_readings(rig: Rig, sensor: str, reason: Reas
     assert _refused(rig) == reason
 
 
+def test_arming_is_refused_with_an_imu_that_repeats_itself(rig: Rig) -> None:
+    for index in range(160):
+        if index == 120:
+            rig.frozen = ("imu",)
+        if index >= 120:
+            rig.inputs.imu_us = rig.now_us  # it still comes
+        rig.command()
+        rig.tick()
+    assert _refused(rig) == Reason.NO_IMU
+    rig.frozen = ()
+    rig.command()
+    rig.tick(2)
+    rig.line.send(Arm(1))
+    assert rig.tick().mode is Mode.RIDING
+
+
+def test_arming_is_refused_when_the_stop_is_pressed_at_that_moment(rig: Rig) -> None:
+    for _ in range(120):
+        rig.command()
+        rig.tick()
+    rig.inputs.stopped = True
+    assert _refused(rig) == Reason.STOPPED
+
+
 def test_arming_is_refused_without_a_second_of_commands(rig: Rig) -> None:
     rig.tick(150)
     assert _refused(rig) == Reason.NO_COMMANDS

@@ -17,6 +17,7 @@ const struct core_settings CORE_DEFAULTS = {
 
 #define REST_TURN 0.03f       /* rad/s beside the bias: more is no rest */
 #define REST_BIAS 0.25f       /* rad/s: no gyro's bias is larger */
+#define STUCK_SAMPLES 10      /* equal readings in a row: a gyro that lives has noise */
 #define REST_SAMPLES 100      /* readings of rest that calibrate */
 #define ADVANCING_US 1000000u /* time for which commands must have come before arming */
 #define GAP_US 200000u        /* longest gap within that time */
@@ -269,12 +270,24 @@ static bool is_old(struct core_age *age, uint32_t stamp, uint32_t longest, uint3
     return age->old;
 }
 
+/* True for an IMU that repeats itself to the last digit. */
+static bool is_stuck(struct core *core, const struct core_inputs *in) {
+    if (in->imu_us == core->imu_age.stamp) return core->imu_repeats >= STUCK_SAMPLES;
+    bool same = memcmp(core->gyro, in->gyro, sizeof core->gyro) == 0 &&
+                memcmp(core->force, in->force, sizeof core->force) == 0;
+    core->imu_repeats = same ? core->imu_repeats + 1u : 0;
+    memcpy(core->gyro, in->gyro, sizeof core->gyro);
+    memcpy(core->force, in->force, sizeof core->force);
+    return core->imu_repeats >= STUCK_SAMPLES;
+}
+
 static uint8_t look(struct core *core, const struct core_inputs *in, bool resting, uint32_t now) {
     uint8_t reasons = 0;
     uint32_t stale = core->settings.stale_us;
     if (!resting) reasons |= CORE_MOVES;
     if (!core->calibrated) reasons |= CORE_UNCALIBRATED;
-    if (is_old(&core->imu_age, in->imu_us, stale, now)) reasons |= CORE_NO_IMU;
+    bool stuck = is_stuck(core, in);
+    if (is_old(&core->imu_age, in->imu_us, stale, now) || stuck) reasons |= CORE_NO_IMU;
     if (is_old(&core->steer_age, in->steer_us, stale, now) || !isfinite(in->steer)) reasons |= CORE_NO_STEER;
     if (is_old(&core->wheel_age, in->wheel_us, 4u * stale, now) || !isfinite(in->wheel)) reasons |= CORE_NO_WHEEL;
     if (!core->advancing || now - core->advanced_us > GAP_US) {
@@ -301,6 +314,8 @@ static void decide(struct core *core, const struct core_inputs *in, uint32_t now
     /* From the state that it answers: a PC that answers late, but steadily, would fell the bicycle. */
     if (now - core->command_stamp_us > core->valid_us) core->fresh_command = false;
     bool valid = core->fresh_command;
+    /* Armed since the last tick, and the newest readings speak against it. */
+    if (core->mode == CORE_ARMED && core->reasons != 0) core->mode = CORE_DISARMED;
     if (core->mode != CORE_DISARMED) {
         if (in->stopped)
             core->mode = CORE_ESTOP;

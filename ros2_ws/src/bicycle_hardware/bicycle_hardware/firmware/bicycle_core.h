@@ -21,7 +21,7 @@ enum core_mode { CORE_DISARMED = 0, CORE_ARMED = 1, CORE_RIDING = 2, CORE_FALLBA
 enum core_reason {
     CORE_MOVES = 1u << 0,         /* the gyro is not at rest */
     CORE_UNCALIBRATED = 1u << 1,  /* no second of rest since the start */
-    CORE_NO_IMU = 1u << 2,        /* its readings are old */
+    CORE_NO_IMU = 1u << 2,        /* its readings are old, or always the same */
     CORE_NO_STEER = 1u << 3,
     CORE_NO_WHEEL = 1u << 4,
     CORE_NO_COMMANDS = 1u << 5,   /* the sequence has not advanced for a second */
@@ -91,6 +91,8 @@ struct core {
     bool has_command;
     bool fresh_command;      /* not older than it may be, since it came */
     struct core_age imu_age, steer_age, wheel_age;
+    float gyro[3], force[3]; /* last reading of the IMU, and how often it came in a row */
+    uint32_t imu_repeats;
     uint32_t bad_frames;
     uint16_t own_sequence;
     bool begun;              /* true after the first tick */
