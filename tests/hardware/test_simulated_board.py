@@ -295,7 +295,7 @@ def test_the_fallback_forgets_a_steer_rate_whose_encoder_is_gone(rig: Rig, rate:
     rig.frozen = ("steer", "imu", "wheel")
     for index in range(40):
         rig.inputs.imu_us = rig.inputs.wheel_us = rig.now_us
-        rig.inputs.gyro = (0.0, 0.0, 0.0)
+        rig.inputs.gyro = (1e-4 * (index % 2), 0.0, 0.0)
         rig.inputs.wheel = 2.0
         if index < 20:  # it turns, then nothing comes any more
             rig.inputs.steer_us = rig.now_us

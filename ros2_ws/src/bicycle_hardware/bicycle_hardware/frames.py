@@ -44,7 +44,7 @@ class Reason(IntFlag):
 WORDS = {
     Reason.MOVES: "the gyro is not at rest",
     Reason.UNCALIBRATED: "the gyro is not calibrated: let the bicycle stand still for 1 s",
-    Reason.NO_IMU: "the IMU's readings are old",
+    Reason.NO_IMU: "the IMU's readings are old, or always the same",
     Reason.NO_STEER: "the steer encoder's readings are old",
     Reason.NO_WHEEL: "the wheel sensor's readings are old",
     Reason.NO_COMMANDS: "commands have not come for 1 s without a gap",
