@@ -78,6 +78,14 @@ def test_a_policy_of_another_bicycle_is_warned_of(capsys: pytest.CaptureFixture[
         assert ("bicycle browser-rider; plant whipple, not choi" in printed.err) == bool(unlike)
 
 
+@pytest.mark.parametrize("name", ["fixed-speed", "any-bicycle"])
+def test_a_lost_link_needs_an_lqr(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["sensing", name, "--link-loss", "--bicycles", "benchmark"]) == 2
+    error = capsys.readouterr().err
+    assert "--link-loss rides by an LQR: choose one of lqr" in error
+    assert error.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -87,6 +95,7 @@ def test_a_policy_of_another_bicycle_is_warned_of(capsys: pytest.CaptureFixture[
         ("--speeds 6,2", "speeds must lie within"),
         ("--delay -1", "delay must lie within"),
         ("--episodes 0", "at least one ride"),
+        ("--link-loss --costs", "choose one of"),
         ("--model-friction x", "write N_M[,N_M...]"),
         ("--model-friction -1", "friction must lie within"),
         ("--model-friction 1 --costs", "choose one of"),

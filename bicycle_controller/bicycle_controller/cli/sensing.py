@@ -125,6 +125,9 @@ def run_command(args: argparse.Namespace) -> int:
     for name in names:
         registry.named(bicycle=name)
     if args.link_loss:
+        known = f"--link-loss rides by an LQR: choose one of {', '.join(TUNED)}"
+        require(args.controller in TUNED, known)
+        require(not args.costs, "choose one of --costs and --link-loss")
         return _link_loss(args, names, conditions)
     unlike = {name: _unlike(args.controller, name, conditions) for name in names}
     found = _frictions(conditions, args.model_friction) or _cases(conditions, args.costs)
