@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from bicycle_common.named_files import NamedFiles, parsed
-from bicycle_common.validation import reject_unknown, require
+from bicycle_common.validation import reject_unknown, require, require_between, require_positive
 
 Kind = TypeVar("Kind", bound="Sampled")
 
@@ -50,13 +50,13 @@ class Sampled:
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
-            if isinstance(value, bool) or not isinstance(value, (int, float, tuple)):
-                raise ValueError(f"{item.name} must be a number, not {value!r}")
-            for number in value if isinstance(value, tuple) else (value,):
-                require(
-                    isinstance(number, (int, float)) and math.isfinite(number),
-                    f"{item.name} must be finite, not {number!r}",
-                )
+            if isinstance(item.default, tuple):
+                three = isinstance(value, tuple) and len(value) == len(item.default)
+                require(three, f"{item.name} must be a list of 3 numbers, not {value!r}")
+            for number in value if isinstance(item.default, tuple) else (value,):
+                if isinstance(number, bool) or not isinstance(number, (int, float)):
+                    raise ValueError(f"{item.name} must be a number, not {number!r}")
+                require(math.isfinite(number), f"{item.name} must be finite, not {number!r}")
                 signed = item.name in SIGNED
                 require(signed or number >= 0, f"{item.name} must be zero or more, not {number!r}")
         require(self.rate <= FASTEST_RATE, f"rate must be at most {FASTEST_RATE:g} Hz")
@@ -106,6 +106,11 @@ class ImuSettings(Sampled):
     """m/s^2, standard deviation at each sample of the road's vibration, while the bicycle rolls.
     """
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_positive("gyro_range", self.gyro_range)
+        require_positive("accelerometer_range", self.accelerometer_range)
+
 
 @dataclass(frozen=True)
 class SteerSettings(Sampled):
@@ -151,6 +156,11 @@ class GnssSettings(Sampled):
     """Degrees, of the origin of the map."""
     longitude: float = 4.37
     """Degrees."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_between("latitude", self.latitude, -89.0, 89.0)
+        require_between("longitude", self.longitude, -180.0, 180.0)
 
 
 @dataclass(frozen=True)
