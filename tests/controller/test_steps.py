@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
+from bicycle_controller.control.lqr import LqrController
+from bicycle_controller.estimation.queue import Arrivals
+from bicycle_controller.estimation.settings import ESTIMATOR, of_estimator
 from bicycle_controller.estimation.steps import StepEstimator, Used, replayed
 from bicycle_sim.plants import registry
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_sim.sensors import settings
 from bicycle_sim.sensors.reading import ORDER, Reading
+from bicycle_sim.sensors.suite import SensorSuite
 from bicycle_sim.task.scenario import named
 
 SENSORS = settings.load("mpu6050-rtk")
@@ -85,3 +90,55 @@ def test_an_estimate_that_was_taken_back_leaves_no_trace(
     assert steps.used == again.used
     np.testing.assert_array_equal(found.x, expected.x)
     np.testing.assert_array_equal(found.course_covariance, expected.course_covariance)
+
+
+def largest_lean(sensor: str, fault: str, estimator: int = ESTIMATOR) -> tuple[float, str]:
+    """Return the largest lean, rad, of 8 s by estimates, whose sensor fails after 2 s; the words.
+
+    The bicycle follows a heading to and fro, so that its sensors have something to tell.
+    """
+    plant = registry.named("whipple", "rigid-rider")
+    who = LqrController.named("lqr", plant, 7.0)
+    data = SENSORS.to_dict()
+    data[sensor] = {**data[sensor], fault: SENSORS.rest + 2.0}
+    suite, arrivals = SensorSuite(settings.from_dict(data), plant, 1, 4), Arrivals()
+    steps = StepEstimator(plant, SENSORS, of_estimator(estimator))
+    zero, largest, told = np.zeros(1), 0.0, ""
+    state: Any = plant.initial(zero, zero, zero, np.array([4.0]))
+    arrivals.add(suite.rest(state))
+    suite.begin(state)
+    steps.begin(suite.time, 0.0, 0.0, 0.0)
+    for index in range(320):
+        for reading, _ in arrivals.due(suite.time):
+            steps.add(reading)
+        found = steps.step(suite.time)
+        told = told or ", ".join(steps.problems(suite.time))
+        o = (found.steer_angle, found.steer_rate, found.lean_angle, found.lean_rate)
+        wanted = 0.3 * math.sin(0.015 * index)
+        seen = np.array([*o, found.lean_acceleration, found.heading - wanted]).T
+        trace = plant.trace(state, who.act(seen, found.speed)[:, 0], zero, zero)
+        arrivals.add(suite.advance(trace, plant.time_step))
+        state = trace[-1]
+        largest = max(largest, abs(float(state.lean_angle[0])))
+    return largest, told.partition(" since")[0]
+
+
+@pytest.mark.parametrize("sensor", ["imu", "steer", "gnss"])
+def test_a_sensor_that_is_stuck_does_not_fell_the_bicycle(sensor: str) -> None:
+    largest, told = largest_lean(sensor, "stuck_from")
+    assert told == f"{sensor} stuck"
+    assert largest < math.radians(30.0)
+
+
+@pytest.mark.parametrize("sensor", ["imu", "steer", "wheel", "gnss"])
+def test_a_sensor_that_is_gone_does_not_fell_the_bicycle(sensor: str) -> None:
+    largest, told = largest_lean(sensor, "gone_from")
+    assert told == f"{sensor} gone"
+    assert largest < math.radians(30.0)
+
+
+def test_earlier_estimators_believed_a_stuck_sensor() -> None:
+    """Their bags are verified with what they did."""
+    assert largest_lean("imu", "stuck_from", 2)[0] > math.radians(45.0)
+    assert [of_estimator(one).ignores_stuck for one in (1, 2, 3)] == [False, False, True]
+    assert [of_estimator(one).gust_force for one in (1, 2, 3)] == [0.0, 3.0, 3.0]

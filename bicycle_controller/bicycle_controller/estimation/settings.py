@@ -39,20 +39,26 @@ class FilterSettings:
     """Turn rate beyond the bias above which the bicycle is not at rest, rad/s."""
     gate: float = 5.0
     """Standard deviations beyond which a force or a fix is not believed."""
+    ignores_stuck: bool = True
+    """False believes readings of a sensor that is stuck: a stuck gyro fells a bicycle."""
 
 
-ESTIMATOR = 2
+ESTIMATOR = 3
 """Number of today's estimator, which a bag tells."""
 
 
 def of_estimator(number: int) -> FilterSettings:
-    """Return the settings that an estimator had; the first knew no wind, and took it for lean.
+    """Return the settings that an estimator had.
+
+    The first knew no wind, and took it for lean; the first two believed sensors that were stuck.
 
     Raises:
         ValueError: on an estimator that is not known.
     """
     if number == 1:
-        return FilterSettings(gust_force=0.0)
+        return FilterSettings(gust_force=0.0, ignores_stuck=False)
+    if number == 2:
+        return FilterSettings(ignores_stuck=False)
     if number != ESTIMATOR:
         raise ValueError(f"estimator {number} is not known here: update the software")
     return FilterSettings()

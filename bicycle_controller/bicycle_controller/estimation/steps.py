@@ -72,6 +72,7 @@ class StepEstimator:
         """
         self.sensors = sensors
         self._filter = Filter(plant, sensors, 1, settings)
+        self._ignores_stuck = (settings or FilterSettings()).ignores_stuck
         self._watch = SensorWatch(sensors, plant.geometry.wheelbase)
         self._in_order = InOrder()
         self._waiting: list[Reading] = []
@@ -132,9 +133,10 @@ class StepEstimator:
                 continue
             self.last[reading.sensor] = reading.stamp
             self.counts[reading.sensor] = self.counts.get(reading.sensor, 0) + 1
-            self._filter.take(reading)
             bias = float(self._filter.yaw_bias[0]) if reading.sensor == "imu" else 0.0
             self._watch.take(reading, max(time, reading.stamp), bias)
+            if not (self._ignores_stuck and self._watch.stuck(reading.sensor)):
+                self._filter.take(reading)
         return self._filter.estimate(time)
 
     def take_back(self) -> None:

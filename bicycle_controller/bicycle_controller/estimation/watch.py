@@ -90,8 +90,13 @@ class SensorWatch:
         last.stamp, last.values = reading.stamp, values
         if reading.sensor == "wheel":
             self._speed = float(values[0])
-        if reading.sensor == "imu" and math.isfinite(gap):
+        if reading.sensor == "imu" and math.isfinite(gap) and not self._is_stuck("imu", last):
             self._contradict(values, yaw_bias, gap)
+
+    def stuck(self, name: str) -> bool:
+        """Return True if a sensor's last reading shows that it is stuck."""
+        last = self._lasts.get(name)
+        return last is not None and self._is_stuck(name, last)
 
     def _contradict(self, values: np.ndarray, yaw_bias: float, gap: float) -> None:
         """Judge unchanging encoders by an IMU's reading."""
@@ -144,12 +149,13 @@ class SensorWatch:
             return "gone", max(last.arrival, 0.0)
         if last.late > LATE + 5.0 * timing.jitter:
             return "late", now
-        if last.repeats >= STUCK_READINGS.get(name, math.inf) and self._should_change(name):
-            return "stuck", last.changed
-        low, high = last.extremes
-        still = last.stamp - last.changed
-        if name == "steer" and still > STUCK_TIME and high - low > STUCK_STEER:
-            return "stuck", last.changed
-        if name == "wheel" and still > STUCK_TIME and high - low > STUCK_SPEED:
+        if self._is_stuck(name, last):
             return "stuck", last.changed
         return "", now
+
+    def _is_stuck(self, name: str, last: _Last) -> bool:
+        if name in STUCK_READINGS:
+            return last.repeats >= STUCK_READINGS[name] and self._should_change(name)
+        low, high = last.extremes
+        most = STUCK_STEER if name == "steer" else STUCK_SPEED
+        return last.stamp - last.changed > STUCK_TIME and high - low > most
