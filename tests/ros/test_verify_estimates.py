@@ -97,6 +97,8 @@ def test_a_bag_of_the_first_estimator_comes_out_again_but_for_rounding() -> None
     assert verdict.commands == 81
     assert 0 < verdict.rounded < verdict.estimates
     assert 0.0 < verdict.largest < 1e-12
+    # Another processor computes other last digits of an LQR's gains.
+    assert verdict.rounded_commands < verdict.commands
     assert "as the first estimator rounded" in str(verdict)
 
 
@@ -104,6 +106,13 @@ def test_a_changed_reading_of_such_a_bag_is_found() -> None:
     sensed = read(TodaysReader(FIRST))
     sensed.imu[-40].angular_velocity.x += 1e-6
     assert last(sensed).difference.startswith("estimate of step")
+
+
+def test_a_changed_command_of_such_a_bag_is_found() -> None:
+    sensed = read(TodaysReader(FIRST))
+    (key,) = [key for key in sensed.commands if key[1] == 40]
+    sensed.commands[key][0].torque += 1e-6
+    assert last(sensed).difference.startswith("command of step 40")
 
 
 def test_todays_estimator_may_not_round(sensed: Sensed) -> None:
