@@ -271,6 +271,7 @@ export const parts = { flat: () => pictures.draw(), stage: () => pictures.drawSt
 function picture(now) {
   requestAnimationFrame(picture);
   if (asked("film")) return;
+  followTheme();
   player.advance(now);
   const { stage, main } = views;
   if (main === "3d" && stage && (stale || (!player.bag && pictures.clock.moving)) && now - pictures.lastStage >= stage.pace && stage.ready(now)) {
@@ -284,7 +285,7 @@ function picture(now) {
   pictures.draw();
 }
 
-watchTheme(() => {
+const followTheme = watchTheme(() => {
   views.stage?.themed();
   redraw();
 });

@@ -1,6 +1,6 @@
 // The colour of each policy, by its number in the palette of the cockpit or of a bag.
 
-import { policyColour } from "./theme.js";
+import { policyColour, policyStyle } from "./theme.js";
 
 let slots = {};
 
@@ -15,3 +15,6 @@ export function addToPalette(policies) {
 }
 
 export const colourOf = (rider) => policyColour(slots[rider.colour]);
+
+/** The same for an element's style. */
+export const styleOf = (rider) => policyStyle(slots[rider.colour]);

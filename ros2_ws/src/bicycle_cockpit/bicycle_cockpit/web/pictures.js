@@ -6,7 +6,7 @@ import { estimateOf, offBy } from "./estimate.js";
 import { drawHorizon } from "./horizon.js";
 import { drawMap } from "./map.js";
 import { LiveClock, rowAt } from "./motion.js";
-import { colourOf } from "./palette.js";
+import { colourOf, styleOf } from "./palette.js";
 import { showHead, showLegend, showLoop, showReward, showTrainer } from "./panels.js";
 import { colours } from "./theme.js";
 import { alarmOf, showWho, tellBag, tellLive } from "./who.js";
@@ -75,12 +75,12 @@ export class Pictures {
     showGap(ghost ? this.comparison.words : "");
     showHead(bag ? "bag" : live.mode, row);
     const who = this.who();
-    showWho(who, colourOf);
+    showWho(who, styleOf);
     showAlarm(who);
     showLoop(bag ? bag.loop : live.status.loop, row, bag ? undefined : live.status, facts.time_step, offBy(series, cursor), facts);
     showTrainer(live.trainer, live.training);
     showReward(series, cursor);
-    showLegend(series.policiesIn(0, bag ? series.length - 1 : cursor).map((number) => riders[number]).filter(Boolean), colourOf);
+    showLegend(series.policiesIn(0, bag ? series.length - 1 : cursor).map((number) => riders[number]).filter(Boolean), styleOf);
   }
 
   /** The bicycle in 3D, between two rows where the moment is. */
