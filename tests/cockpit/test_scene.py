@@ -614,7 +614,7 @@ GAP = """async (ahead) => {
         return { series, marks, events: marks };
     };
     const own = ride(0);
-    const ghost = new Ghost(ride(ahead), "red");
+    const ghost = new Ghost(ride(ahead), () => "red");
     const { series, marks } = own;
     const gap = (time) => ghost.gap(series, series.indexAt(time), time, marks);
     return [0.4, 4, 5, 7, 9].map(gap);

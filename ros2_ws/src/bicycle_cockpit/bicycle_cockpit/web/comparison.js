@@ -62,7 +62,7 @@ export class Comparison {
   beside(bag) {
     const rider = bag?.riders[0];
     addToPalette(bag?.slots ?? []);
-    this.ghost = bag && new Ghost(bag, rider ? colourOf(rider) : colours.soft, this.live.facts.time_step ?? 0.025);
+    this.ghost = bag && new Ghost(bag, () => (rider ? colourOf(rider) : colours.soft), this.live.facts.time_step ?? 0.025);
     for (const id of ["compare", "race"]) {
       byId(id).setAttribute("aria-pressed", String(Boolean(this.ghost)));
       byId(id).textContent = this.ghost ? "No ghost" : id === "compare" ? "Compare…" : "Ghost…";

@@ -43,14 +43,19 @@ function firstAt(done, far, low) {
 }
 
 export class Ghost {
-  /** @param {Bag} bag the ride that comes along @param {string} colour of its policy @param {number} period s of a step */
-  constructor(bag, colour, period = 0.025) {
+  /** @param {Bag} bag the ride that comes along @param {() => string} paint its policy's colour @param {number} period s of a step */
+  constructor(bag, paint, period = 0.025) {
     this.bag = bag;
-    this.colour = colour;
+    this.paint = paint;
     this.period = period;
     this.series = bag.series;
     this.done = progress(bag.series, bag.events);
     this.shift = 0;
+  }
+
+  /** The colour of its policy in the scheme that is shown. */
+  get colour() {
+    return this.paint();
   }
 
   /** s at step 0 of the episode of a row; the row's own time where its ride was joined later. */
