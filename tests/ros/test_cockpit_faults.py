@@ -193,6 +193,11 @@ def test_words_are_for_a_person_with_buttons(page: BrowserPage, other: Page) -> 
     said(page, "^not pushed: the bicycle lies, press Reset$")
     page.locator("#step").click()
     said(page, "^no step: the bicycle lies, press Reset$")
+    page.mouse.click(*place(page, 0.8, 0.3))
+    said(page, "sent: the bicycle lies, press Reset$")
+    page.locator("#reset").click()
+    said(page, "^the bicycle starts at the origin to the goal sent while it lay$")
+    expect(page.locator("#mode")).to_have_text("riding")
     everything = page.locator("body").inner_text()
     for word in ("bicycle/", "FRESH", "HELD", "empty path", "1 points"):
         assert word not in everything, word

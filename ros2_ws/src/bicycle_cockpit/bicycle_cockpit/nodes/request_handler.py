@@ -241,11 +241,15 @@ class RequestHandler:
         speed = self._conditions.setup.speed
         question = ResetService.Request(random_start=request.random, speed=speed, seed=-1)
         where = "at a random start" if request.random else "at the origin"
+        # A goal that is sent while the bicycle lies is for the next episode.
+        sent = self._live.mode == "fallen" and not self._live.goals.is_taken
 
         def words(answer: Any) -> str:
             if not answer.success:
                 return str(answer.message)
             then = ": time is paused, press Go on" if self._live.paused else ""
+            if sent:
+                return f"the bicycle starts {where} to the goal sent while it lay{then}"
             return f"the bicycle waits {where} for a goal{then}"
 
         self._call(topics.RESET, question, reply, words)
