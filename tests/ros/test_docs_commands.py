@@ -106,6 +106,7 @@ def begin(command: str, line: str, folder: Path, running: ExitStack) -> NodeProc
     return process
 
 
+@pytest.mark.timeout(3600)  # a page's rides take minutes of real time, on a busy machine many
 @pytest.mark.parametrize("page", PAGES)
 def test_the_commands_of_a_page_run_as_printed(
     page: str, folder: Path, running: ExitStack, ros_domain: int
