@@ -153,6 +153,7 @@ def test_a_waypoint_follows_a_goal_that_a_busy_controller_has_not_taken(cockpit:
         assert page.ask("goal", x=40.0, y=0.0)["message"] == "goal (40.0, 0.0) sent"
         answer = page.ask("waypoints", points=[[60.0, 10.0]])["message"]
         assert answer == "goal (60.0, 10.0) sent by way of 1 point"
+        page.event_with("no controller has taken the goal (60.0, 10.0), which was sent 6 times")
     finally:
         os.kill(controller, signal.SIGCONT)
     page.until(lambda: page.newest("status")["goal"] == [40.0, 0.0])

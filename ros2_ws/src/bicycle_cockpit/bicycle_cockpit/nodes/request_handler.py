@@ -68,6 +68,7 @@ class RequestHandler:
         recording: recorder that pages can start.
         ride: simulator and controller, which pages can set up anew.
         conditions: of that ride.
+        tell: report an event to all pages, with its level and text.
 
     Attributes:
         suits: compatibility of the chosen controller with the bicycle.
@@ -81,8 +82,9 @@ class RequestHandler:
         recording: RecorderProcess,
         ride: StartedRide,
         conditions: RideConditions,
+        tell: Callable[[str, str], None],
     ) -> None:
-        self._node, self._live, self._ride = node, live, ride
+        self._node, self._live, self._ride, self._tell = node, live, ride, tell
         self._conditions = conditions
         self._choices, self._recording = choices, recording
         self.suits = Suits(choices, live)
@@ -182,9 +184,18 @@ class RequestHandler:
         """Send goals again that no controller has taken, while the bicycle waits for one."""
         if self._live.goals.is_taken or self._live.mode != "held":
             return
-        if self._resent < MOST_RESENT and now - self._sent_at > RESEND and self._sent[0]:
-            self._resent += 1
+        if self._resent > MOST_RESENT or now - self._sent_at < RESEND or not self._sent[0]:
+            return
+        self._resent += 1
+        if self._resent <= MOST_RESENT:
             self._order(*self._sent)
+        else:
+            x, y = self._sent[0][-1]
+            self._tell(
+                "warn",
+                f"no controller has taken the goal ({x:.1f}, {y:.1f}), which was sent "
+                f"{self._resent} times: see whether it runs, and send the goal again",
+            )
 
     def _held_up(self) -> str:
         """Return why the bicycle does not ride to a goal at once, as the end of a line."""

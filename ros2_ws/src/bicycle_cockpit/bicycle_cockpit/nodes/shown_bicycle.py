@@ -68,7 +68,7 @@ class ShownBicycle:
         self.trouble = Trouble(ride.ours)
         self.conditions = RideConditions(self.node, ride)
         self.asking = RequestHandler(
-            self.node, self.live, choices, recording, ride, self.conditions
+            self.node, self.live, choices, recording, ride, self.conditions, tell
         )
         self.hearing = Hearing(self.node, self.live, self.trouble, tell, newest)
         episode = topics.EPISODE
