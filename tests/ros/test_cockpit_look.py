@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from functools import partial
 from typing import Any
 
 import pytest
@@ -136,14 +137,19 @@ def test_the_canvases_follow_a_scheme_of_which_nobody_tells(page: BrowserPage) -
     page.add_init_script("MediaQueryList.prototype.addEventListener = function () {};")
     page.reload()
     whole(page)
-    colour = """async () => (await import("/web/theme.js")).colours.card"""
     try:
         for scheme in ("dark", "light"):
             page.emulate_media(color_scheme=scheme)
-            card = page.evaluate(VARIABLE, "--card").strip()
-            waiting.until(lambda card=card: page.evaluate(colour) == card)
+            waiting.until(partial(_has_card_of_the_scheme, page))
     finally:
         page.emulate_media(color_scheme="light")
+
+
+def _has_card_of_the_scheme(page: BrowserPage) -> bool:
+    """Return True if the canvases' colour of a card is the style sheet's."""
+    colour: str = page.evaluate("""async () => (await import("/web/theme.js")).colours.card""")
+    card: str = page.evaluate(VARIABLE, "--card")
+    return colour == card.strip()
 
 
 def _hex(colour: str) -> str:
