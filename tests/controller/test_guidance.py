@@ -99,6 +99,28 @@ def test_a_path_is_joined_followed_and_ended() -> None:
     assert ride.loop.tracker.steers  # it rides straight on
 
 
+@pytest.mark.parametrize(
+    ("ahead", "aside", "status"),
+    [(60.0, 0.0, PathEnd.LOST), (30.0, 8.0, PathEnd.LOST), (0.5, 0.0, PathEnd.FINISHED)],
+)
+def test_a_path_that_lies_behind_is_not_called_ridden(
+    ahead: float, aside: float, status: PathEnd
+) -> None:
+    """A bicycle at the path's end has ridden it; one that is far beyond has not."""
+    ride = Ride(start=InitialPose(50.0 + ahead, aside, -math.pi / 2, 3.0))
+    ride.guidance.follow("made", course((0.0, 0.0), (50.0, 0.0)))
+    ride.settle()
+    ride.until(lambda: any(one.status is not PathEnd.ACTIVE for one in ride.reports), 200)
+    (last,) = (one for one in ride.reports if one.status is not PathEnd.ACTIVE)
+    assert last.status is status
+    if status is PathEnd.LOST:
+        away = math.hypot(ahead, aside)
+        assert last.message.startswith(f"its end is the nearest place, {away:.1f} m away")
+        assert math.isnan(last.rms)
+    ride.step()
+    assert ride.loop.tracker.steers  # it rides straight on
+
+
 @pytest.mark.parametrize("laps", [1, 2])
 @pytest.mark.parametrize("before", [4.0, 40.0])
 def test_a_loop_is_ridden_whole_from_wherever_it_is_joined(laps: int, before: float) -> None:

@@ -19,6 +19,8 @@ from bicycle_controller.control.speed_profile import speed_profile
 
 END = 0.3
 """m before the end of an open path at which it counts as ridden."""
+NEAR = 1.0
+"""m from the end of an open path within which a bicycle that joins it there has ridden it."""
 LOST = 100.0
 """m from its path, beyond its distance at the start, at which a bicycle counts as lost."""
 PATIENCE = 3.0
@@ -111,10 +113,12 @@ class PathRide:
             self._along = start
             self._from, self._begun = float(start[0]), time
             self._entered = math.inf
+            self._refuse_if_past(snapshot)
         place = self._paths.locate(self._along, x, y, heading)
         self._along = place.along
         self._now = time
-        self._measure(float(place.cross_track[0]), float(place.heading_error[0]))
+        if not self.over:
+            self._measure(float(place.cross_track[0]), float(place.heading_error[0]))
         wanted = self._paths.values(self._profile, place.along + 0.5 * speed)
         if self.others:
             wanted = self._past_others(snapshot, wanted, place)
@@ -123,6 +127,19 @@ class PathRide:
         self._wanted = float(wanted[0])
         seen = observation(snapshot, 0.0)[None]
         return np.asarray(self._follower.act(seen, speed, place, self._paths, wanted)[0])
+
+    def _refuse_if_past(self, snapshot: BicycleState) -> None:
+        """End a ride that joins an open path at its end, from farther than `NEAR`."""
+        if self.course.path.closed or self._from < self.length - END:
+            return
+        x, y = self._paths.point(np.array([self.length]))
+        away = math.hypot(float(x[0]) - snapshot.rear_x, float(y[0]) - snapshot.rear_y)
+        if away > NEAR:
+            self.end(
+                PathEnd.LOST,
+                f"its end is the nearest place, {away:.1f} m away, so nothing is left to ride: "
+                "give a path that goes on beyond the bicycle",
+            )
 
     def _past_others(self, snapshot: BicycleState, wanted: np.ndarray, place: Place) -> np.ndarray:
         """Return the speed at which the bicycle keeps clear of all others, (1,) m/s."""
