@@ -28,22 +28,25 @@ pytestmark = [pytest.mark.ros, pytest.mark.usefixtures("no_new_shared_memory")]
 SPEAKER = Path(__file__).parents[1] / "support" / "speaker.py"
 CLOCK_JUMP = SPEAKER.with_name("clock_jump.c")
 RECORDER = "bicycle_bag.nodes.recorder_node"
-# A recorder that is late: until it ends it takes only what the executor hands over.
+# A recorder that is late: until it ends it takes one message in a turn.
 LATE = f"""
-import sys
+import sys, time
+from bicycle_bag.nodes.taking import Taker
 from {RECORDER} import Recorder, main
-drain, finish = Recorder.drain, Recorder.finish
+take, drain, finish, calls = Taker.take, Recorder.drain, Recorder.finish, iter(range(10**9))
 def ending(recorder):
-    Recorder.drain = drain
+    Taker.take = take
     finish(recorder)
-Recorder.drain, Recorder.finish = lambda _: None, ending
+Taker.take = lambda taker, handle: None if next(calls) % 2 else take(taker, handle)
+Recorder.finish = ending
 sys.exit(main(sys.argv[1:]))
 """
 # One that stands still for a moment as soon as it is asked to end, with messages unheard.
 STANDING = LATE.replace(
-    "Recorder.drain = drain",
-    "Recorder.drain = lambda self: (setattr(Recorder, 'drain', drain), time.sleep(1.0))",
-).replace("import sys", "import sys, time")
+    "    finish",
+    "    Recorder.drain = lambda self: (setattr(Recorder, 'drain', drain), time.sleep(1.0))\n"
+    "    finish",
+)
 # One whose middleware has dropped every publisher during a standstill, and meets them 2 s later.
 FORGETFUL = f"""
 import sys, time
@@ -51,15 +54,22 @@ from bicycle_bag.nodes.recorded_topic import TopicSubscription
 from {RECORDER} import main
 publishers, drain = TopicSubscription.publishers.fget, TopicSubscription.drain
 turned = meets = time.monotonic()
-def alone():
+def alone(subscription):
     global turned, meets
     now, before = time.monotonic(), turned
     turned, meets = now, now + 2.0 if now - before > 3.0 else meets
     return now < meets
-TopicSubscription.publishers = property(lambda self: 0 if alone() else publishers(self))
-TopicSubscription.drain = lambda self: None if alone() else drain(self)
+TopicSubscription.publishers = property(lambda self: 0 if alone(self) else publishers(self))
+TopicSubscription.drain = lambda self: None if alone(self) else drain(self)
 sys.exit(main(sys.argv[1:]))
 """
+# One whose reliable subscriptions alone meet the publishers again so late.
+BEHIND = FORGETFUL.replace(
+    "    global turned",
+    "    if subscription._subscription.qos_profile.reliability.name != 'RELIABLE':\n"
+    "        return False\n"
+    "    global turned",
+)
 LONG = PATIENCE
 Start = Callable[..., NodeProcess]
 
@@ -216,6 +226,71 @@ def test_a_best_effort_publisher_that_came_and_went_costs_a_reliable_one_nothing
     second = next(index for index in range(1, len(short)) if short[index] < short[index - 1])
     for heard in (short[:second], short[second:]):
         assert heard == list(range(heard[0], heard[0] + len(heard)))
+
+
+def test_a_best_effort_subscription_that_is_ahead_after_a_standstill_changes_no_order(
+    start_node: Start, tmp_path: Path
+) -> None:
+    """The middleware drops a publisher in a standstill, and may meet it there again first."""
+    bag, count = tmp_path / "bag", 2400
+    recorder = start_node(sys.executable, ["-c", BEHIND, "--output", bag, "--topics", "/mixed"])
+    recorder.wait_for_line("recording into", LONG)
+    burst = ["--count", 3000, "--hz", 0, "--bytes", 10_000, "--wait", "--halt", 2000, count]
+    reliable = speaker(start_node, "/mixed", *burst)
+    recorder.wait_for_line("recording /mixed", LONG)
+    reliable.wait_for_line("heard", LONG)
+    hasty = speaker(start_node, "/mixed", "--best-effort", "--count", 40)
+    recorder.wait_for_line("subscribed to these, too", LONG)
+    assert hasty.wait(LONG) == 0
+    recorder.send_signal(signal.SIGSTOP)
+    reliable.send_signal(signal.SIGUSR1)
+    reliable.wait_for_line("halts at 2000", LONG)
+    time.sleep(4.0)
+    recorder.send_signal(signal.SIGCONT)
+    recorder.wait_for_line(r"stood still for \d+\.\d s", LONG)
+    reliable.send_signal(signal.SIGUSR1)
+    reliable.wait_for_line(f"halts at {count}", LONG)
+    assert recorder.stop(timeout=LONG) == 0, recorder.output
+    assert ", 0 lost on the way" in recorder.lines[-1]
+    texts = columns.load(bag, "/mixed")["data"]
+    assert [int(text.split()[0]) for text in texts if len(text) > 10_000] == list(range(count))
+
+
+def test_losses_of_several_publishers_that_have_gone_are_counted(
+    start_node: Start, tmp_path: Path
+) -> None:
+    """Two keep 100 messages each of a burst that is more than the recorder's socket holds."""
+    bag, count = tmp_path / "bag", 2000
+    recorder = start_node(sys.executable, ["-c", LATE, "--output", bag, "--topics", "/said"])
+    recorder.wait_for_line("recording into", LONG)
+    burst = ["--count", count, "--hz", 0, "--depth", 100, "--halt", 10, "--bytes"]
+    talks = [speaker(start_node, "/said", *burst, size) for size in (9_000, 10_000)]
+    hasty = speaker(start_node, "/said", "--best-effort", "--count", 40)
+    for talk in talks:
+        talk.wait_for_line("halts at 10", LONG)
+    recorder.wait_for_line("recording /said", LONG)
+    assert hasty.wait(LONG) == 0
+    recorder.send_signal(signal.SIGSTOP)
+    for talk in talks:
+        talk.send_signal(signal.SIGUSR1)
+        talk.wait_for_line("said", LONG)
+    recorder.send_signal(signal.SIGCONT)
+    for talk in talks:
+        assert talk.wait(2 * LONG) == 0
+    assert recorder.stop(timeout=LONG) == 0, recorder.output
+    told = re.search(r", (\d+) lost on the way", recorder.lines[-1])
+    assert told is not None
+    texts = columns.load(bag, "/said")["data"]
+    found = [
+        [int(text.split()[0]) for text in texts if len(text) // 1000 == size]
+        for size in (9, 10, 0)
+    ]
+    assert found[0][-1] == found[1][-1] == count - 1
+    lost = [numbers[-1] - numbers[0] + 1 - len(numbers) for numbers in found]
+    assert lost[0] > 0
+    assert lost[1] > 0
+    assert int(told[1]) == sum(lost)
+    assert BagReader(bag).metadata.custom_data["lost_messages"] == told[1]
 
 
 @pytest.mark.slow

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
+from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -14,19 +15,34 @@ from rclpy.qos import QoSProfile
 from bicycle_bag.cutting import Cut, SourceClock
 from bicycle_bag.metadata import Topic
 from bicycle_bag.nodes.session import message_class, overridden_profile, subscription_profile
+from bicycle_bag.nodes.taking import Taken, Taker
 from bicycle_bag.ordering import Reorder
 from bicycle_bag.qos import QosProfile
 from bicycle_bag.reader import BagMessage
+from bicycle_bag.stream import Stream
 
 QUEUE = 10_000
 """Messages that the middleware holds for each subscription."""
 REMEMBERED = 1000
-"""Number of messages remembered to drop repetitions, with one subscription; `QUEUE` with more."""
+"""Messages without a number that are remembered to drop repetitions."""
 FLOW, FLOW_SECONDS = 5, 2.0
 """A topic flows that has brought so many messages in the last so many seconds."""
 
 Quality = tuple[bool, bool]
 """True if a subscription asks for reliable publishers, and for transient-local ones."""
+
+
+class _LeftAlone(CallbackGroup):
+    """Group of subscriptions that executors leave alone: these take messages by rclpy."""
+
+    def can_execute(self, entity: object) -> bool:
+        return False
+
+    def beginning_execution(self, entity: object) -> bool:
+        return False
+
+    def ending_execution(self, entity: object) -> None:
+        pass
 
 
 class TopicSubscription:
@@ -38,7 +54,7 @@ class TopicSubscription:
         name: the topic's name.
         quality: that it asks for.
         profile: the same, in full.
-        take: is given this subscription, the message and what the middleware says of it.
+        take: is given this subscription and the message.
     """
 
     def __init__(
@@ -48,16 +64,17 @@ class TopicSubscription:
         name: str,
         quality: Quality,
         profile: QoSProfile,
-        take: Callable[[TopicSubscription, bytes, dict[str, Any]], None],
+        take: Callable[[TopicSubscription, Taken], None],
     ) -> None:
-        self.latched = quality[1]
-        self.last_sequence = 0
-        self._kind, self._take = kind, take
+        self.quality = quality
+        self._take = take
+        self._taker = Taker()
         self._subscription = node.create_subscription(
             kind,
             name,
-            self.hear,
+            lambda _: None,
             profile,
+            callback_group=_LeftAlone(),
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=True,
         )
@@ -67,16 +84,12 @@ class TopicSubscription:
         """Number of publishers that the subscription is matched with."""
         return int(self._subscription.get_publisher_count())
 
-    def hear(self, data: bytes, info: dict[str, Any]) -> None:
-        """Hand a message over."""
-        self._take(self, data, info)
-
     def drain(self) -> None:
-        """Take all that has arrived; one turn of the executor for each would be too slow."""
+        """Take all that has arrived."""
         handle = self._subscription.handle
         with handle:
-            while (taken := handle.take_message(self._kind, True)) is not None:
-                self._take(self, *taken)
+            while (taken := self._taker.take(handle)) is not None:
+                self._take(self, taken)
 
 
 class RecordedTopic:
@@ -84,16 +97,17 @@ class RecordedTopic:
 
     Each reliability and durability on offer has its own subscription: a subscription receives only
     from publishers that offer at least what it requests, and one that requests less may lose
-    messages. A message that two subscriptions receive is taken once.
+    messages. A message that two subscriptions receive is taken once, and each publisher's messages
+    are counted by its own numbers, also after the middleware has lost it and met it again.
 
     Args:
         node: that subscribes.
         topic: name, type and what its publishers offer.
+        offers: the same by publisher's id.
         order: takes the messages.
         override: profile to subscribe with; None follows the publishers.
 
     Attributes:
-        lost: messages that a publisher sent and that never arrived.
         missed: messages that the first publisher had sent before the first received one.
         passed: True if a message sent after `cut` has arrived.
         heard: s on the steady clock, when the last message was taken.
@@ -103,10 +117,15 @@ class RecordedTopic:
     """
 
     def __init__(
-        self, node: Node, topic: Topic, order: Reorder, override: QosProfile | None = None
+        self,
+        node: Node,
+        topic: Topic,
+        offers: Mapping[bytes, QosProfile],
+        order: Reorder,
+        override: QosProfile | None = None,
     ) -> None:
         self.topic = topic
-        self.lost = self.missed = 0
+        self.missed = 0
         self.passed = self._flowed = False
         self._cut: Cut | None = None
         self._lately: deque[float] = deque(maxlen=FLOW)
@@ -115,24 +134,32 @@ class RecordedTopic:
         self._order = order
         self._class = message_class(topic.type)
         self._clock = SourceClock()
-        self._known: set[tuple[int, int]] = set()
-        self._known_in_order: deque[tuple[int, int]] = deque()
+        self._received = 0
+        self._streams: dict[bytes, Stream[BagMessage]] = {}
+        self._qualities: dict[bytes, Quality] = {}
+        self._known: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
         self._subscriptions: dict[Quality, TopicSubscription] = {}
         self._overridden = override is not None
         if override is not None:
             self._listen((False, False), overridden_profile(override, QUEUE))
         else:
-            self.hear(topic.qos)
+            self.hear(offers)
 
-    def hear(self, offers: Sequence[QosProfile]) -> bool:
+    @property
+    def lost(self) -> int:
+        """Messages that publishers sent and that never arrived, between those that did."""
+        return sum(stream.lost for stream in self._streams.values())
+
+    def hear(self, offers: Mapping[bytes, QosProfile]) -> bool:
         """Subscribe to publishers with these offers; return True if that needed a subscription."""
         if self._overridden:
             return False
-        wanted = {
-            (offer.reliability == "reliable", offer.durability == "transient_local")
-            for offer in offers
+        qualities = {
+            publisher: (offer.reliability == "reliable", offer.durability == "transient_local")
+            for publisher, offer in offers.items()
         }
-        new = sorted(wanted - self._subscriptions.keys(), reverse=True)
+        self._qualities.update(qualities)
+        new = sorted(set(qualities.values()) - self._subscriptions.keys(), reverse=True)
         for quality in new:
             self._listen(quality, subscription_profile(*quality, QUEUE))
         return bool(new)
@@ -169,55 +196,38 @@ class RecordedTopic:
         # Those that ask for most come first.
         self._subscriptions = dict(sorted(self._subscriptions.items(), reverse=True))
 
-    def _take(self, subscription: TopicSubscription, data: bytes, info: dict[str, Any]) -> None:
-        received, sent = info["received_timestamp"], info["source_timestamp"]
-        sequence = info["publication_sequence_number"]
+    def rest(self) -> None:
+        """Take the messages that still wait for earlier ones."""
+        for stream in self._streams.values():
+            self._push(stream.rest(), self._received)
+
+    def _take(self, subscription: TopicSubscription, taken: Taken) -> None:
+        data, received, sent, number, publisher = taken
         self._clock.add(received, sent, time.monotonic_ns())
+        own = self._qualities.get(publisher) in (subscription.quality, None) or self._overridden
         if self._cut is not None and self._cut.is_before(self._clock.here(sent)):
-            self.passed = True
+            self.passed = self.passed or own
             return
-        self._count(subscription, sequence)
-        # Some middleware gives no sequence number: equal messages are repetitions then.
-        if self._is_known((sent, hash(data) if sequence is None else sequence)):
-            return
-        self.heard = time.monotonic()
-        self._lately.append(self.heard)
-        self._order.push(BagMessage(self.topic.name, self.topic.type, received, sent, data))
+        message = BagMessage(self.topic.name, self.topic.type, received, sent, data)
+        if number is None:
+            due = [] if self._is_known((sent, hash(data))) else [message]
+        else:
+            if not self._streams and not subscription.quality[1]:
+                self.missed = number - 1
+            due = self._streams.setdefault(publisher, Stream()).take(number, message, own)
+        self._received = received
+        self._push(due, received)
+
+    def _push(self, messages: list[BagMessage], received_ns: int) -> None:
+        for message in messages:
+            self.heard = time.monotonic()
+            self._lately.append(self.heard)
+            # Times of a topic that go back would look like a clock that was set back.
+            self._order.push(message._replace(log_time_ns=received_ns))
 
     def _is_known(self, key: tuple[int, int]) -> bool:
-        """Return True if another subscription has received the same message."""
-        if key in self._known:
-            return len(self._subscriptions) > 1
-        self._known.add(key)
-        self._known_in_order.append(key)
-        most = REMEMBERED if len(self._subscriptions) == 1 else QUEUE
-        while len(self._known_in_order) > most:
-            self._known.discard(self._known_in_order.popleft())
+        """Return True if another subscription has received the same message, without numbers."""
+        if len(self._subscriptions) > 1 and key in self._known:
+            return True
+        self._known.append(key)
         return False
-
-    def _count(self, subscription: TopicSubscription, sequence: int | None) -> None:
-        """Count the messages that a publisher numbered and no subscription received."""
-        if sequence is None:
-            return
-        last, subscription.last_sequence = subscription.last_sequence, sequence
-        if not last and not self._known and not subscription.latched:
-            self.missed = sequence - 1
-        # Several publishers number their messages independently: only one can be followed.
-        if (
-            last
-            and sequence > last + 1
-            and subscription.publishers == 1
-            and self._is_best(subscription)
-        ):
-            self.lost += sequence - last - 1
-
-    def _is_best(self, subscription: TopicSubscription) -> bool:
-        """Return True if no less lossy subscription receives a publisher."""
-        return (
-            next(
-                one
-                for one in self._subscriptions.values()
-                if one is subscription or one.publishers
-            )
-            is subscription
-        )

@@ -26,8 +26,8 @@ RECHECK_POLLS = 10
 """Polls between two searches for publishers of another quality on a recorded topic."""
 TELL_POLLS = 10
 """Polls between two reports of losses."""
-REST = 0.005
-"""Sleep between spins (s). One spin costs more than reading ten messages, so let them queue; the
+REST = 0.02
+"""Sleep between turns (s). One turn costs more than reading ten messages, so let them queue; the
 middleware keeps their receive time."""
 QUIET = 0.5
 """Time without a message from before the end after which none is missing (s): on a busy machine
@@ -172,6 +172,8 @@ class Recorder:
             if complete or quiet or now - began > LONGEST_END:
                 break
             time.sleep(REST)
+        for topic in self.topics.values():
+            topic.rest()
         self._write(self._order.rest())
         self._tell()
         ended = datetime.fromtimestamp(cut.time_ns * 1e-9, timezone.utc)
@@ -188,16 +190,16 @@ class Recorder:
                     "before were sent before they could be heard"
                 )
             new = topic.lost - self._told.get(name, 0)
-            if new:
+            if new > 0:
                 self._told[name] = topic.lost
                 self._node.get_logger().warning(
                     f"{new} messages of {name} lost: too many for this recorder or the network; "
                     "record fewer topics, or best effort ones apart"
                 )
 
-    def _offers(self, name: str) -> list[QosProfile]:
+    def _offers(self, name: str) -> dict[bytes, QosProfile]:
         publishers = self._node.get_publishers_info_by_topic(name)
-        return [offered(publisher.qos_profile) for publisher in publishers]
+        return {bytes(one.endpoint_gid): offered(one.qos_profile) for one in publishers}
 
     def _add(self, name: str, types: list[str]) -> None:
         publishers = self._node.get_publishers_info_by_topic(name)
@@ -208,11 +210,11 @@ class Recorder:
                 raise BagError(f"it has several types ({', '.join(types)}): stop one publisher")
             known = str(publishers[0].topic_type_hash)
             type_hash = known if known.startswith("RIHS") else self._schemas.type_hash(types[0])
-            offers = tuple(offered(publisher.qos_profile) for publisher in publishers)
-            topic = Topic(name, types[0], offers, type_hash)
+            offers = {bytes(one.endpoint_gid): offered(one.qos_profile) for one in publishers}
+            topic = Topic(name, types[0], tuple(offers.values()), type_hash)
             definition = self._schemas.definition(types[0])
             override = self._overrides.get(name)
-            recorded = RecordedTopic(self._node, topic, self._order, override)
+            recorded = RecordedTopic(self._node, topic, offers, self._order, override)
         except BagError as error:
             self._refused.add(name)
             self._node.get_logger().warning(f"{name} is not recorded: {error}")

@@ -22,7 +22,7 @@ from bicycle_bag.errors import BagError
 from bicycle_bag.mcap_file import COMPRESSIONS
 from bicycle_bag.nodes.closing import LeftError, close, say
 from bicycle_bag.nodes.lease import long_lease
-from bicycle_bag.nodes.recorder import DISCOVERY_SECONDS, REST, Recorder
+from bicycle_bag.nodes.recorder import REST, Recorder
 from bicycle_bag.nodes.session import ros_node
 from bicycle_bag.qos_overrides import read_overrides
 from bicycle_bag.selection import TopicFilter
@@ -115,7 +115,7 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
         recorder = Recorder(node, writer, chosen, overrides)
         print(f"recording into {options.output}; Ctrl-C ends it", flush=True)
         while not stop.requested:
-            executor.spin_once(timeout_sec=DISCOVERY_SECONDS)
+            executor.spin_once(timeout_sec=0.0)
             recorder.drain()
             recorder.notice_standstill()
             heart.beat()
