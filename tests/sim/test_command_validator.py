@@ -135,6 +135,15 @@ def test_answers_in_flight_at_a_reset_are_no_trouble(
     assert validator.decide(replace(GOOD, step=1), 0).warning
 
 
+@pytest.mark.parametrize(("pause", "told"), [(1.0, False), (1.01, True)])
+def test_an_answer_to_an_old_episode_is_told_after_just_a_second(
+    validator: CommandValidator, clock: Clock, pause: float, told: bool
+) -> None:
+    validator.begin(2)
+    clock.now += pause
+    assert bool(validator.decide(replace(GOOD, step=1), 0).warning) == told
+
+
 @UNHURRIED
 @given(
     st.tuples(*[st.floats(allow_nan=True, allow_infinity=True)] * 3),
