@@ -145,15 +145,16 @@ def test_it_takes_over_beyond_each_limit(
     assert layer.hand_overs[0] == (reason is not HandOverReason.NONE)
 
 
-def test_it_gives_back_after_the_hold_and_only_to_a_calm_bicycle() -> None:
-    layer = Safety()
+@pytest.mark.parametrize(("hold", "steps"), [(1.0, 19), (3.0, 59)])
+def test_it_gives_back_after_the_hold_and_only_to_a_calm_bicycle(hold: float, steps: int) -> None:
+    layer = Safety(SafetyConfig(hold=hold))
     layer.judge(state(0.47), SPEED, NONE)
     for _ in range(200):  # within the envelope, but not calm
         assert layer.judge(state(0.3), SPEED, NONE)[0] == HandOverReason.EXTRAPOLATED_LEAN
     held = 0
     while layer.judge(upright(), SPEED, NONE)[0]:
         held += 1
-    assert held == 19, "half a second of calm, the hold is over already"
+    assert held == steps, "half the hold of calm, the hold is over already"
 
 
 def test_at_the_edge_of_the_envelope_it_does_not_chatter() -> None:

@@ -287,6 +287,27 @@ def test_episodes_are_told_apart_by_their_numbers_however_large(
     assert verdict.proved
 
 
+def test_the_settings_of_an_earlier_episode_are_not_those_of_this_one(
+    ride: list[Message], tmp_path: Path
+) -> None:
+    """They are nearer in the recording, and cannot be read."""
+
+    def numbered(name: str, message: Any) -> Iterator[tuple[str, Any]]:
+        message.episode += 1
+        if name == ECHOES and message.step > 0:
+            message.command.episode += 1
+        yield name, message
+        if name == EPISODES:
+            earlier = deepcopy(message)
+            earlier.episode -= 1
+            earlier.physics = "{"
+            yield name, earlier
+
+    verdict = judged(tmp_path / "bag", changed(ride, numbered))
+    assert (verdict.checked, verdict.begun) == (STEPS, 1)
+    assert verdict.proved
+
+
 def test_the_settings_of_a_simulator_that_was_started_again_with_others_hold(
     tmp_path: Path,
 ) -> None:
