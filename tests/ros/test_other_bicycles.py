@@ -126,6 +126,37 @@ def test_all_are_shown_and_the_chosen_one_is_steered(page: Page) -> None:
     page.until(lambda: beside(page, "/b2").get("x", 0.0) > 5.0)
 
 
+def test_the_first_is_shown_even_if_found_last_until_a_page_steers(
+    start_node: Callable[..., NodeProcess],
+) -> None:
+    def simulator(name: str) -> NodeProcess:
+        return start_node("bicycle_sim.nodes.sim_node", words(name))
+
+    def in_a_row(mode: str) -> bool:
+        told = [m["mode"] for m in list(page.heard) if m["type"] == "status"]
+        return told[-8:] == 8 * [mode]  # longer than between two looks for bicycles
+
+    page = Page(address_of(start_node(COCKPIT, ["--no-ride", "--port", "0"])))
+    try:
+        simulator("b3")
+        shown(page, "/b3")
+        second = simulator("b2")
+        shown(page, "/b2")
+        page.until(lambda: in_a_row("held"))
+        assert second.stop() == 0
+        page.until(lambda: in_a_row("silent"))
+        assert page.newest("fleet")["shown"] == "/b2", "it may be started again"
+
+        simulator("b2")
+        page.until(lambda: page.ask("pause", paused=True)["ok"])
+        simulator("b1")
+        page.until(lambda: "/b1" in page.newest("fleet")["names"])
+        page.until(lambda: beside(page, "/b1") or page.newest("fleet")["shown"] == "/b1")
+        assert page.newest("fleet")["shown"] == "/b2", "a page steers it"
+    finally:
+        page.close()
+
+
 def test_a_person_chooses_in_the_browser(fleet: tuple[str, int]) -> None:
     with chromium() as browser, opened(browser, fleet[0]) as page:
         options = page.locator("#bicycle option")

@@ -12,7 +12,7 @@ from rclpy.node import Node
 
 from bicycle_cockpit import ride_setup
 from bicycle_cockpit.event_room import EventRoom
-from bicycle_cockpit.nodes.other_bicycles import OtherBicycles
+from bicycle_cockpit.nodes.other_bicycles import OtherBicycles, in_order
 from bicycle_cockpit.nodes.recording import RecorderProcess
 from bicycle_cockpit.nodes.ride_conditions import StartedRide
 from bicycle_cockpit.nodes.shown_bicycle import NotOurs, ShownBicycle
@@ -80,6 +80,7 @@ class CockpitNode(Node):
         self.shown = self._made(options.namespace)
         self._is_chosen = options.ride or options.namespace != "/"
         self._choice: str | None = None
+        self._first: set[str] = set()
         self._told_fleet: dict[str, Any] = {}
         self._frames = 0
         try:
@@ -122,20 +123,23 @@ class CockpitNode(Node):
         self.server.begin_anew(self._hello(), [])
 
     def _look_at_choice(self) -> None:
-        """Show the bicycle that a page has chosen, or the first one if none was named."""
+        """Show the bicycle that a page has chosen, or the first one until a page steers.
+
+        Bicycles are found in any order; one that was shown and is away may be started again.
+        """
         wanted, self._choice = self._choice, None
-        if wanted is None and not self._is_chosen and self._others.names:
-            known, now = self._others.names, self.shown.namespace
-            wanted = now if now in known else known[0]
-        if wanted is None:
-            return
-        self._is_chosen = True
-        if wanted != self.shown.namespace:
+        if wanted is not None:
+            self._is_chosen = True
+        elif not self._is_chosen and self._others.names:
+            wanted = in_order(self._first.union(self._others.names))[0]
+            self._first = {wanted}
+        if wanted is not None and wanted != self.shown.namespace:
             self._choose(wanted)
 
     def _carry_out(self, request: Request, reply: Callable[[bool, str], None]) -> None:
         """Begin a request of a page."""
         if not isinstance(request, ShowBicycle):
+            self._is_chosen |= bool(self._first)
             self.shown.asking.carry_out(request, reply)
         elif request.name in self._others.names:
             self._choice = request.name

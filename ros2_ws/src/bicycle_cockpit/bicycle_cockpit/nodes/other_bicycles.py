@@ -35,7 +35,12 @@ def namespaces_of(names: Iterable[tuple[str, list[str]]]) -> list[str]:
         for name, types in names
         if name.endswith(ending) and kind in types
     }
-    return sorted(found, key=lambda name: (len(name), name))[:MOST]
+    return in_order(found)[:MOST]
+
+
+def in_order(names: Iterable[str]) -> list[str]:
+    """Return namespaces in the order of their numbers."""
+    return sorted(names, key=lambda name: (len(name), name))
 
 
 class OtherBicycles:
@@ -98,8 +103,12 @@ class OtherBicycles:
             for name, (state, heard) in self._places.items()
             if now - heard < SILENCE
         ]
-        names = sorted({*self.names, shown}, key=lambda name: (len(name), name))
-        return {"type": "fleet", "shown": shown, "names": names, "others": others}
+        return {
+            "type": "fleet",
+            "shown": shown,
+            "names": in_order({*self.names, shown}),
+            "others": others,
+        }
 
 
 def _state_of(namespace: str) -> str:
