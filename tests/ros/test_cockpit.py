@@ -264,14 +264,14 @@ def test_a_setup_that_cannot_run_brings_the_ride_before_back(cockpit: Made) -> N
     page.until(lambda: page.newest("setup")["plant"] == now)
     # Facts of the simulator that ended may still be under way.
     page.until(lambda: page.newest("facts")["plant"] == now)
-    assert page.until(lambda: page.ask("goal", x=5.0, y=5.0)["ok"])
+    page.have_done("goal", x=5.0, y=5.0)
 
 
 def test_a_dead_controller_is_started_again(cockpit: Made) -> None:
     _, page, _, domain = cockpit
     os.kill(process_of("controller", domain), signal.SIGKILL)
     page.until(lambda: any("started again" in m.get("text", "") for m in page.heard))
-    page.until(lambda: page.ask("goal", x=5.0, y=5.0)["ok"])
+    page.have_done("goal", x=5.0, y=5.0)
 
 
 def test_ctrl_c_ends_all_of_it(cockpit: Made) -> None:

@@ -14,6 +14,8 @@ import aiohttp
 from node_process import NodeProcess
 from waiting import PATIENCE
 
+from bicycle_cockpit.page_socket import MESSAGE_RATE
+
 COCKPIT = Path(__file__).resolve().parents[2] / "ros2_ws" / "cockpit.sh"
 
 
@@ -33,6 +35,7 @@ class Page:
         self._loop = asyncio.new_event_loop()
         self._socket: aiohttp.ClientWebSocketResponse | None = None
         self._number = 0
+        self._asked = 0.0
         self._thread = threading.Thread(target=self._loop.run_until_complete, args=(self._run(),))
         self._thread.start()
         self.until(lambda: self._columns)
@@ -77,7 +80,9 @@ class Page:
         )
 
     def ask(self, kind: str, **fields: object) -> dict[str, Any]:
-        """Return the answer to a request."""
+        """Return the answer to a request, which is sent when the cockpit's limit allows it."""
+        time.sleep(max(0.0, self._asked + 1.0 / MESSAGE_RATE - time.monotonic()))
+        self._asked = time.monotonic()
         self._number += 1
         number = self._number
         text = json.dumps({"type": kind, "id": number, **fields})
@@ -88,6 +93,10 @@ class Page:
                 (m for m in self.heard if m["type"] == "answer" and m["id"] == number), None
             )
         )
+
+    def have_done(self, kind: str, **fields: object) -> None:
+        """Ask until it is done, for the nodes that do it may not be met yet."""
+        self.until(lambda: self.ask(kind, **fields)["ok"])
 
     def get(self, path: str) -> dict[str, Any]:
         """Return the server's answer for a path, decoded."""
