@@ -111,7 +111,7 @@ def test_all_are_shown_and_the_chosen_one_is_steered(page: Page) -> None:
     page.until(lambda: sum(m["type"] == "hello" for m in page.heard) == hellos + 1)
     page.until(lambda: page.rows[-1]["y"] == 20.0)
     page.until(lambda: page.newest("status")["controllers"] == 1)
-    page.until(lambda: page.ask("goal", x=25.0, y=20.0)["ok"] and page.rows[-1]["x"] > 2.0)
+    page.have_done("goal", x=25.0, y=20.0)
     page.until(lambda: page.rows[-1]["x"] > 5.0)
     other = page.until(lambda: beside(page, "/b1"))
     assert (other["x"], other["y"]) == (0.0, 0.0), "it has no goal"
@@ -126,9 +126,31 @@ def test_all_are_shown_and_the_chosen_one_is_steered(page: Page) -> None:
     page.until(lambda: beside(page, "/b2").get("x", 0.0) > 5.0)
 
 
+def test_the_shown_one_is_told_from_what_others_report(page: Page) -> None:
+    page.until(lambda: page.newest("fleet")["names"] == ["/b1", "/b2"])
+    page.have_done("bicycle", name="/b1")
+    shown(page, "/b1")
+    page.have_done("pause", paused=True)
+    page.until(lambda: page.newest("status")["paused"])
+    assert page.ask("bicycle", name="/b2")["ok"]
+    shown(page, "/b2")
+    begun = len(page.heard)
+
+    def told() -> list[bool]:
+        return [m["paused"] for m in page.heard[begun:] if m["type"] == "status"]
+
+    page.until(lambda: len(told()) >= 12)  # each bicycle reports once in four of them
+    assert not any(told()), "/b1 is paused, not this one"
+    assert page.ask("bicycle", name="/b1")["ok"]
+    shown(page, "/b1")
+    page.have_done("pause", paused=False)
+
+
 def test_the_first_is_shown_even_if_found_last_until_a_page_steers(
     start_node: Callable[..., NodeProcess],
 ) -> None:
+    page = Page(address_of(start_node(COCKPIT, ["--no-ride", "--port", "0"])))
+
     def simulator(name: str) -> NodeProcess:
         return start_node("bicycle_sim.nodes.sim_node", words(name))
 
@@ -136,7 +158,6 @@ def test_the_first_is_shown_even_if_found_last_until_a_page_steers(
         told = [m["mode"] for m in list(page.heard) if m["type"] == "status"]
         return told[-8:] == 8 * [mode]  # longer than between two looks for bicycles
 
-    page = Page(address_of(start_node(COCKPIT, ["--no-ride", "--port", "0"])))
     try:
         simulator("b3")
         shown(page, "/b3")
@@ -148,7 +169,7 @@ def test_the_first_is_shown_even_if_found_last_until_a_page_steers(
         assert page.newest("fleet")["shown"] == "/b2", "it may be started again"
 
         simulator("b2")
-        page.until(lambda: page.ask("pause", paused=True)["ok"])
+        page.have_done("pause", paused=True)
         simulator("b1")
         page.until(lambda: "/b1" in page.newest("fleet")["names"])
         page.until(lambda: beside(page, "/b1") or page.newest("fleet")["shown"] == "/b1")
@@ -181,6 +202,7 @@ def test_a_namespace_holds_for_what_the_cockpit_starts(
         assert shown(page, "/red")["names"] == ["/red"]
         assert page.newest("hello")["setups"]["ours"]
         page.until(lambda: page.rows and page.newest("status")["controllers"] == 1)
-        page.until(lambda: page.ask("goal", x=25.0, y=0.0)["ok"] and page.rows[-1]["x"] > 2.0)
+        page.have_done("goal", x=25.0, y=0.0)
+        page.until(lambda: page.rows[-1]["x"] > 2.0)
     finally:
         page.close()

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from bicycle_msgs.msg import BicycleCommand, BicycleState, CommandEcho, TrainerStatus
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
@@ -117,9 +118,9 @@ class SimulatorWord(NamedTuple):
     """The simulator's line about commands."""
 
 
-def simulator_word(array: DiagnosticArray) -> SimulatorWord | None:
+def simulator_word(entries: Iterable[DiagnosticStatus]) -> SimulatorWord | None:
     """Read the simulator's diagnostics; None for others'."""
-    by_subject = _by_subject(array)
+    by_subject = _by_subject(entries)
     if "bicycle" not in by_subject or "commands" not in by_subject:
         return None
     values = {pair.key: pair.value for pair in by_subject["bicycle"].values}
@@ -137,9 +138,9 @@ class ControllerWord(NamedTuple):
     """Difference of the ride from the policy's training; empty if there is none."""
 
 
-def controller_word(array: DiagnosticArray) -> ControllerWord | None:
+def controller_word(entries: Iterable[DiagnosticStatus]) -> ControllerWord | None:
     """Read the controller's diagnostics; None for others'."""
-    status = _by_subject(array).get("policy")
+    status = _by_subject(entries).get("policy")
     values = {pair.key: pair.value for pair in status.values} if status is not None else {}
     if not values.get("policy"):
         return None
@@ -147,5 +148,5 @@ def controller_word(array: DiagnosticArray) -> ControllerWord | None:
     return ControllerWord(values["policy"], "" if unlike == "no" else unlike)
 
 
-def _by_subject(array: DiagnosticArray) -> dict[str, DiagnosticStatus]:
-    return {status.name.rpartition(": ")[2]: status for status in array.status}
+def _by_subject(entries: Iterable[DiagnosticStatus]) -> dict[str, DiagnosticStatus]:
+    return {entry.name.rpartition(": ")[2]: entry for entry in entries}

@@ -33,6 +33,7 @@ from bicycle_cockpit.ride_state import RideState
 from bicycle_cockpit.riders import lqr_names, rider, shipped_names
 from bicycle_cockpit.trouble import Trouble
 from bicycle_common.nodes import convert, topics
+from bicycle_common.nodes.diagnostics import entries_of
 from bicycle_common.nodes.topics import listen
 from bicycle_controller.control.goals import Status
 from bicycle_sim.nodes.episode_setting import to_setting
@@ -199,10 +200,11 @@ class Hearing:
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         live = self._live
-        simulator = conversions.simulator_word(array)
+        entries = entries_of(self._node.get_namespace(), array)
+        simulator = conversions.simulator_word(entries)
         if simulator is not None:
             live.mode, live.paused, live.commands_text = simulator
-        controller = conversions.controller_word(array)
+        controller = conversions.controller_word(entries)
         if controller is not None:
             self._trouble.heard("controller")
             live.who.put_in_charge(controller.policy)

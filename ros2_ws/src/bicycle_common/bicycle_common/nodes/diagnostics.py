@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from statistics import quantiles
 
-from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -22,6 +22,16 @@ def status(
         hardware_id="simulated bicycle",
         values=[KeyValue(key=str(key), value=_shown(value)) for key, value in values.items()],
     )
+
+
+def entries_of(namespace: str, array: DiagnosticArray) -> list[DiagnosticStatus]:
+    """Return the entries of nodes in a namespace: all bicycles of a domain share the topic."""
+    own = namespace.strip("/")
+    return [
+        entry
+        for entry in array.status
+        if entry.name.partition(": ")[0].rpartition("/")[0].lstrip("/") == own
+    ]
 
 
 def percentiles(samples: list[float], name: str) -> dict[str, float]:

@@ -17,6 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from bicycle_common.nodes import topics
+from bicycle_common.nodes.diagnostics import entries_of
 from bicycle_common.nodes.goal_orders import GoalOrders
 from bicycle_common.nodes.topics import Topic, listen
 from bicycle_common.types import Point2D
@@ -114,7 +115,7 @@ class RideClient(Node):
         return True
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
-        for status in array.status:
+        for status in entries_of(self.get_namespace(), array):
             for item in status.values:
                 ridden = self.state is not None and self.state.step > 0
                 self.policy_judged |= item.key == UNLIKE and ridden
