@@ -5,11 +5,13 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import rclpy
 from bicycle_msgs.msg import BicycleCommand, BicycleState
 from geometry_msgs.msg import PoseStamped
+from rcl_interfaces.srv import ListParameters
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
@@ -50,12 +52,23 @@ class Probe:
         self._subscriptions[topic.name] = subscription
 
     def meet(self, *topics: Topic) -> None:
-        """Wait until each of these topics has a publisher that is heard.
+        """Wait until each of these topics has a publisher, and its node knows this subscriber.
 
-        A topic that is not latched and says something once would be missed otherwise.
+        A topic that is not latched and says something once would be missed otherwise. That a
+        publisher is known here does not mean that it knows the subscriber. Endpoints become known
+        in the order in which they were made, so a node that answers a later client does.
         """
         for topic in topics:
-            self.spin_until(self._subscriptions[topic.name].get_publisher_count)
+            for node in self.spin_until(partial(self._publishing, topic)):
+                service = Service(f"{node}/list_parameters", ListParameters)
+                self.call(service, ListParameters.Request())
+
+    def _publishing(self, topic: Topic) -> list[str]:
+        """Return the nodes that publish a topic; none before all of them are known by name."""
+        name = self._subscriptions[topic.name].topic_name
+        ends = self.node.get_publishers_info_by_topic(name)
+        names = [f"{end.node_namespace.rstrip('/')}/{end.node_name}" for end in ends]
+        return [] if any("_NODE_NAME" in one for one in names) else names
 
     def __getitem__(self, topic: Topic) -> list[Any]:
         return self.heard[topic.name]
