@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import signal
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from bicycle_msgs.msg import GoalStatus, TrainerStatus
@@ -65,8 +67,9 @@ def test_a_ride_is_recorded_pushed_and_proved(cockpit: Made) -> None:
     assert "0.25 rad/s" in page.event("push")["text"]
     reached = page.event("reached")
     assert (reached["x"], reached["y"]) == (14.0, 4.0)
-    assert min(math.hypot(row["x"] - 14.0, row["y"] - 4.0) for row in page.rows) < 1.2
-    status = page.newest("status")
+    # Events are sent before rows.
+    page.until(lambda: min(math.hypot(row["x"] - 14.0, row["y"] - 4.0) for row in page.rows) < 1.2)
+    status = page.until(lambda: rated(page.newest("status")))
     assert status["mode"] == "riding"
     assert status["who"]["driver"]["name"] == status["who"]["chosen"]["name"] == "lqr"
     assert status["loop"]["rate"] > 0
@@ -89,6 +92,11 @@ def test_a_ride_is_recorded_pushed_and_proved(cockpit: Made) -> None:
     assert "lean_angle was" in verdict.difference
 
 
+def rated(status: dict[str, Any]) -> dict[str, Any]:
+    """Return a status that knows the loop's rate; an empty one for another."""
+    return status if status["loop"]["rate"] else {}
+
+
 def phases(page: Page) -> list[str]:
     """Return the messages to the page about the recorder, in order."""
     recordings = (
@@ -104,12 +112,15 @@ def _log(domain: int, name: str) -> str:
 
 
 def test_pause_step_and_reset_do_what_they_say(cockpit: Made) -> None:
-    _, page, _, _ = cockpit
+    _, page, _, domain = cockpit
     assert page.ask("goal", x=60.0, y=0.0)["ok"]
     page.until(lambda: page.newest("status")["mode"] == "riding")
     assert page.ask("pause", paused=True)["ok"]
     page.until(lambda: page.newest("status")["mode"] == "paused")
-    before = last(page, "step")
+    # The page may hear of the pause before it hears of the last steps.
+    told = page.until(lambda: re.findall(r"paused at step (\d+)", _log(domain, "simulator")))
+    before = int(told[-1])
+    page.until(lambda: last(page, "step") == before)
     assert page.ask("step")["ok"]
     page.until(lambda: last(page, "step") == before + 1)
     assert page.ask("pause", paused=False)["ok"]
