@@ -129,8 +129,8 @@ def test_jumps_of_the_systems_clock_do_not_matter(
     env = {"LD_PRELOAD": str(library), "CLOCK_JUMP": str(moved)}
     probe = Probe(ros_domain, COMMAND_ECHO, STATE, COMMAND, TIMING)
     try:
-        # Slowly, so that no command is late for a second because the machine is busy.
-        slow = ["--ros-args", "-p", "real_time_factor:=0.25"]
+        # Slowly, so that no command is late for eight seconds because the machine is busy.
+        slow = ["--ros-args", "-p", "real_time_factor:=0.25", "-p", "watchdog_timeout:=2.0"]
         sim = start_node("bicycle_sim.nodes.sim_node", slow, env)
         sim.wait_for_line("episode 1 waits")
         words = ["--ros-args", "-p", "policy:=lqr"]
