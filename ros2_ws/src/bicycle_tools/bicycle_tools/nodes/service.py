@@ -18,9 +18,10 @@ from bicycle_common.validation import nearest
 from bicycle_tools.nodes.calling import PATIENCE, Caller, CallError, run_tool
 from bicycle_tools.nodes.filling import FillingError, filled
 from bicycle_tools.nodes.flatten import flatten, shown
+from bicycle_tools.settled import Settled
 
-DISCOVERY = 1.0
-"""Time to discover services (s)."""
+DISCOVERY, LONGEST_DISCOVERY = 1.0, 5.0
+"""Time without a new service after which no more are expected, and longest wait for all (s)."""
 COMMON = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
 """Types of the services that every node offers; not listed by default."""
 
@@ -33,7 +34,7 @@ def services(caller: Caller) -> dict[str, str]:
 
 def show_list(caller: Caller, given: argparse.Namespace) -> int:
     """Print all services with their types."""
-    caller.spin_until(lambda: False, DISCOVERY)
+    caller.spin_until(Settled(lambda: services(caller), DISCOVERY), LONGEST_DISCOVERY)
     found = services(caller)
     if not given.all:
         found = {name: kind for name, kind in found.items() if not kind.startswith(COMMON)}

@@ -12,6 +12,7 @@ import importlib
 import sys
 import time
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import rclpy
@@ -27,11 +28,13 @@ from bicycle_tools.nodes import publishing
 from bicycle_tools.nodes.filling import FillingError
 from bicycle_tools.nodes.flatten import flatten, shown
 from bicycle_tools.rates import Rate
+from bicycle_tools.settled import Settled
 
 DISCOVERY = 1.0
-"""Time to discover topics (s); nodes of this machine announce themselves within 0.3 s."""
+"""Time without a new topic or node after which no more are expected (s); nodes of this machine
+announce themselves within 0.3 s, one after another if it is busy."""
 LONGEST_WAIT = 5.0
-"""Longest wait for an unpublished topic, and for its first message (s)."""
+"""Longest wait for all topics, for an unpublished one, and for its first message (s)."""
 
 
 class TopicError(Exception):
@@ -121,22 +124,35 @@ class Watcher:
 
 def show_list(watcher: Watcher, _: argparse.Namespace) -> int:
     """Print all topics with their types and numbers of publishers and subscribers."""
-    watcher.spin(DISCOVERY)
-    topics = watcher.topics()
-    width = max(map(len, topics), default=0)
-    for name, kind in topics.items():
-        ends = watcher.node.count_publishers(name), watcher.node.count_subscribers(name)
-        print(f"{name:<{width}}  {kind}  ({ends[0]} publish, {ends[1]} subscribe)")
+
+    def found() -> list[tuple[str, str, int, int]]:
+        node = watcher.node
+        return [
+            (name, kind, node.count_publishers(name), node.count_subscribers(name))
+            for name, kind in watcher.topics().items()
+        ]
+
+    watcher.spin(LONGEST_WAIT, Settled(found, DISCOVERY))
+    topics = found()
+    width = max((len(name) for name, *_ in topics), default=0)
+    for name, kind, publish, subscribe in topics:
+        print(f"{name:<{width}}  {kind}  ({publish} publish, {subscribe} subscribe)")
     return 0
 
 
 def show_info(watcher: Watcher, given: argparse.Namespace) -> int:
     """Print publishers and subscribers with their quality of service."""
     full, kind = watcher.find(given.topic, published=False)
-    watcher.spin(DISCOVERY)
+    publishers = partial(watcher.node.get_publishers_info_by_topic, full)
+    subscribers = partial(watcher.node.get_subscriptions_info_by_topic, full)
+
+    def names() -> list[str]:
+        return [str(end.node_name) for end in (*publishers(), *subscribers())]
+
+    watcher.spin(LONGEST_WAIT, Settled(names, DISCOVERY))
     print(f"{full}  {kind}")
-    _print_ends("published by", watcher.node.get_publishers_info_by_topic(full))
-    _print_ends("subscribed by", watcher.node.get_subscriptions_info_by_topic(full))
+    _print_ends("published by", publishers())
+    _print_ends("subscribed by", subscribers())
     return 0
 
 
