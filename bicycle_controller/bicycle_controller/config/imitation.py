@@ -52,6 +52,33 @@ class TeacherWeights:
 
 
 @dataclass(frozen=True)
+class CalmConfig:
+    """A second regulator of each bicycle, which rides while nothing pushes it.
+
+    Weights that catch the largest kicks steer far for a lean that is only noise, and fall in turns
+    under a long delay; weights that cost steering ride calmly and catch less. The disturbance that
+    says who rides is the lean rate plus `pull` times the lean beside the wanted one, as a share of
+    the largest kick that the other regulator catches.
+
+    Raises:
+        ValueError: on a value out of range.
+    """
+
+    weights: TeacherWeights
+    begin: float = 0.4
+    """Share up to which the calm regulator rides alone."""
+    end: float = 0.8
+    """Share from which on the other one rides alone; between them their torques are blended."""
+    pull: float = 3.0
+    """1/s, about the rate at which a bicycle falls over."""
+
+    def __post_init__(self) -> None:
+        require_between("imitation.calm.begin", self.begin, 0.0, math.inf)
+        require(self.end > self.begin, "imitation.calm.end must be above imitation.calm.begin")
+        require_between("imitation.calm.pull", self.pull, 0.0, math.inf)
+
+
+@dataclass(frozen=True)
 class TurnConfig:
     """The turns that teachers want for a heading error.
 
@@ -143,6 +170,8 @@ class ImitationConfig:
     judged_in_turns: bool = False
     """True to judge the weights by kicks into a turn, the hardest; False by kicks straight on. In
     turns, others than the first set of weights have to be better by a twentieth."""
+    calm: CalmConfig | None = None
+    """Who rides while nothing pushes; None if the teachers of `teachers` do it all."""
     turns: TurnConfig = field(default_factory=TurnConfig)
     riding: RidingConfig = field(default_factory=RidingConfig)
     ranges: Ranges = field(default_factory=Ranges)

@@ -14,6 +14,7 @@ import numpy as np
 from bicycle_common.geometry import wrap_angle
 from bicycle_controller.config.imitation import ImitationConfig
 from bicycle_controller.control.past import Past
+from bicycle_controller.training.calm_teachers import CalmTeachers
 from bicycle_controller.training.teachers import COMMANDS, Teachers
 from bicycle_sim.plants import base
 from bicycle_sim.plants.base import FALL_ANGLE, Loads
@@ -69,7 +70,11 @@ class Park:
         parameters = random_bicycles.draw(count, rng, config.ranges, config.substeps)
         self.plant = WhipplePlant(parameters)
         self.limits = np.asarray(parameters.motor.limit)
-        self.teachers, self.caught = self._best()
+        quick, self.caught = self._best()
+        self.teachers: Teachers | CalmTeachers = quick
+        if config.calm is not None:
+            calm = Teachers(self.plant, config.calm.weights, config.turns, SPEEDS, self.limits)
+            self.teachers = CalmTeachers(config.calm, calm, quick, np.radians(self.caught))
         noise = self.riding.noise * rng.uniform(size=count)
         pairs = (self.riding.lean_noise, self.riding.rate_noise, self.riding.steer_noise)
         self._white = noise[:, None] * [pair[0] for pair in pairs]
@@ -289,7 +294,7 @@ class _Trial:
 
 
 def _answers(
-    teachers: Teachers, state: Any, error: np.ndarray, commands: np.ndarray
+    teachers: Teachers | CalmTeachers, state: Any, error: np.ndarray, commands: np.ndarray
 ) -> np.ndarray:
     return teachers.act(
         state.lean_angle,

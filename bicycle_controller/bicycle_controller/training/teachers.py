@@ -134,12 +134,8 @@ class Teachers:
         """
         found = self.at(speed)
         k = found.shape[1] - 4
-        tilt, hold, turn, widest = found[:, k:].T
-        share = np.interp(np.abs(error), TURN_ERRORS, TURN_SHAPE)
-        wanted = -error / (self.turns.heading_time * np.maximum(np.abs(turn), 0.05))
-        wanted *= np.sign(turn)
-        wanted = np.clip(wanted, -widest * share, widest * share)
-        wanted += self.turns.damping * (wanted - steer)
+        tilt, hold = found[:, k], found[:, k + 1]
+        wanted = self._wanted(found, steer, error)
         beside = np.column_stack(
             [
                 lean - tilt * wanted,
@@ -152,6 +148,22 @@ class Teachers:
         )
         torque = hold * wanted - (found[:, :k] * beside).sum(axis=1)
         return np.clip(torque, -self._limits, self._limits)
+
+    def wanted_lean(self, steer: np.ndarray, error: np.ndarray, speed: np.ndarray) -> np.ndarray:
+        """Return the lean of the wanted turns, (N,) rad; arguments as `act`."""
+        found = self.at(speed)
+        lean: np.ndarray = found[:, -4] * self._wanted(found, steer, error)
+        return lean
+
+    def _wanted(self, found: np.ndarray, steer: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Return the steering of the wanted turns, (N,) rad, from the numbers of `at`."""
+        turn, widest = found[:, -2], found[:, -1]
+        share = np.interp(np.abs(error), TURN_ERRORS, TURN_SHAPE)
+        wanted = -error / (self.turns.heading_time * np.maximum(np.abs(turn), 0.05))
+        wanted *= np.sign(turn)
+        wanted = np.clip(wanted, -widest * share, widest * share)
+        wanted += self.turns.damping * (wanted - steer)
+        return wanted
 
 
 def _with_motor(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
