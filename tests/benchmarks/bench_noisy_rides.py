@@ -8,8 +8,10 @@ to either side. What the controller sees of lean, lean rate and steering has whi
 bias, and the steering rate has white noise, as the training rides have at most. A bicycle that
 leans 30 degrees or steers 60 has fallen.
 
-The regulators beside it are each bicycle's own, with one set of weights for all; they know the
-bicycle, its delay and its lag, and see the same noisy state. Each cell is written as it comes.
+The regulators beside it are each bicycle's own and know the bicycle, its delay and its lag.
+`lqr` has one set of weights for all and sees the same noisy state. `teachers` are those of the
+preset sure-any-bicycle and see the noisy state, too; `teachers-true` are the same with the true
+state, which is what an actor can hope for. Each cell is written as it comes.
 """
 
 from __future__ import annotations
@@ -25,9 +27,11 @@ import numpy as np
 from bench_any_bicycle import BICYCLES, DELAYS, DESIGNS, LEAN, LIMIT, STEER, measured
 
 from bicycle_common.geometry import wrap_angle
+from bicycle_controller.config import loading
 from bicycle_controller.config.imitation import RidingConfig, TeacherWeights, TurnConfig
 from bicycle_controller.control.riding import Riding
 from bicycle_controller.policy.policy import load_policy, write_atomically
+from bicycle_controller.training.bicycle_park import teachers_of
 from bicycle_controller.training.run_folder import origin
 from bicycle_controller.training.teachers import COMMANDS, Teachers
 
@@ -37,22 +41,24 @@ SECONDS, TURN_EVERY = 24.0, 4.0
 """s."""
 NOISE = RidingConfig()
 LQR = TeacherWeights(lean=10.0, lean_rate=1.0, steer=1.0, steer_rate=0.1, torque=0.1)
-"""Weights of the regulators, those that real bicycles have in `control.lqr`."""
+"""Weights of `lqr`, those that real bicycles have in `control.lqr`."""
+REGULATORS = ("lqr", "teachers", "teachers-true")
 
 
 def main() -> int:
     """Ride, print a row for each cell, and write the numbers."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("policies", nargs="+", help="names or files; lqr for the regulators")
+    parser.add_argument("policies", nargs="+", help=f"names, files, or {', '.join(REGULATORS)}")
     parser.add_argument("--rides", type=int, default=120, help="of each bicycle in each cell")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--delays", type=float, nargs="+", default=DELAYS, help="s")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
     result: dict[str, Any] = {
         "origin": origin(), "limit_nm": LIMIT, "rides": args.rides * len(BICYCLES),
         "bicycles": BICYCLES, "seed": args.seed, "cells": [],
     }  # fmt: skip
-    for name, delay, speed in product(args.policies, DELAYS, SPEEDS):
+    for name, delay, speed in product(args.policies, args.delays, SPEEDS):
         rng = np.random.default_rng((args.seed, round(1000 * delay), round(100 * speed)))
         fell = falls(name, delay, speed, args.rides, rng)
         by_name = {b: int(n) for b, n in zip(BICYCLES, fell, strict=True) if n}
@@ -73,11 +79,16 @@ def falls(
     zero, limits = np.zeros(count), np.full(count, LIMIT)
     state, wanted = plant.initial(zero, zero, zero, np.full(count, speed)), zero
     pairs = NOISE.lean_noise, NOISE.rate_noise, NOISE.steer_noise
-    white = np.array([pair[0] for pair in pairs])
-    most = np.array([pair[1] for pair in pairs])
+    told = 0.0 if name == "teachers-true" else 1.0
+    white = told * np.array([pair[0] for pair in pairs])
+    most = told * np.array([pair[1] for pair in pairs])
     bias = rng.uniform(-most, most, (count, 3))
     if name == "lqr":
-        teachers = Teachers(plant, LQR, TurnConfig(), DESIGNS, limits)
+        teachers: Any = Teachers(plant, LQR, TurnConfig(), DESIGNS, limits)
+    elif name in REGULATORS:
+        config = loading.preset("sure-any-bicycle").imitation
+        assert config is not None
+        teachers, _ = teachers_of(plant, limits, config)
     else:
         riding = Riding(load_policy(name), count, plant)
     commands = np.zeros((count, COMMANDS))
@@ -89,8 +100,8 @@ def falls(
         noise = bias + white * rng.standard_normal((count, 3))
         lean, lean_rate = state.lean_angle + noise[:, 0], state.lean_rate + noise[:, 1]
         steer = state.steer_angle + noise[:, 2]
-        steer_rate = state.steer_rate + NOISE.steer_rate_noise * rng.standard_normal(count)
-        if name == "lqr":
+        steer_rate = state.steer_rate + told * NOISE.steer_rate_noise * rng.standard_normal(count)
+        if name in REGULATORS:
             torque = teachers.act(
                 lean, lean_rate, steer, steer_rate, error, state.speed, state.motor_torque,
                 commands,

@@ -70,11 +70,7 @@ class Park:
         parameters = random_bicycles.draw(count, rng, config.ranges, config.substeps)
         self.plant = WhipplePlant(parameters)
         self.limits = np.asarray(parameters.motor.limit)
-        quick, self.caught = self._best()
-        self.teachers: Teachers | CalmTeachers = quick
-        if config.calm is not None:
-            calm = Teachers(self.plant, config.calm.weights, config.turns, SPEEDS, self.limits)
-            self.teachers = CalmTeachers(config.calm, calm, quick, np.radians(self.caught))
+        self.teachers, self.caught = teachers_of(self.plant, self.limits, config)
         noise = self.riding.noise * rng.uniform(size=count)
         pairs = (self.riding.lean_noise, self.riding.rate_noise, self.riding.steer_noise)
         self._white = noise[:, None] * [pair[0] for pair in pairs]
@@ -91,46 +87,6 @@ class Park:
         self.falls = self.rides = 0
         self.seen, self.speed = np.zeros((count, 6)), zero
         self.begin(np.ones(count, dtype=bool), 1.0)
-
-    def _best(self) -> tuple[Teachers, np.ndarray]:
-        """Return for each bicycle and speed the teacher whose weights catch the largest kick.
-
-        Returns:
-            The teachers; (S, N) deg/s that they catch.
-        """
-        candidates = [
-            Teachers(self.plant, weights, self.config.turns, SPEEDS, self.limits)
-            for weights in self.config.teachers
-        ]
-        caught = np.array(
-            [
-                [self._largest(teachers, SPEEDS[index]) for index in JUDGED]
-                for teachers in candidates
-            ]
-        )
-        nearest = np.abs(np.arange(len(SPEEDS))[:, None] - np.array(JUDGED)).argmin(axis=1)
-        # Equal ones: the first of the list.
-        first = PREFERENCE if self.config.judged_in_turns else 1.0
-        which = np.concatenate([first * caught[:1], caught[1:]]).argmax(axis=0)
-        chosen = candidates[0]
-        chosen.choose(candidates, which[nearest])
-        best = np.take_along_axis(caught, which[None], axis=0)[0]
-        levels = [np.interp(SPEEDS, SPEEDS[list(JUDGED)], row) for row in best.T]
-        return chosen, np.array(levels).T
-
-    def _largest(self, teachers: Teachers, speed: float) -> np.ndarray:
-        """Return the largest kicks that are caught, (N,) deg/s, by bisection."""
-        count = len(self.limits)
-        yaw_rate = None
-        if self.config.judged_in_turns:
-            yaw_rate = speed / max(TURN_RADIUS, speed**2 / (9.81 * np.tan(TURN_LEAN)))
-        trial = _Trial(self.plant, teachers, np.full(count, speed), yaw_rate)
-        low, high = np.zeros(count), np.full(count, LARGEST_KICK)
-        for _ in range(BISECTIONS):
-            middle = 0.5 * (low + high)
-            good = trial.catches(np.radians(middle))
-            low, high = np.where(good, middle, low), np.where(good, high, middle)
-        return low
 
     def begin(self, mask: np.ndarray, teacher_share: float) -> None:
         """Begin the rides of `mask` (N,) anew; `teacher_share` of them are ridden by teachers."""
@@ -244,6 +200,71 @@ class Park:
         found = {"rides": float(self.rides), "fall_share": self.falls / max(1, self.rides)}
         self.falls = self.rides = 0
         return found
+
+
+def teachers_of(
+    plant: WhipplePlant, limits: np.ndarray, config: ImitationConfig
+) -> tuple[Teachers | CalmTeachers, np.ndarray]:
+    """Return the teachers of N bicycles.
+
+    Args:
+        plant: the bicycles.
+        limits: (N,) N m, the largest torques.
+        config: their weights, turns, and whether calm ones ride between kicks.
+
+    Returns:
+        The teachers; (S, N) deg/s that they catch at SPEEDS.
+    """
+    quick, caught = _best(plant, limits, config)
+    if config.calm is None:
+        return quick, caught
+    calm = Teachers(plant, config.calm.weights, config.turns, SPEEDS, limits)
+    return CalmTeachers(config.calm, calm, quick, np.radians(caught)), caught
+
+
+def _best(
+    plant: WhipplePlant, limits: np.ndarray, config: ImitationConfig
+) -> tuple[Teachers, np.ndarray]:
+    """Return for each bicycle and speed the teacher whose weights catch the largest kick.
+
+    Returns:
+        The teachers; (S, N) deg/s that they catch.
+    """
+    candidates = [
+        Teachers(plant, weights, config.turns, SPEEDS, limits) for weights in config.teachers
+    ]
+    in_turns = config.judged_in_turns
+    caught = np.array(
+        [
+            [_largest(plant, teachers, SPEEDS[index], in_turns) for index in JUDGED]
+            for teachers in candidates
+        ]
+    )
+    nearest = np.abs(np.arange(len(SPEEDS))[:, None] - np.array(JUDGED)).argmin(axis=1)
+    # Equal ones: the first of the list.
+    first = PREFERENCE if in_turns else 1.0
+    which = np.concatenate([first * caught[:1], caught[1:]]).argmax(axis=0)
+    chosen = candidates[0]
+    chosen.choose(candidates, which[nearest])
+    best = np.take_along_axis(caught, which[None], axis=0)[0]
+    levels = [np.interp(SPEEDS, SPEEDS[list(JUDGED)], row) for row in best.T]
+    return chosen, np.array(levels).T
+
+
+def _largest(plant: WhipplePlant, teachers: Teachers, speed: float, in_turns: bool) -> np.ndarray:
+    """Return the largest kicks that are caught, (N,) deg/s, by bisection."""
+    assert plant.count is not None
+    count = plant.count
+    yaw_rate = None
+    if in_turns:
+        yaw_rate = speed / max(TURN_RADIUS, speed**2 / (9.81 * np.tan(TURN_LEAN)))
+    trial = _Trial(plant, teachers, np.full(count, speed), yaw_rate)
+    low, high = np.zeros(count), np.full(count, LARGEST_KICK)
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        good = trial.catches(np.radians(middle))
+        low, high = np.where(good, middle, low), np.where(good, high, middle)
+    return low
 
 
 class _Trial:
