@@ -55,7 +55,7 @@ def kicks(network: str, yardstick: Path | None) -> Iterator[dict[str, Any]]:
 
     Args:
         network: name or file of a policy.
-        yardstick: an earlier result, of which those of the regulators are taken; None to kick them.
+        yardstick: an earlier result with those of the regulators; None to kick them anew.
     """
     known = [] if yardstick is None else json.loads(yardstick.read_text())["kicks"]
     for bicycle, delay, lag in KICKED:
