@@ -159,8 +159,10 @@ class Teachers:
         """Return the steering of the wanted turns, (N,) rad, from the numbers of `at`."""
         turn, widest = found[:, -2], found[:, -1]
         share = np.interp(np.abs(error), TURN_ERRORS, TURN_SHAPE)
-        wanted = -error / (self.turns.heading_time * np.maximum(np.abs(turn), 0.05))
-        wanted *= np.sign(turn)
+        time = self.turns.heading_time * np.maximum(np.abs(turn), 0.05)
+        if self.turns.widening:
+            widest = np.minimum(widest, TURN_ERRORS[1] / time)
+        wanted = -error / time * np.sign(turn)
         wanted = np.clip(wanted, -widest * share, widest * share)
         wanted += self.turns.damping * (wanted - steer)
         return wanted
