@@ -112,6 +112,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=OUT)
     given = parser.parse_args()
     result: dict[str, Any] = {**made_by(), "machine": machine("numpy"), "seed": given.seed}
+    if "kicks" in given.parts:
+        result["network"] = load_policy(given.network).policy_id
     given.out.parent.mkdir(parents=True, exist_ok=True)
     for part in given.parts:
         rows = goals(given.rides, given.seed)

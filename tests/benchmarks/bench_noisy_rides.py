@@ -57,6 +57,7 @@ def main() -> int:
     result: dict[str, Any] = {
         "origin": origin(), "limit_nm": LIMIT, "rides": args.rides * len(BICYCLES),
         "bicycles": BICYCLES, "seed": args.seed, "cells": [],
+        "policies": {n: load_policy(n).policy_id for n in args.policies if n not in REGULATORS},
     }  # fmt: skip
     for name, delay, speed in product(args.policies, args.delays, SPEEDS):
         rng = np.random.default_rng((args.seed, round(1000 * delay), round(100 * speed)))
