@@ -11,7 +11,11 @@ leans 30 degrees or steers 60 has fallen.
 The regulators beside it are each bicycle's own and know the bicycle, its delay and its lag.
 `lqr` has one set of weights for all and sees the same noisy state. `teachers` are those of the
 preset sure-any-bicycle and see the noisy state, too; `teachers-true` are the same with the true
-state, which is what an actor can hope for. Each cell is written as it comes.
+state, which is what an actor can hope for, and `first-teachers-true` those of any-bicycle. Each
+cell is written as it comes.
+
+`--random 9001` rides random bicycles of that seed, `--rides` of them and each once, in place of
+the measured ones: whoever tunes an actor compares with these.
 """
 
 from __future__ import annotations
@@ -19,12 +23,13 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from bench_any_bicycle import BICYCLES, DELAYS, DESIGNS, LEAN, LIMIT, STEER, measured
+from bench_any_bicycle import BICYCLES, DELAYS, DESIGNS, LAG, LEAN, LIMIT, STEER, measured
 
 from bicycle_common.geometry import wrap_angle
 from bicycle_controller.config import loading
@@ -34,6 +39,9 @@ from bicycle_controller.policy.policy import load_policy, write_atomically
 from bicycle_controller.training.bicycle_park import teachers_of
 from bicycle_controller.training.run_folder import origin
 from bicycle_controller.training.teachers import COMMANDS, Teachers
+from bicycle_sim.plants.whipple import random_bicycles
+from bicycle_sim.plants.whipple.parameters import Resistance
+from bicycle_sim.plants.whipple.plant import WhipplePlant
 
 SPEEDS = (1.0, 1.25, 1.5, 2.0, 3.0, 4.0, 6.0)
 """m/s at which the rides begin; nothing holds them."""
@@ -42,7 +50,13 @@ SECONDS, TURN_EVERY = 24.0, 4.0
 NOISE = RidingConfig()
 LQR = TeacherWeights(lean=10.0, lean_rate=1.0, steer=1.0, steer_rate=0.1, torque=0.1)
 """Weights of `lqr`, those that real bicycles have in `control.lqr`."""
-REGULATORS = ("lqr", "teachers", "teachers-true")
+TEACHERS = {
+    "teachers": "sure-any-bicycle",
+    "teachers-true": "sure-any-bicycle",
+    "first-teachers-true": "any-bicycle",
+}
+"""Presets of the teachers; those whose name ends in `true` see the true state."""
+REGULATORS = ("lqr", *TEACHERS)
 
 
 def main() -> int:
@@ -51,18 +65,24 @@ def main() -> int:
     parser.add_argument("policies", nargs="+", help=f"names, files, or {', '.join(REGULATORS)}")
     parser.add_argument("--rides", type=int, default=120, help="of each bicycle in each cell")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--random", type=int, help="seed of random bicycles to ride instead")
     parser.add_argument("--delays", type=float, nargs="+", default=DELAYS, help="s")
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
+    bicycles = BICYCLES if args.random is None else (f"random, seed {args.random}",)
     result: dict[str, Any] = {
-        "origin": origin(), "limit_nm": LIMIT, "rides": args.rides * len(BICYCLES),
-        "bicycles": BICYCLES, "seed": args.seed, "cells": [],
+        "origin": origin(), "limit_nm": LIMIT, "rides": args.rides * len(bicycles),
+        "bicycles": bicycles, "seed": args.seed, "cells": [],
         "policies": {n: load_policy(n).policy_id for n in args.policies if n not in REGULATORS},
     }  # fmt: skip
     for name, delay, speed in product(args.policies, args.delays, SPEEDS):
         rng = np.random.default_rng((args.seed, round(1000 * delay), round(100 * speed)))
-        fell = falls(name, delay, speed, args.rides, rng)
-        by_name = {b: int(n) for b, n in zip(BICYCLES, fell, strict=True) if n}
+        if args.random is None:
+            plant = measured([(bicycle, delay) for bicycle in BICYCLES for _ in range(args.rides)])
+        else:
+            plant = drawn(args.rides, delay, args.random)
+        fell = falls(name, plant, speed, rng).reshape(len(bicycles), -1).sum(axis=1)
+        by_name = {b: int(n) for b, n in zip(bicycles, fell, strict=True) if n}
         cell = {"controller": name, "delay_s": delay, "speed": speed, "falls": int(fell.sum())}
         result["cells"].append(cell | {"by_bicycle": by_name})
         print(*cell.values(), f"of {result['rides']}", by_name or "", flush=True)
@@ -71,23 +91,32 @@ def main() -> int:
     return 0
 
 
-def falls(
-    name: str, delay: float, speed: float, rides: int, rng: np.random.Generator
-) -> np.ndarray:
-    """Return how many rides of each bicycle end in a fall, (12,)."""
-    plant = measured([(bicycle, delay) for bicycle in BICYCLES for _ in range(rides)])
-    count = rides * len(BICYCLES)
+def drawn(count: int, delay: float, seed: int) -> WhipplePlant:
+    """Return random bicycles with the motor of all cells, on a level road without wind or drag."""
+    none = (0.0, 0.0)
+    ranges = random_bicycles.Ranges(
+        torque_limit=(LIMIT, LIMIT), delay=(delay, delay), motor_lag=(LAG, LAG), friction=none,
+        damping=none, grade=none, wind=none, plain_share=0.0,
+    )  # fmt: skip
+    parameters = random_bicycles.draw(count, np.random.default_rng(seed), ranges, 5)
+    return WhipplePlant(replace(parameters, resistance=Resistance()))
+
+
+def falls(name: str, plant: WhipplePlant, speed: float, rng: np.random.Generator) -> np.ndarray:
+    """Return which rides end in a fall, bool (N,)."""
+    count = plant.count
+    assert count is not None
     zero, limits = np.zeros(count), np.full(count, LIMIT)
     state, wanted = plant.initial(zero, zero, zero, np.full(count, speed)), zero
     pairs = NOISE.lean_noise, NOISE.rate_noise, NOISE.steer_noise
-    told = 0.0 if name == "teachers-true" else 1.0
+    told = 0.0 if name.endswith("-true") else 1.0
     white = told * np.array([pair[0] for pair in pairs])
     most = told * np.array([pair[1] for pair in pairs])
     bias = rng.uniform(-most, most, (count, 3))
     if name == "lqr":
         teachers: Any = Teachers(plant, LQR, TurnConfig(), DESIGNS, limits)
     elif name in REGULATORS:
-        config = loading.preset("sure-any-bicycle").imitation
+        config = loading.preset(TEACHERS[name]).imitation
         assert config is not None
         teachers, _ = teachers_of(plant, limits, config)
     else:
@@ -117,7 +146,7 @@ def falls(
             torque = action[:, 0]
         state = plant.step(state, torque, zero, zero)
         upright &= (np.abs(state.lean_angle) < LEAN) & (np.abs(state.steer_angle) < STEER)
-    return np.asarray((~upright).reshape(len(BICYCLES), rides).sum(axis=1))
+    return ~upright
 
 
 if __name__ == "__main__":
