@@ -32,6 +32,7 @@ LABELS = {
     "ppo": ("PPO actor", NETWORK),
     "sure-fixed-speed": ("Sure DDPG actor", NETWORK),
     "any-bicycle": ("Actor for any bicycle", NETWORK),
+    "sure-any-bicycle": ("Surer actor for any bicycle", NETWORK),
     "lqr": ("LQR", LINEAR),
     "lqr-displacement": ("LQR, body ±2 cm", LINEAR),
     "lqr-pedal": ("LQR with pedals", LINEAR),
