@@ -94,16 +94,16 @@ class TurnConfig:
     """rad, the largest wanted steering."""
     hold_share: float = 0.5
     """Share of the torque limit that may be needed to hold a turn."""
-    widening: bool = False
-    """True to widen all turns at heading errors beyond 60 degrees, as the tightest ones are: a
-    slow turn that grows with the error ends in a circle around its goal."""
+    full_error: float = math.pi
+    """rad of heading error beyond which the wanted turn grows no more. With it below 60 degrees, a
+    long heading time needs no quick turns, and none ends in a circle around its goal."""
     damping: float = 0.0
     """Share of what the steering lacks of the wanted one that is wanted besides: a heading that
     turns too fast, as after a kick, is held back before its error has grown."""
 
     def __post_init__(self) -> None:
         for item in fields(self):
-            if item.name not in ("damping", "widening"):
+            if item.name != "damping":
                 require_positive(f"imitation.turns.{item.name}", getattr(self, item.name))
         require_between("imitation.turns.damping", self.damping, 0.0, math.inf)
 

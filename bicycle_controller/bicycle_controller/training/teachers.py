@@ -160,8 +160,7 @@ class Teachers:
         turn, widest = found[:, -2], found[:, -1]
         share = np.interp(np.abs(error), TURN_ERRORS, TURN_SHAPE)
         time = self.turns.heading_time * np.maximum(np.abs(turn), 0.05)
-        if self.turns.widening:
-            widest = np.minimum(widest, TURN_ERRORS[1] / time)
+        widest = np.minimum(widest, self.turns.full_error / time)
         wanted = -error / time * np.sign(turn)
         wanted = np.clip(wanted, -widest * share, widest * share)
         wanted += self.turns.damping * (wanted - steer)
