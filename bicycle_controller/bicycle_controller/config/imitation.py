@@ -94,9 +94,6 @@ class TurnConfig:
     """rad, the largest wanted steering."""
     hold_share: float = 0.5
     """Share of the torque limit that may be needed to hold a turn."""
-    full_error: float = math.pi
-    """rad of heading error beyond which the wanted turn grows no more. With it below 60 degrees, a
-    long heading time needs no quick turns, and none ends in a circle around its goal."""
     damping: float = 0.0
     """Share of what the steering lacks of the wanted one that is wanted besides: a heading that
     turns too fast, as after a kick, is held back before its error has grown."""

@@ -159,9 +159,8 @@ class Teachers:
         """Return the steering of the wanted turns, (N,) rad, from the numbers of `at`."""
         turn, widest = found[:, -2], found[:, -1]
         share = np.interp(np.abs(error), TURN_ERRORS, TURN_SHAPE)
-        time = self.turns.heading_time * np.maximum(np.abs(turn), 0.05)
-        widest = np.minimum(widest, self.turns.full_error / time)
-        wanted = -error / time * np.sign(turn)
+        wanted = -error / (self.turns.heading_time * np.maximum(np.abs(turn), 0.05))
+        wanted *= np.sign(turn)
         wanted = np.clip(wanted, -widest * share, widest * share)
         wanted += self.turns.damping * (wanted - steer)
         return wanted
