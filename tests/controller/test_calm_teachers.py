@@ -1,4 +1,4 @@
-"""Who of a bicycle's two regulators rides, and what that is good for."""
+"""Two regulators for each bicycle: which of them rides, and how rarely they fall."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def own() -> ImitationConfig:
 
 
 def late_bicycles() -> WhipplePlant:
-    """Random bicycles with 7 N m, a lag of 30 ms, a delay of 75 ms, and nothing that brakes."""
+    """Return random bicycles with 7 N m, a lag of 30 ms, a delay of 75 ms, and nothing that brakes."""
     ranges = random_bicycles.Ranges(
         torque_limit=(7.0, 7.0), delay=(0.075, 0.075), motor_lag=(0.03, 0.03), friction=(0.0, 0.0),
         damping=(0.0, 0.0), grade=(0.0, 0.0), wind=(0.0, 0.0), plain_share=0.0,
@@ -48,7 +48,7 @@ def teachers(plant: WhipplePlant) -> CalmTeachers:
 
 
 def answers(teachers: CalmTeachers, lean_rate: float) -> list[np.ndarray]:
-    """The torques of both together, of the calm one and of the quick one."""
+    """Return the torques of both together, of the calm one and of the quick one."""
     zero = np.zeros(COUNT)
     seen = (
         zero, zero + lean_rate, zero + 0.02, zero, zero, zero + 2.0, zero,
@@ -84,7 +84,7 @@ def test_they_fall_less_in_turns_than_those_that_catch_kicks(plant: WhipplePlant
 
 
 def turning_falls(plant: WhipplePlant, who: object) -> int:
-    """How many fall when the wanted heading jumps thrice, at 1.5 m/s, without noise."""
+    """Return how many fall when the wanted heading jumps thrice, at 1.5 m/s, without noise."""
     rng, zero = np.random.default_rng(3), np.zeros(COUNT)
     state, wanted = plant.initial(zero, zero, zero, zero + 1.5), zero
     commands = np.zeros((COUNT, COMMANDS))

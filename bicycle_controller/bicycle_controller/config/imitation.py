@@ -171,7 +171,7 @@ class ImitationConfig:
     """True to judge the weights by kicks into a turn, the hardest; False by kicks straight on. In
     turns, others than the first set of weights have to be better by a twentieth."""
     calm: CalmConfig | None = None
-    """Who rides while nothing pushes; None if the teachers of `teachers` do it all."""
+    """Regulators that ride while nothing pushes; None if those of `teachers` do it all."""
     turns: TurnConfig = field(default_factory=TurnConfig)
     riding: RidingConfig = field(default_factory=RidingConfig)
     ranges: Ranges = field(default_factory=Ranges)
