@@ -26,7 +26,7 @@ def own() -> ImitationConfig:
 
 
 def late_bicycles() -> WhipplePlant:
-    """Return random bicycles with 7 N m, a lag of 30 ms, a delay of 75 ms, and nothing that brakes."""
+    """Return random bicycles: 7 N m, 30 ms of lag, 75 ms of delay, nothing that brakes."""
     ranges = random_bicycles.Ranges(
         torque_limit=(7.0, 7.0), delay=(0.075, 0.075), motor_lag=(0.03, 0.03), friction=(0.0, 0.0),
         damping=(0.0, 0.0), grade=(0.0, 0.0), wind=(0.0, 0.0), plain_share=0.0,
