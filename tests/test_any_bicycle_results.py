@@ -63,6 +63,15 @@ def test_the_kicks_on_the_page_are_those_that_were_caught() -> None:
         assert cells == pytest.approx(shares, abs=0.0051), key
 
 
+def test_the_seeds_on_the_page_are_those_that_were_ridden() -> None:
+    file = ROOT / "docs" / "results" / "sure-any-bicycle" / "seeds.json"
+    seeds = json.loads(file.read_text())["seeds"]
+    fallen = ", ".join(str(sum(row["falls_of_1440"])) for row in seeds)
+    names = ", ".join(str(row["seed"]) for row in seeds)
+    assert f"of 10,080 rides each: {fallen} (seeds {names};" in PAGE
+    assert seeds[0]["policy"] == load_policy("sure-any-bicycle").policy_id
+
+
 def test_the_measured_actor_is_the_shipped_one() -> None:
     policy = load_policy("sure-any-bicycle")
     rides = NOISY["sure-any-bicycle"]
