@@ -47,6 +47,11 @@ TURN = 0.1
 """s that a turn lasts."""
 SBX_BURSTS = (1, 8, 160)
 """Updates that SBX makes in one call."""
+PEERS = (
+    *("stable-baselines3", "stable-baselines3, fused Adam", "CleanRL's style"),
+    *(f"SBX, {burst} a call" for burst in SBX_BURSTS),
+)
+"""Those with whom each is compared, turn by turn."""
 RESULTS = Path(__file__).parent / "results" / "updates.json"
 
 Update = Callable[[int], None]
@@ -240,7 +245,7 @@ def bench(batch: int, turns: int) -> dict[str, Any]:
         row = {"updates_per_cpu_s": statistics.median(cpu), "best": max(cpu)}
         row["updates_per_wall_s"] = statistics.median(wall)
         row["samples_per_cpu_s"] = row["updates_per_cpu_s"] * batch
-        for other in ("stable-baselines3", "CleanRL's style", "SBX, 160 a call"):
+        for other in PEERS:
             if other in found:
                 # Turn by turn, so that what else the machine did meets both.
                 ratio = [
