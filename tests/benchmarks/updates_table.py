@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 RESULTS = Path(__file__).parent / "results" / "updates.json"
+FILE = "[updates.json](../tests/benchmarks/results/updates.json)"
 OURS = "ours, native"
 SB3 = "stable-baselines3"
 FUSED = f"{SB3}, fused Adam"
@@ -40,7 +41,9 @@ def _row(batch: str, found: dict[str, Any]) -> str:
     peers = f"SBX {' / '.join(rate[name] for name in SBX)} at 1 / 8 / 160 updates a call"
     others = f"{SB3} {rate[FUSED]} with fused Adam, {rate[SB3]} without"
     style = f"{CLEAN} {rate[CLEAN]}"
-    return f"| batch {int(batch):,} | {ours} | {peers}; {others}; {style} |"
+    where = f"({FILE}, load {found['machine']['load']:.0f})"
+    what = f"gradient updates/s, DDPG at the paper's sizes, batch {int(batch):,} {where}"
+    return f"| {what} | {ours} | {peers}; {others}; {style} |"
 
 
 def _times(found: dict[str, Any], peers: tuple[str, ...]) -> float:
