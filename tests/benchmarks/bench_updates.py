@@ -5,8 +5,8 @@ section 4.3, from the draw out of the memory on. All contestants take turns in o
 one thread; each turn lasts about a tenth of a second, and the medians over all turns are told.
 stable-baselines3 and SBX take the action at the critic's first layer, 1 % less work than the
 paper's second; everything else is the same for all. SBX compiles the updates of one call into one
-program, so it is told for 1, 8 and 160 a call; compiling is left out. The file keeps the batches
-that this run leaves out.
+program, so it is told for 1, 8 and 160 a call; compiling is left out. Each batch is
+written as soon as it ends; the file keeps those that this run leaves out.
 
     python tests/benchmarks/bench_updates.py [--batch 64 1024] [--turns 15] [--out FILE]
 """
@@ -280,20 +280,20 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=RESULTS)
     args = parser.parse_args()
     torch.set_num_threads(1)
-    results = {str(batch): bench(batch, args.turns) for batch in args.batch}
-    print(table(results))
-    about = {
-        "command": shlex.join(["python", *sys.argv]),
-        "machine": machine("torch", "stable-baselines3", "sbx-rl", "jax"),
-        "threads": torch.get_num_threads(),
-        "commit": origin()["commit"],
-        "turns": args.turns,
-    }
-    found = json.loads(args.out.read_text()) if args.out.exists() else {}
-    for batch, rows in results.items():
-        found[f"batch {batch}"] = about | {"results": rows}
     args.out.parent.mkdir(parents=True, exist_ok=True)
-    args.out.write_text(json.dumps(found, indent=2) + "\n")
+    found = json.loads(args.out.read_text()) if args.out.exists() else {}
+    for batch in args.batch:
+        about = {
+            "command": shlex.join(["python", *sys.argv]),
+            "machine": machine("torch", "stable-baselines3", "sbx-rl", "jax"),
+            "threads": torch.get_num_threads(),
+            "commit": origin()["commit"],
+            "turns": args.turns,
+        }
+        results = bench(batch, args.turns)
+        print(table({str(batch): results}))
+        found[f"batch {batch}"] = about | {"results": results}
+        args.out.write_text(json.dumps(found, indent=2) + "\n")
     print(f"written to {args.out}")
 
 

@@ -41,8 +41,7 @@ def _row(batch: str, found: dict[str, Any]) -> str:
     peers = f"SBX {' / '.join(rate[name] for name in SBX)} at 1 / 8 / 160 updates a call"
     others = f"{SB3} {rate[FUSED]} with fused Adam, {rate[SB3]} without"
     style = f"{CLEAN} {rate[CLEAN]}"
-    where = f"({FILE}, load {found['machine']['load']:.0f})"
-    what = f"gradient updates/s, DDPG at the paper's sizes, batch {int(batch):,} {where}"
+    what = f"gradient updates/s, DDPG at the paper's sizes, batch {int(batch):,} ({FILE})"
     return f"| {what} | {ours} | {peers}; {others}; {style} |"
 
 
