@@ -27,11 +27,11 @@ def rows(results: dict[str, Any]) -> list[str]:
 def sentence(results: dict[str, Any]) -> str:
     """Return the comparison with SBX's best and stable-baselines3's best, medians of turns."""
     parts = [
-        f"{_times(found, SBX):.2f} times SBX's best and {_times(found, (SB3, FUSED)):.1f} times"
-        f" stable-baselines3's at batch {int(name.removeprefix('batch ')):,}"
+        f"at batch {int(name.removeprefix('batch ')):,} {_times(found, SBX):.2f} times as many as"
+        f" SBX's best and {_times(found, (SB3, FUSED)):.1f} times as many as stable-baselines3's"
         for name, found in results.items()
     ]
-    return f"One update a call is {', '.join(parts[:-1])} and {parts[-1]}."
+    return f"Ours, one a call, makes {'; '.join(parts)} (medians of turns)."
 
 
 def _row(batch: str, found: dict[str, Any]) -> str:

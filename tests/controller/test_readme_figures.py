@@ -124,12 +124,54 @@ def test_the_readme_is_short_and_its_prose_holds_few_numbers() -> None:
     assert len(numbers) <= 0.04 * len(words), numbers
 
 
-def test_the_table_of_peers_is_made_of_its_file() -> None:
-    folder = ROOT / "tests" / "benchmarks"
-    spec = importlib.util.spec_from_file_location("peer_table", folder / "peer_table.py")
+BENCHMARKS = ROOT / "tests" / "benchmarks"
+TRAINING = (ROOT / "docs" / "training.md").read_text(encoding="utf-8")
+RL = (ROOT / "docs" / "rl.md").read_text(encoding="utf-8")
+GOALS = json.loads((BENCHMARKS / "results" / "goals.json").read_text())
+UPDATES = json.loads((BENCHMARKS / "results" / "updates.json").read_text())
+
+
+def table_program(name: str) -> Any:
+    """Return the program of the benchmarks that makes a table."""
+    spec = importlib.util.spec_from_file_location(name, BENCHMARKS / f"{name}.py")
     assert spec
     assert spec.loader
-    peer_table = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(peer_table)
-    table = peer_table.rows(json.loads((folder / "results" / "goals.json").read_text()))
-    assert "\n".join(table) in (ROOT / "docs" / "training.md").read_text()
+    program = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(program)
+    return program
+
+
+def test_the_table_of_peers_is_made_of_its_file() -> None:
+    peer_table = table_program("peer_table")
+    assert "\n".join(peer_table.rows(GOALS)) in TRAINING
+    for sentence in peer_table.sentences(GOALS):
+        assert sentence in TRAINING
+
+
+def test_every_page_has_the_times_of_ours_and_of_the_best_peer() -> None:
+    peer_table = table_program("peer_table")
+    best = peer_table.best_peer(GOALS)
+    medians = {name: f"{peer_table.seconds(GOALS, name):.1f}" for name in ("quick", "fast", best)}
+    row = re.search(r"^\| from nothing to 99 % of 1,000 random goals.*$", PAGE, re.MULTILINE)
+    assert row
+    assert f"| {medians['quick']}, preset `quick`; {medians['fast']}, `fast`," in row[0]
+    assert f"| {medians[best]}, " in row[0]
+    times = re.search(r"^\| what \| environment steps \|.*?\n\n", RL, re.DOTALL | re.MULTILINE)
+    assert times
+    told = re.findall(r"^\|.* M \| ([\d.]+) s, ", times[0], re.MULTILINE)
+    assert told == list(medians.values())
+
+
+def test_the_readme_names_the_best_peer() -> None:
+    peer_table = table_program("peer_table")
+    best = peer_table.best_peer(GOALS)
+    assert best in ("ppo-tuned", "ppo-tuned-fast"), "README and docs/rl.md name another peer"
+    assert "the quickest peer, stable-baselines3's PPO tuned for this task" in README
+    assert "less than a third of the processor time" in README
+    assert 3.0 * peer_table.seconds(GOALS, "quick") <= peer_table.seconds(GOALS, best)
+
+
+def test_updates_beside_peers_are_those_of_their_file() -> None:
+    updates_table = table_program("updates_table")
+    assert "\n".join(updates_table.rows(UPDATES)) in PAGE
+    assert updates_table.sentence(UPDATES) in PAGE
