@@ -51,7 +51,7 @@ PEERS = (
     *("stable-baselines3", "stable-baselines3, fused Adam", "CleanRL's style"),
     *(f"SBX, {burst} a call" for burst in SBX_BURSTS),
 )
-"""Those with whom each is compared, turn by turn."""
+"""Contestants with whom each is compared, turn by turn."""
 RESULTS = Path(__file__).parent / "results" / "updates.json"
 
 Update = Callable[[int], None]
