@@ -386,7 +386,7 @@ def test_a_banner_says_the_trouble_alone_and_covers_no_guide(page: BrowserPage) 
             Object.assign(banner, { hidden: false, textContent: told.alarm, id: "" });
             banner.dataset.level = told.level;
             const guide = document.getElementById("guide").cloneNode(true);
-            Object.assign(guide, { hidden: false, id: "" });
+            Object.assign(guide, { hidden: false, id: "", className: "guide" });
             guide.dataset.copy = banner.dataset.copy = "1";
             document.getElementById("ride").append(banner, guide);
             return [told.text, told.alarm];
@@ -514,7 +514,8 @@ def race(
                 const items = Object.values(STEPS).map((textContent) =>
                     Object.assign(document.createElement("li"), { textContent }));
                 document.getElementById("guide-steps").replaceChildren(...items);
-                document.getElementById("guide").hidden = false;
+                const guide = document.getElementById("guide");
+                Object.assign(guide, { hidden: false, className: "guide" });
             }"""
         )
         yield result
@@ -547,7 +548,7 @@ def test_on_a_phone_the_guide_is_one_line_with_the_next_step(
             const item = (textContent) =>
                 Object.assign(document.createElement("li"), { textContent });
             const guide = document.getElementById("guide").cloneNode(true);
-            Object.assign(guide, { hidden: false, id: "" });
+            Object.assign(guide, { hidden: false, id: "", className: "guide" });
             guide.dataset.copy = "1";
             guide.querySelector("ol").replaceChildren(...Object.values(STEPS).map(item));
             guide.querySelector("li").className = "done";

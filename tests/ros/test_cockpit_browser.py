@@ -243,9 +243,12 @@ def test_the_keyboard_alone_sends_a_goal(page: BrowserPage) -> None:
 
 
 def test_a_bag_is_scrubbed_on_the_same_page(page: BrowserPage) -> None:
+    page.evaluate("document.getElementById('guide').hidden = false")
+    expect(page.locator("#guide")).to_be_visible()
     page.locator("#bag").click()
     page.locator("#bag-list button").first.click()
     expect(page.locator("#mode")).to_have_text("bag")
+    expect(page.locator("#guide")).to_be_hidden()  # nothing of it can be tried in a bag
     expect(page.locator("#push-left")).to_be_disabled()
     duration = float(page.locator("#seek").get_attribute("max") or "nan")
     assert duration > 2.0
@@ -268,6 +271,8 @@ def test_a_bag_is_scrubbed_on_the_same_page(page: BrowserPage) -> None:
     page.locator("#live").click()
     expect(page.locator("#timeline")).to_be_hidden()
     expect(page.locator("#mode")).not_to_have_text("bag")
+    expect(page.locator("#guide")).to_be_visible()
+    page.locator("#guide-close").click()
 
 
 @pytest.mark.parametrize("label", ["mine", "mine after 500 updates"])

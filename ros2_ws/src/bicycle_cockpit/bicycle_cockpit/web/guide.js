@@ -23,6 +23,11 @@ export class Guide {
     this.box.hidden = !wanted || !stored();
   }
 
+  /** Puts it aside while a bag is shown, in which nothing of it can be tried. */
+  aside(away) {
+    this.box.classList.toggle("away", away);
+  }
+
   done(name) {
     const item = this.items.get(name);
     if (this.box.hidden || item.classList.contains("done")) return;

@@ -84,6 +84,7 @@ export const link = RIDES ? null : new Link(
 export const player = new BagPlayer({
   opened(bag) {
     guide.done("bag");
+    guide.aside(true);
     live.quiet = true;
     view.following = false;
     const { xs, ys } = bag.places;
@@ -94,6 +95,7 @@ export const player = new BagPlayer({
   },
   closed() {
     live.quiet = false;
+    guide.aside(false);
     view.following = true;
     listEvents(live.events);
     showSource();
