@@ -23,7 +23,8 @@ make_folders() { # colcon looks into none of them for packages
 
 one_at_a_time() { # A second call waits for the first; the lock goes with the process
   exec 9>"$ws/log/setup.lock"
-  if ! flock --nonblock 9; then
+  # Scripts that start together hold it for a moment each, to see that there is nothing to do.
+  if ! flock --timeout 10 9; then
     echo "Another set-up of this workspace is running; waiting for it."
     flock 9
   fi

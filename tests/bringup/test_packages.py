@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import base64
+import fcntl
 import hashlib
 import json
 import re
 import subprocess
 import sys
+import time
 import zipfile
 from importlib import metadata
 from pathlib import Path
@@ -35,6 +37,18 @@ def test_every_package_is_pinned_with_its_hashes(lock: Path) -> None:
     for line in found:
         assert re.match(r"[\w.\[\],-]+==[\w.!+]+ ", line), line
         assert re.search(r"--hash=sha256:[0-9a-f]{64}( |$)", line), line
+
+
+def test_scripts_that_start_together_say_nothing_of_each_other() -> None:
+    """Each looks whether there is something to set up, under a lock that others wait for."""
+    with (WORKSPACE / "log" / "setup.lock").open("a") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        script = subprocess.Popen(
+            [WORKSPACE / "setup.sh", "--quiet"], stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+        )
+        time.sleep(1.0)
+    assert script.communicate() == (b"", None)
+    assert script.returncode == 0
 
 
 def test_nothing_installed_beside_a_build_writes_what_the_build_imports() -> None:
