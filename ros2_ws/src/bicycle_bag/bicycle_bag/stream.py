@@ -71,6 +71,11 @@ class Stream(Generic[Message]):
         self._ahead: dict[int, Message] = {}
 
     @property
+    def last(self) -> int:
+        """Highest number among the messages that were returned."""
+        return self._numbering.last
+
+    @property
     def lost(self) -> int:
         """Count of the messages between the first and the last one that never came."""
         return self._numbering.missing

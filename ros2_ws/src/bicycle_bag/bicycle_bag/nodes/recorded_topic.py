@@ -67,6 +67,8 @@ class TopicSubscription:
         take: Callable[[TopicSubscription, Taken], None],
     ) -> None:
         self.quality = quality
+        self.profile = profile
+        self._node = node
         self._take = take
         self._taker = Taker()
         self._subscription = node.create_subscription(
@@ -90,6 +92,11 @@ class TopicSubscription:
         with handle:
             while (taken := self._taker.take(handle)) is not None:
                 self._take(self, taken)
+
+    def close(self) -> None:
+        """Take all that has arrived, and nothing more."""
+        self.drain()
+        self._node.destroy_subscription(self._subscription)
 
 
 class RecordedTopic:
@@ -139,6 +146,10 @@ class RecordedTopic:
         self._qualities: dict[bytes, Quality] = {}
         self._known: deque[tuple[int, int]] = deque(maxlen=REMEMBERED)
         self._subscriptions: dict[Quality, TopicSubscription] = {}
+        # Those of a node that has joined later, until they hear more publishers than the others.
+        self._joining: dict[Quality, TopicSubscription] = {}
+        # First number of each publisher that was sent after the cut.
+        self._after: dict[bytes, int] = {}
         self._overridden = override is not None
         if override is not None:
             self._listen((False, False), overridden_profile(override, QUEUE))
@@ -147,8 +158,16 @@ class RecordedTopic:
 
     @property
     def lost(self) -> int:
-        """Messages that publishers sent and that never arrived, between those that did."""
-        return sum(stream.lost for stream in self._streams.values())
+        """Messages that publishers sent and that never arrived, between those that did.
+
+        Those before the first message after the cut count, too: when they were sent is not known.
+        """
+        ends = (
+            max(first - 1 - self._streams[publisher].last, 0)
+            for publisher, first in self._after.items()
+            if publisher in self._streams
+        )
+        return sum(stream.lost for stream in self._streams.values()) + sum(ends)
 
     def hear(self, offers: Mapping[bytes, QosProfile]) -> bool:
         """Subscribe to publishers with these offers; return True if that needed a subscription."""
@@ -186,13 +205,34 @@ class RecordedTopic:
 
     def drain(self) -> None:
         """Take all that has arrived."""
+        if sum(one.publishers for one in self._joining.values()) > self.publishers:
+            for quality in self._joining:
+                self._subscriptions[quality].close()
+            self._subscriptions, self._joining = {**self._subscriptions, **self._joining}, {}
         for subscription in list(self._subscriptions.values()):
             subscription.drain()
 
-    def _listen(self, quality: Quality, profile: QoSProfile) -> None:
-        self._subscriptions[quality] = TopicSubscription(
+    def rejoin(self, node: Node) -> None:
+        """Subscribe by a node that meets the publishers afresh, as soon as it hears more of them.
+
+        The subscriptions until then are heard to their last message first, so that none is lost
+        and none comes out of order.
+        """
+        self._node = node
+        for subscription in self._joining.values():
+            subscription.close()
+        self._joining = {
+            quality: self._subscription(quality, subscription.profile)
+            for quality, subscription in self._subscriptions.items()
+        }
+
+    def _subscription(self, quality: Quality, profile: QoSProfile) -> TopicSubscription:
+        return TopicSubscription(
             self._node, self._class, self.topic.name, quality, profile, self._take
         )
+
+    def _listen(self, quality: Quality, profile: QoSProfile) -> None:
+        self._subscriptions[quality] = self._subscription(quality, profile)
         # Those that ask for most come first.
         self._subscriptions = dict(sorted(self._subscriptions.items(), reverse=True))
 
@@ -207,6 +247,8 @@ class RecordedTopic:
         own = self._qualities.get(publisher) in (subscription.quality, None) or self._overridden
         if self._cut is not None and self._cut.is_before(self._clock.here(sent)):
             self.passed = self.passed or own
+            if number is not None and own:
+                self._after.setdefault(publisher, number)
             return
         message = BagMessage(self.topic.name, self.topic.type, received, sent, data)
         if number is None:

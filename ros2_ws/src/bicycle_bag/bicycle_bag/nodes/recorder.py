@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from datetime import datetime, timezone
 
 from rclpy.clock import Clock, ClockType
@@ -36,6 +36,13 @@ STANDSTILL = 3.0
 """Shortest gap between two turns that is reported (s)."""
 REJOIN = 20.0
 """Longest wait at the end for publishers that a standstill has cost (s)."""
+PARTED = 6.0
+"""Time after which a new node meets publishers that a standstill has cost (s).
+
+They are met again within a second, mostly, and then give what they have kept; with a new node that
+is lost. But Fast DDS 2.14 may take in an announcement while it still removes the publisher, and
+does not meet it again then.
+"""
 
 
 class Recorder:
@@ -46,6 +53,7 @@ class Recorder:
         writer: the bag's writer.
         chosen: which topics to record.
         overrides: profiles to subscribe with, by topic.
+        join: returns a node that meets all publishers afresh.
     """
 
     def __init__(
@@ -54,12 +62,14 @@ class Recorder:
         writer: BagWriter,
         chosen: TopicFilter,
         overrides: Mapping[str, QosProfile],
+        join: Callable[[], Node],
     ) -> None:
         self.topics: dict[str, RecordedTopic] = {}
         self._overrides = overrides
         self._told: dict[str, int] = {}
         self._told_missed: set[str] = set()
         self._node = node
+        self._join = join
         self._writer = writer
         self._chosen = chosen
         self._schemas = Schemas()
@@ -72,6 +82,7 @@ class Recorder:
         self._matched: dict[str, int] = {}
         # How many publishers each topic had before a standstill, for topics that lost some by it.
         self._before_standstill: dict[str, int] = {}
+        self._rejoined = False
         self._set_back = SetBack()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(DISCOVERY_SECONDS, self.poll, clock=steady)
@@ -120,6 +131,7 @@ class Recorder:
         still_steady, self._turned_steady = steady - self._turned_steady, steady
         if still > STANDSTILL:
             self._awake, self._before_standstill = steady, dict(self._matched)
+            self._rejoined = False
             for topic in self.topics.values():
                 topic.stood_still(still_steady)
             self._node.get_logger().warning(
@@ -140,7 +152,20 @@ class Recorder:
             for name, count in self._before_standstill.items()
             if self.topics[name].publishers < count
         }
-        return list(self._before_standstill)
+        absent = list(self._before_standstill)
+        if absent and not self._rejoined and time.monotonic() - self._awake > PARTED:
+            self._rejoin(absent)
+        return absent
+
+    def _rejoin(self, topics: list[str]) -> None:
+        """Meet the publishers of these topics by a new node, without what they have kept."""
+        self._node.get_logger().warning(
+            f"the middleware does not meet publishers of {', '.join(topics)} again after the "
+            "standstill: joins anew; what they sent until then is lost"
+        )
+        self._rejoined, self._node = True, self._join()
+        for name in topics:
+            self.topics[name].rejoin(self._node)
 
     def finish(self) -> None:
         """Take the messages sent until now, however late they arrive, and no later ones.

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from datetime import datetime, timezone
 
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 
 from bicycle_bag import __version__
 from bicycle_bag.errors import BagError
@@ -23,7 +24,7 @@ from bicycle_bag.mcap_file import COMPRESSIONS
 from bicycle_bag.nodes.closing import LeftError, close, say
 from bicycle_bag.nodes.lease import long_lease
 from bicycle_bag.nodes.recorder import REST, Recorder
-from bicycle_bag.nodes.session import ros_node
+from bicycle_bag.nodes.session import further_node, ros_node
 from bicycle_bag.qos_overrides import read_overrides
 from bicycle_bag.selection import TopicFilter
 from bicycle_bag.writer import BagWriter
@@ -101,7 +102,11 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
     overrides = read_overrides(options.qos_profile_overrides_path)
     data = custom_data(options.custom_data)
     heart = made_heartbeat()
-    with long_lease(), ros_node("bicycle_recorder", ros_arguments) as node:
+    with (
+        long_lease(),
+        ros_node("bicycle_recorder", ros_arguments) as node,
+        contextlib.ExitStack() as stack,
+    ):
         writer = BagWriter(
             options.output,
             compression=options.compression,
@@ -112,7 +117,11 @@ def record(options: argparse.Namespace, ros_arguments: Sequence[str]) -> str:
         began = time.monotonic()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        recorder = Recorder(node, writer, chosen, overrides)
+
+        def join() -> Node:
+            return stack.enter_context(further_node("bicycle_recorder_again", ros_arguments))
+
+        recorder = Recorder(node, writer, chosen, overrides, join)
         print(f"recording into {options.output}; Ctrl-C ends it", flush=True)
         while not stop.requested:
             executor.spin_once(timeout_sec=0.0)

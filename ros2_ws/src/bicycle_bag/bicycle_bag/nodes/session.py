@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import rclpy
+from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import (
@@ -44,6 +45,24 @@ def ros_node(name: str, arguments: Sequence[str]) -> Iterator[Node]:
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
+
+
+@contextlib.contextmanager
+def further_node(name: str, arguments: Sequence[str]) -> Iterator[Node]:
+    """Create a plain node that meets all others afresh, beside that of `ros_node`.
+
+    A context of its own is a participant of its own in the middleware.
+    """
+    context = Context()
+    context.init(args=list(arguments))
+    node = rclpy.create_node(
+        name, context=context, enable_rosout=False, start_parameter_services=False
+    )
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
 
 
 def message_class(type_name: str) -> type[Any]:
