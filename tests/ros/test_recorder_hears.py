@@ -217,7 +217,7 @@ def test_an_end_waits_for_publishers_that_a_standstill_has_cost(
 def test_publishers_that_the_middleware_never_meets_again_are_met_by_a_new_node(
     start_node: Start, tmp_path: Path, ends: bool
 ) -> None:
-    """What they sent until then is lost, and told."""
+    """Messages sent until then are lost, and counted."""
     bag = tmp_path / "bag"
     recorder = start_node(sys.executable, ["-c", PARTED, "--output", bag, "--topics", "/said"])
     recorder.wait_for_line("recording into", LONG)
