@@ -32,7 +32,7 @@ from bicycle_controller.control.riding import Riding
 from bicycle_controller.evaluation.lqr_grid import GRID
 from bicycle_controller.policy.policy import Policy, load_policy, write_atomically
 from bicycle_controller.training.run_folder import origin
-from bicycle_controller.training.teachers import COMMANDS, Teachers
+from bicycle_controller.training.teachers import COMMANDS, Seen, Teachers
 from bicycle_sim.plants import registry
 from bicycle_sim.plants.whipple.parameters import Bicycle, Motor, Parameters
 from bicycle_sim.plants.whipple.plant import WhipplePlant
@@ -174,10 +174,7 @@ class Many:
         commands = np.zeros((len(limits), COMMANDS))
 
         def answer(state: Any, error: np.ndarray) -> np.ndarray:
-            torque = teachers.act(
-                state.lean_angle, state.lean_rate, state.steer_angle, state.steer_rate, error,
-                state.speed, state.motor_torque, commands,
-            )  # fmt: skip
+            torque = teachers.act(Seen.of(state, error, commands))
             commands[:] = np.column_stack([torque, commands[:, :-1]])
             return torque
 

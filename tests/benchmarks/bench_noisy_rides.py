@@ -38,7 +38,7 @@ from bicycle_controller.control.riding import Riding
 from bicycle_controller.policy.policy import load_policy, write_atomically
 from bicycle_controller.training.bicycle_park import teachers_of
 from bicycle_controller.training.run_folder import origin
-from bicycle_controller.training.teachers import COMMANDS, Teachers
+from bicycle_controller.training.teachers import COMMANDS, Seen, Teachers
 from bicycle_sim.plants.whipple import random_bicycles
 from bicycle_sim.plants.whipple.parameters import Resistance
 from bicycle_sim.plants.whipple.plant import WhipplePlant
@@ -133,9 +133,17 @@ def falls(name: str, plant: WhipplePlant, speed: float, rng: np.random.Generator
         steer_rate = state.steer_rate + told * NOISE.steer_rate_noise * rng.standard_normal(count)
         if name in REGULATORS:
             torque = teachers.act(
-                lean, lean_rate, steer, steer_rate, error, state.speed, state.motor_torque,
-                commands,
-            )  # fmt: skip
+                Seen(
+                    lean,
+                    lean_rate,
+                    steer,
+                    steer_rate,
+                    error,
+                    state.speed,
+                    state.motor_torque,
+                    commands,
+                )
+            )
             commands = np.column_stack([torque, commands[:, :-1]])
         else:
             seen = np.column_stack(

@@ -12,7 +12,7 @@ from bicycle_controller.config import loading
 from bicycle_controller.config.imitation import CalmConfig, ImitationConfig
 from bicycle_controller.training.bicycle_park import teachers_of
 from bicycle_controller.training.calm_teachers import CalmTeachers
-from bicycle_controller.training.teachers import COMMANDS
+from bicycle_controller.training.teachers import COMMANDS, Seen, Teachers
 from bicycle_sim.plants.whipple import random_bicycles
 from bicycle_sim.plants.whipple.plant import WhipplePlant
 
@@ -50,11 +50,11 @@ def teachers(plant: WhipplePlant) -> CalmTeachers:
 def answers(teachers: CalmTeachers, lean_rate: float) -> list[np.ndarray]:
     """Return the torques of both together, of the calm one and of the quick one."""
     zero = np.zeros(COUNT)
-    seen = (
+    seen = Seen(
         zero, zero + lean_rate, zero + 0.02, zero, zero, zero + 2.0, zero,
         np.zeros((COUNT, COMMANDS)),
     )  # fmt: skip
-    return [who.act(*seen) for who in (teachers, teachers.calm, teachers.quick)]
+    return [who.act(seen) for who in (teachers, teachers.calm, teachers.quick)]
 
 
 def test_the_calm_one_rides_alone_until_a_kick(teachers: CalmTeachers) -> None:
@@ -83,7 +83,7 @@ def test_they_fall_less_in_turns_than_those_that_catch_kicks(plant: WhipplePlant
     assert fallen[1] >= 5
 
 
-def turning_falls(plant: WhipplePlant, who: object) -> int:
+def turning_falls(plant: WhipplePlant, who: Teachers | CalmTeachers) -> int:
     """Return how many fall when the wanted heading jumps thrice, at 1.5 m/s, without noise."""
     rng, zero = np.random.default_rng(3), np.zeros(COUNT)
     state, wanted = plant.initial(zero, zero, zero, zero + 1.5), zero
@@ -92,10 +92,7 @@ def turning_falls(plant: WhipplePlant, who: object) -> int:
     for period in range(480):
         if period % 160 == 0:
             wanted = wanted + rng.uniform(-np.pi / 2, np.pi / 2, COUNT)
-        torque = who.act(  # type: ignore[attr-defined]
-            state.lean_angle, state.lean_rate, state.steer_angle, state.steer_rate,
-            wrap_angle(state.heading - wanted), state.speed, state.motor_torque, commands,
-        )  # fmt: skip
+        torque = who.act(Seen.of(state, wrap_angle(state.heading - wanted), commands))
         commands = np.column_stack([torque, commands[:, :-1]])
         state = plant.step(state, torque, zero, zero)
         upright &= (np.abs(state.lean_angle) < np.pi / 6) & (np.abs(state.steer_angle) < np.pi / 3)

@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from bicycle_controller.config.imitation import TeacherWeights, TurnConfig
-from bicycle_controller.training.teachers import COMMANDS, Teachers
+from bicycle_controller.training.teachers import COMMANDS, Seen, Teachers
 from bicycle_sim.plants.whipple import random_bicycles
 from bicycle_sim.plants.whipple.parameters import take
 from bicycle_sim.plants.whipple.plant import WhipplePlant
@@ -58,10 +58,7 @@ def test_they_hold_a_turn_and_come_back_from_a_kick() -> None:
             state = plant.pushed(state, np.full(64, 0.2))
         wanted += 0.2 * plant.time_step
         error = np.angle(np.exp(1j * (state.heading - wanted)))
-        torque = teachers.act(
-            state.lean_angle, state.lean_rate, state.steer_angle, state.steer_rate, error,
-            state.speed, state.motor_torque, commands,
-        )  # fmt: skip
+        torque = teachers.act(Seen.of(state, error, commands))
         commands = np.column_stack([torque, commands[:, :-1]])
         state = plant.step(state, torque, zero, zero)
     upright = np.abs(state.lean_angle) < 0.5
@@ -97,10 +94,7 @@ def test_damping_swings_less_beyond_a_wanted_heading() -> None:
         furthest = zero
         for _ in range(320):
             error = state.heading - 1.0
-            torque = teachers.act(
-                state.lean_angle, state.lean_rate, state.steer_angle, state.steer_rate, error,
-                state.speed, state.motor_torque, commands,
-            )  # fmt: skip
+            torque = teachers.act(Seen.of(state, error, commands))
             commands = np.column_stack([torque, commands[:, :-1]])
             state = plant.step(state, torque, zero, zero)
             furthest = np.maximum(furthest, error)

@@ -15,7 +15,7 @@ from bicycle_common.geometry import wrap_angle
 from bicycle_controller.config.imitation import ImitationConfig
 from bicycle_controller.control.past import Past
 from bicycle_controller.training.calm_teachers import CalmTeachers
-from bicycle_controller.training.teachers import COMMANDS, Teachers
+from bicycle_controller.training.teachers import COMMANDS, Seen, Teachers
 from bicycle_sim.plants import base
 from bicycle_sim.plants.base import FALL_ANGLE, Loads
 from bicycle_sim.plants.whipple import random_bicycles
@@ -134,7 +134,7 @@ class Park:
 
     def taught_torque(self) -> np.ndarray:
         """Return the teachers' answers to the true state, (N,) N m."""
-        return _answers(self.teachers, self.state, self.error, self.commands)
+        return self.teachers.act(Seen.of(self.state, self.error, self.commands))
 
     def step(self, torque: np.ndarray, teacher_share: float) -> None:
         """Ride one control period with torques (N,) N m; rides that end begin anew."""
@@ -305,25 +305,10 @@ class _Trial:
         good, zero = self._upright.copy(), np.zeros(len(wanted))
         for _ in range(periods):
             error = zero if self._yaw_rate is None else wrap_angle(state.heading - wanted)
-            torque = _answers(self._teachers, state, error, commands)
+            torque = self._teachers.act(Seen.of(state, error, commands))
             commands = np.column_stack([torque, commands[:, :-1]])
             state = self._plant.step(state, torque, zero, zero)
             wanted = wanted + (self._yaw_rate or 0.0) * self._plant.time_step
             good &= np.abs(state.lean_angle) < FALL_ANGLE
             good &= np.abs(state.steer_angle) < LARGEST_STEER
         return (state, wanted, commands), good
-
-
-def _answers(
-    teachers: Teachers | CalmTeachers, state: Any, error: np.ndarray, commands: np.ndarray
-) -> np.ndarray:
-    return teachers.act(
-        state.lean_angle,
-        state.lean_rate,
-        state.steer_angle,
-        state.steer_rate,
-        error,
-        state.speed,
-        state.motor_torque,
-        commands,
-    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bicycle_controller.config.imitation import CalmConfig
-from bicycle_controller.training.teachers import Teachers
+from bicycle_controller.training.teachers import Seen, Teachers
 
 LEAST_KICK = 0.05
 """rad/s that counts as caught, where nothing is."""
@@ -29,24 +29,14 @@ class CalmTeachers:
         self._caught = np.maximum(caught, LEAST_KICK)
         self._rows = np.arange(caught.shape[1])
 
-    def act(
-        self,
-        lean: np.ndarray,
-        lean_rate: np.ndarray,
-        steer: np.ndarray,
-        steer_rate: np.ndarray,
-        error: np.ndarray,
-        speed: np.ndarray,
-        motor_torque: np.ndarray,
-        commands: np.ndarray,
-    ) -> np.ndarray:
-        """Return the torques, (N,) N m; arguments as `Teachers.act`."""
-        seen = lean, lean_rate, steer, steer_rate, error, speed, motor_torque, commands
+    def act(self, seen: Seen) -> np.ndarray:
+        """Return the torques, (N,) N m."""
+        lean, lean_rate, steer, _, error, speed, _, _ = seen
         own = self.config
         pushed = np.abs(lean_rate + own.pull * (lean - self.calm.wanted_lean(steer, error, speed)))
         speeds = self.quick.speeds
         nearest = np.interp(speed, speeds, np.arange(len(speeds))).round().astype(np.intp)
         part = pushed / self._caught[nearest, self._rows]
         share = np.clip((part - own.begin) / (own.end - own.begin), 0.0, 1.0)
-        torque: np.ndarray = (1.0 - share) * self.calm.act(*seen) + share * self.quick.act(*seen)
+        torque: np.ndarray = (1.0 - share) * self.calm.act(seen) + share * self.quick.act(seen)
         return torque

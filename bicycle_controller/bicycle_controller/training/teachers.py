@@ -7,7 +7,7 @@ and the commands under way too. It is a teacher: an actor that sees less imitate
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,33 @@ DOUBLINGS = 14
 
 TURN_SHAPE = (1.0, 1.0, 0.68, 0.34, 0.71, 0.12)
 """Share of the tightest turn at the heading errors TURN_ERRORS, as `LqrConfig.turn_shape`."""
+
+
+class Seen(NamedTuple):
+    """States and commands of N bicycles, as regulators see them: without error or delay."""
+
+    lean: np.ndarray
+    """(N,) rad."""
+    lean_rate: np.ndarray
+    """(N,) rad/s."""
+    steer: np.ndarray
+    """(N,) rad."""
+    steer_rate: np.ndarray
+    """(N,) rad/s."""
+    error: np.ndarray
+    """(N,) rad, the heading less the wanted one."""
+    speed: np.ndarray
+    """(N,) m/s."""
+    motor_torque: np.ndarray
+    """(N,) N m on the steering now."""
+    commands: np.ndarray
+    """(N, COMMANDS) N m of the last periods, the newest first."""
+
+    @classmethod
+    def of(cls, state: Any, error: np.ndarray, commands: np.ndarray) -> Seen:
+        """Return what is seen of a state of the plant whipple."""
+        lean, steer = (state.lean_angle, state.lean_rate), (state.steer_angle, state.steer_rate)
+        return cls(*lean, *steer, error, state.speed, state.motor_torque, commands)
 
 
 class Teachers:
@@ -109,29 +136,9 @@ class Teachers:
         found: np.ndarray = (1.0 - share) * table[low, rows] + share * table[low + 1, rows]
         return found
 
-    def act(
-        self,
-        lean: np.ndarray,
-        lean_rate: np.ndarray,
-        steer: np.ndarray,
-        steer_rate: np.ndarray,
-        error: np.ndarray,
-        speed: np.ndarray,
-        motor_torque: np.ndarray,
-        commands: np.ndarray,
-    ) -> np.ndarray:
-        """Return the torques, (N,) N m, within the limits.
-
-        Args:
-            lean: (N,) rad.
-            lean_rate: (N,) rad/s.
-            steer: (N,) rad.
-            steer_rate: (N,) rad/s.
-            error: (N,) rad, the heading less the wanted one.
-            speed: (N,) m/s.
-            motor_torque: (N,) N m on the steering now.
-            commands: (N, COMMANDS) N m of the last periods, the newest first.
-        """
+    def act(self, seen: Seen) -> np.ndarray:
+        """Return the torques, (N,) N m, within the limits."""
+        lean, lean_rate, steer, steer_rate, error, speed, motor_torque, commands = seen
         found = self.at(speed)
         k = found.shape[1] - 4
         tilt, hold = found[:, k], found[:, k + 1]
@@ -150,7 +157,7 @@ class Teachers:
         return np.clip(torque, -self._limits, self._limits)
 
     def wanted_lean(self, steer: np.ndarray, error: np.ndarray, speed: np.ndarray) -> np.ndarray:
-        """Return the lean of the wanted turns, (N,) rad; arguments as `act`."""
+        """Return the lean of the wanted turns, (N,) rad; arguments as in `Seen`."""
         found = self.at(speed)
         lean: np.ndarray = found[:, -4] * self._wanted(found, steer, error)
         return lean
