@@ -14,6 +14,7 @@ import pytest
 from foreign_bag import ForeignFile
 from mcap.opcode import Opcode
 from ride_bag import TYPES, make_bag, ride, schemas
+from syncing import noted_syncs
 
 from bicycle_bag import container, repair
 from bicycle_bag.errors import BagError
@@ -372,16 +373,7 @@ def test_a_repaired_file_that_does_not_read_back_takes_no_place(
 def test_a_repaired_file_is_on_the_disk_before_it_takes_the_old_ones_place(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    really = os.fsync
-    synced: list[tuple[str, object]] = []
-
-    def note(descriptor: int) -> None:
-        place = Path(f"/proc/self/fd/{descriptor}").readlink()
-        names = sorted(path.name for path in place.iterdir()) if place.is_dir() else None
-        synced.append((place.name, names or place.read_bytes()))
-        really(descriptor)
-
-    monkeypatch.setattr(os, "fsync", note)
+    synced = noted_syncs(monkeypatch)
     file = folder / "x.mcap"
     file.write_bytes(original("zstd")[:-1])
     repair.repair(file)

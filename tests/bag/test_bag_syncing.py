@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from syncing import noted_syncs
 from waiting import PATIENCE
 
 from bicycle_bag import repair
@@ -65,16 +66,7 @@ def test_a_finished_bag_is_on_the_disk_before_it_is_called_so(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A power cut at the end loses nothing: all is synced, the names in the folder last."""
-    really = os.fsync
-    synced: list[tuple[str, object]] = []
-
-    def note(descriptor: int) -> None:
-        place = Path(f"/proc/self/fd/{descriptor}").readlink()
-        names = sorted(path.name for path in place.iterdir()) if place.is_dir() else None
-        synced.append((place.name, names or place.read_bytes()))
-        really(descriptor)
-
-    monkeypatch.setattr(os, "fsync", note)
+    synced = noted_syncs(monkeypatch)
     writer = opened(tmp_path / "bag")
     write_on(writer, 10)
     writer.split()
