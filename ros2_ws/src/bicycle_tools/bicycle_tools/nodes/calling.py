@@ -24,8 +24,8 @@ NOBODY = 4
 """Exit status of a tool if nobody offers its service."""
 
 
-class CallError(Exception):
-    """Failure of a call; the text is one line with the remedy.
+class ToolError(Exception):
+    """Failure of a tool; the text is one line with the remedy.
 
     Args:
         status: exit status.
@@ -52,12 +52,12 @@ class Caller:
         """Spin until a condition holds or the time is over; return True if it held.
 
         Raises:
-            CallError: on a signal.
+            ToolError: on a signal.
         """
         deadline = time.monotonic() + seconds
         while not condition():
             if self.stop.requested:
-                raise CallError(130, "interrupted")
+                raise ToolError(130, "interrupted")
             if time.monotonic() > deadline:
                 return False
             self._executor.spin_once(timeout_sec=SLICE)
@@ -73,15 +73,15 @@ class Caller:
             remedy: advice if nobody offers it.
 
         Raises:
-            CallError: if nobody offers it or answers, and on a signal.
+            ToolError: if nobody offers it or answers, and on a signal.
         """
         client = self.node.create_client(service.type, service.name)
         name = client.service_name
         if not self.spin_until(client.service_is_ready, patience):
-            raise CallError(NOBODY, f"nobody offers {name} within {patience:g} s: {remedy}")
+            raise ToolError(NOBODY, f"nobody offers {name} within {patience:g} s: {remedy}")
         future = client.call_async(request)
         if not self.spin_until(future.done, patience):
-            raise CallError(NOBODY, f"no answer of {name} within {patience:g} s: {remedy}")
+            raise ToolError(NOBODY, f"no answer of {name} within {patience:g} s: {remedy}")
         return future.result()
 
     def close(self) -> None:
@@ -105,7 +105,7 @@ def run_tool(name: str, ros: Sequence[str], act: Callable[[Caller], int]) -> int
     caller = Caller(f"_bicycle_{name.partition('.')[0]}")
     try:
         return act(caller)
-    except CallError as error:
+    except ToolError as error:
         print(f"{name}: {error}", file=sys.stderr)
         return error.status
     finally:

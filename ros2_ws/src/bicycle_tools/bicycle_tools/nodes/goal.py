@@ -23,7 +23,7 @@ from bicycle_common.signals import StopRequest
 from bicycle_common.types import Point2D
 from bicycle_controller.control.goals import Status
 from bicycle_tools.course import read_waypoints
-from bicycle_tools.nodes.calling import LYING, NOBODY
+from bicycle_tools.nodes.calling import LYING, NOBODY, ToolError
 from bicycle_tools.nodes.ride_client import RideClient
 from bicycle_tools.plan import Plan
 
@@ -45,19 +45,6 @@ LYING_FOR = 1.0
 LIES = "the bicycle lies: reset.sh puts it up again"
 
 
-class GoalClientError(Exception):
-    """Failure of a goal; the text is one line with the remedy.
-
-    Args:
-        status: exit status.
-        text: the line.
-    """
-
-    def __init__(self, status: int, text: str) -> None:
-        super().__init__(text)
-        self.status = status
-
-
 class GoalClient:
     """Sends goals to the controller, and can wait for their end."""
 
@@ -75,7 +62,7 @@ class GoalClient:
         """Send the goals and wait until the controller has accepted them.
 
         Raises:
-            GoalClientError: if there is no bicycle or no controller, the bicycle lies, or the
+            ToolError: if there is no bicycle or no controller, the bicycle lies, or the
                 controller does not answer or rejects the goals.
         """
         patience = min(self._timeout, ACCEPT)
@@ -87,19 +74,19 @@ class GoalClient:
             self._rider.send(self._plan.goals, self._yaw)
             if self._spin_until(self._heard, min(REPEAT, deadline - time.monotonic())):
                 if self._rider.state is not None and self._rider.state.fallen:
-                    raise GoalClientError(LYING, f"{LIES}; the goal waits until then")
+                    raise ToolError(LYING, f"{LIES}; the goal waits until then")
                 return
             if time.monotonic() >= deadline:
-                raise GoalClientError(
+                raise ToolError(
                     NOBODY, f"the controller did not answer within {patience:g} s: see its log"
                 )
-        raise GoalClientError(130, "interrupted; the goal may have been sent")
+        raise ToolError(130, "interrupted; the goal may have been sent")
 
     def _look(self, patience: float) -> None:
         """Wait until a bicycle and a controller are present.
 
         Raises:
-            GoalClientError: if they are not, or the bicycle lies.
+            ToolError: if they are not, or the bicycle lies.
         """
         rider = self._rider
         there = self._spin_until(
@@ -107,14 +94,14 @@ class GoalClient:
             patience,
         )
         if self.stop.requested:
-            raise GoalClientError(130, "interrupted; no goal was sent")
+            raise ToolError(130, "interrupted; no goal was sent")
         if rider.state is not None and rider.state.fallen:
-            raise GoalClientError(LYING, f"{LIES}; no goal was sent")
+            raise ToolError(LYING, f"{LIES}; no goal was sent")
         if there:
             return
         missing = [] if rider.state is not None else ["no simulator (start sim.sh)"]
         missing += [] if rider.controller_listens() else ["no controller (start controller.sh)"]
-        raise GoalClientError(NOBODY, f"{' and '.join(missing)} within {patience:g} s")
+        raise ToolError(NOBODY, f"{' and '.join(missing)} within {patience:g} s")
 
     def wait(self) -> int:
         """Wait for the end of every goal with a progress bar.
@@ -123,7 +110,7 @@ class GoalClient:
             The exit status of the worst one.
 
         Raises:
-            GoalClientError: if a goal takes too long, the bicycle lies, somebody else removes it,
+            ToolError: if a goal takes too long, the bicycle lies, somebody else removes it,
                 or simulator or controller are gone.
         """
         worst = 0
@@ -139,10 +126,10 @@ class GoalClient:
                 if self._plan.finished:
                     return worst
                 if self.stop.requested:
-                    raise GoalClientError(130, f"interrupted; {self._rider.condition()}")
+                    raise ToolError(130, f"interrupted; {self._rider.condition()}")
                 self._check()
                 if time.monotonic() > deadline:
-                    raise GoalClientError(
+                    raise ToolError(
                         4, f"not reached within {self._timeout:g} s; {self._rider.condition()}"
                     )
 
@@ -150,16 +137,16 @@ class GoalClient:
         """Check that the wait still makes sense.
 
         Raises:
-            GoalClientError: if it does not.
+            ToolError: if it does not.
         """
         rider = self._rider
         fallen = rider.state is not None and rider.state.fallen
         if self._lasts("lying", fallen, LYING_FOR):
-            raise GoalClientError(LYING, LIES)
+            raise ToolError(LYING, LIES)
         if self._lasts("simulator", rider.silence() > 1.0, ABSENT):
-            raise GoalClientError(NOBODY, f"no state for {rider.silence():.0f} s: start sim.sh")
+            raise ToolError(NOBODY, f"no state for {rider.silence():.0f} s: start sim.sh")
         if self._lasts("controller", not rider.controller_listens(), ABSENT):
-            raise GoalClientError(NOBODY, f"no controller for {ABSENT:g} s: start controller.sh")
+            raise ToolError(NOBODY, f"no controller for {ABSENT:g} s: start controller.sh")
 
     def _lasts(self, what: str, holds: bool, seconds: float) -> bool:
         """Return True if a condition has held for so long."""
@@ -176,7 +163,7 @@ class GoalClient:
         """Return True if the controller has answered the first goal.
 
         Raises:
-            GoalClientError: if it rejected the goal.
+            ToolError: if it rejected the goal.
         """
         for change in self._rider.changes:
             # The controller's last answers to others may still arrive: they are kept for late
@@ -184,7 +171,7 @@ class GoalClient:
             if (change.position.x, change.position.y) not in self._plan.goals:
                 continue
             if change.status == Status.REJECTED:
-                raise GoalClientError(2, f"goal rejected: {change.message}")
+                raise ToolError(2, f"goal rejected: {change.message}")
             return True
         return False
 
@@ -192,7 +179,7 @@ class GoalClient:
         """Return the goals that have ended since the last call.
 
         Raises:
-            GoalClientError: if the goals were removed.
+            ToolError: if the goals were removed.
         """
         ends: list[tuple[Status, str]] = []
         while self._rider.changes:
@@ -211,7 +198,7 @@ class GoalClient:
             if status is Status.FALLEN:
                 self._plan.goals = self._plan.goals[: len(self._plan.results)]
         if time.monotonic() > self._taken_away[0]:
-            raise GoalClientError(4, self._taken_away[1])
+            raise ToolError(4, self._taken_away[1])
         return ends
 
     def _spin_until(self, condition: Callable[[], bool], seconds: float) -> bool:
@@ -273,7 +260,7 @@ def main() -> int:
         count = len(given.goals)
         print("accepted" if count == 1 else f"{count} goals accepted")
         return 0
-    except GoalClientError as error:
+    except ToolError as error:
         print(f"goal.sh: {error}", file=sys.stderr)
         return error.status
     finally:

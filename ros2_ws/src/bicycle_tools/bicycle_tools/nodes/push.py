@@ -12,7 +12,7 @@ import sys
 
 from bicycle_common.command_line import OneLineParser
 from bicycle_common.nodes.topics import PUSH, STATE
-from bicycle_tools.nodes.calling import LYING, PATIENCE, Caller, CallError, run_tool
+from bicycle_tools.nodes.calling import LYING, PATIENCE, Caller, ToolError, run_tool
 
 STRENGTH = 0.3
 """Default change of the lean rate (rad/s), equal to the cockpit's."""
@@ -39,7 +39,7 @@ def push(caller: Caller, given: argparse.Namespace) -> int:
     """Push the bicycle; return the exit status.
 
     Raises:
-        CallError: if there is no simulator, it refuses, or the bicycle lies.
+        ToolError: if there is no simulator, it refuses, or the bicycle lies.
     """
     states: list[bool] = []
     caller.node.create_subscription(
@@ -53,8 +53,8 @@ def push(caller: Caller, given: argparse.Namespace) -> int:
         return 0
     caller.spin_until(lambda: states, FIRST_STATE)
     if states and states[-1]:
-        raise CallError(LYING, "the bicycle lies: reset.sh puts it up again")
-    raise CallError(2, answer.message)
+        raise ToolError(LYING, "the bicycle lies: reset.sh puts it up again")
+    raise ToolError(2, answer.message)
 
 
 def main() -> int:

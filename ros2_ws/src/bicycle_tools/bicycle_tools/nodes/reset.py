@@ -14,7 +14,7 @@ import sys
 from bicycle_common.command_line import OneLineParser
 from bicycle_common.nodes.convert import to_quaternion
 from bicycle_common.nodes.topics import RESET
-from bicycle_tools.nodes.calling import PATIENCE, Caller, CallError, run_tool
+from bicycle_tools.nodes.calling import PATIENCE, Caller, ToolError, run_tool
 
 SCENARIOS_SPEED, NEXT_SEED = -1.0, -1
 """Values in a reset request if the user chose no speed, or no seed."""
@@ -49,7 +49,7 @@ def reset(caller: Caller, given: argparse.Namespace) -> int:
     """Begin a new episode; return the exit status.
 
     Raises:
-        CallError: if there is no simulator, or it refuses.
+        ToolError: if there is no simulator, or it refuses.
     """
     request = RESET.type.Request(
         random_start=given.random,
@@ -60,7 +60,7 @@ def reset(caller: Caller, given: argparse.Namespace) -> int:
     request.pose.orientation = to_quaternion(given.yaw)
     answer = caller.call(RESET, request, given.timeout, "start sim.sh")
     if not answer.success:
-        raise CallError(2, answer.message)
+        raise ToolError(2, answer.message)
     print(answer.message)
     return 0
 

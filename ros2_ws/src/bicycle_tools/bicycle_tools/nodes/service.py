@@ -15,7 +15,7 @@ from typing import Any
 from bicycle_common.command_line import OneLineParser
 from bicycle_common.nodes.topics import Service
 from bicycle_common.validation import nearest
-from bicycle_tools.nodes.calling import PATIENCE, Caller, CallError, run_tool
+from bicycle_tools.nodes.calling import PATIENCE, Caller, ToolError, run_tool
 from bicycle_tools.nodes.filling import FillingError, filled
 from bicycle_tools.nodes.flatten import flatten, shown
 from bicycle_tools.settled import Settled
@@ -48,12 +48,12 @@ def find(caller: Caller, name: str, patience: float) -> Service:
     """Return a service that somebody offers.
 
     Raises:
-        CallError: if nobody does, or its type is not installed.
+        ToolError: if nobody does, or its type is not installed.
     """
     full = name if name.startswith("/") else caller.node.resolve_service_name(name)
     if not caller.spin_until(lambda: full in services(caller), patience):
         hint = nearest(full, services(caller))
-        raise CallError(1, f"nobody offers {full}{hint}: see service.sh list")
+        raise ToolError(1, f"nobody offers {full}{hint}: see service.sh list")
     return Service(full, service_class(services(caller)[full]))
 
 
@@ -61,13 +61,13 @@ def service_class(kind: str) -> type[Any]:
     """Return the class of `pkg/srv/Type`.
 
     Raises:
-        CallError: if it is not installed.
+        ToolError: if it is not installed.
     """
     package, _, short = kind.partition("/srv/")
     try:
         found: type[Any] = getattr(importlib.import_module(f"{package}.srv"), short)
     except (ImportError, AttributeError, ValueError):
-        raise CallError(1, f"the service type {kind!r} is not installed here") from None
+        raise ToolError(1, f"the service type {kind!r} is not installed here") from None
     return found
 
 
@@ -84,12 +84,12 @@ def call(caller: Caller, given: argparse.Namespace) -> int:
     """Call a service and print its answer; return 1 if the answer reports a failure.
 
     Raises:
-        CallError: if nobody offers it or the values do not fit.
+        ToolError: if nobody offers it or the values do not fit.
     """
     kind, values = given.type, given.values
     if kind and "/srv/" not in kind:
         if values:
-            raise CallError(2, f"{kind!r} is no type of a service: write pkg/srv/Type")
+            raise ToolError(2, f"{kind!r} is no type of a service: write pkg/srv/Type")
         kind, values = "", kind
     try:
         request = filled(service_class(kind).Request, values) if kind else None
@@ -97,9 +97,9 @@ def call(caller: Caller, given: argparse.Namespace) -> int:
         if request is None:
             request = filled(service.type.Request, values)
     except FillingError as error:
-        raise CallError(2, str(error)) from None
+        raise ToolError(2, str(error)) from None
     if kind and kind != services(caller)[service.name]:
-        raise CallError(2, f"{service.name} is of type {services(caller)[service.name]}")
+        raise ToolError(2, f"{service.name} is of type {services(caller)[service.name]}")
     answer = caller.call(service, request, given.timeout, "see service.sh list")
     for name, value in flatten(answer):
         print(f"{name}: {shown(value)}")
