@@ -16,6 +16,7 @@ from pathlib import Path
 
 import pytest
 from node_process import NodeProcess
+from printed import LONGEST, run_printed
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -40,7 +41,6 @@ ELSEWHERE = {
 """Beginnings of such commands, and the tests that run their like."""
 SHORT_FILM = "--from 0 --to 1 --fps 4 --size 320x180"
 """Appended to a command that makes a film; the last of an option holds."""
-LONGEST = 600.0
 
 
 def commands(page: str) -> list[str]:
@@ -49,11 +49,6 @@ def commands(page: str) -> list[str]:
     blocks = re.findall(r"^```sh\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
     lines = [line.partition(" #")[0].strip() for block in blocks for line in block.splitlines()]
     return [line for line in lines if line]
-
-
-def shortened(command: str) -> str:
-    """Return a command as it is run here."""
-    return f"{command} {SHORT_FILM}" if "--video" in command else command
 
 
 def run_by(command: str) -> str:
@@ -128,12 +123,4 @@ def test_the_commands_of_a_page_run_as_printed(
                 look = ["./ros2_ws/topic.sh", "rate", "/bicycle/state", "--seconds", "3"]
                 subprocess.run(look, cwd=folder, check=True, timeout=LONGEST, capture_output=True)
             continue
-        done = subprocess.run(
-            ["bash", "-c", f". ros2_ws/env.sh && {shortened(command)}"],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            timeout=LONGEST,
-        )
-        assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
-        assert "Traceback" not in done.stdout + done.stderr, command
+        run_printed(command, folder, SHORT_FILM if "--video" in command else "")

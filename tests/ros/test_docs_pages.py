@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import re
 import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
 from node_process import NodeProcess
-from test_docs_commands import LONGEST, PAGES, ROOT, SHORT_FILM
+from printed import run_printed
+from test_docs_commands import PAGES, ROOT, SHORT_FILM
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -144,12 +144,4 @@ def test_a_printed_command_does_what_it_says(command: str, folder: Path, ros_dom
         with NodeProcess(["bash", "-c", f"exec {command}"], cwd=folder) as process:
             process.wait_for_line(line)
         return
-    done = subprocess.run(
-        ["bash", "-c", f". ros2_ws/env.sh && {command} {matched(SHORTER, command)}"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=LONGEST,
-    )
-    assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
-    assert "Traceback" not in done.stdout + done.stderr, command
+    run_printed(command, folder, matched(SHORTER, command) or "")

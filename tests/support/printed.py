@@ -1,0 +1,28 @@
+"""Running of commands that a page prints, as a person would."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+LONGEST = 600.0
+"""Longest run of a command on a busy machine (s)."""
+
+
+def run_printed(command: str, folder: Path, shorter: str = "") -> None:
+    """Run a command in a shell of the workspace in `folder`; it must succeed, without a traceback.
+
+    Args:
+        command: as it is printed.
+        folder: to run in.
+        shorter: words that are added, so that it takes less time.
+    """
+    done = subprocess.run(
+        ["bash", "-c", f". ros2_ws/env.sh && {command} {shorter}"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=LONGEST,
+    )
+    assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
+    assert "Traceback" not in done.stdout + done.stderr, command
