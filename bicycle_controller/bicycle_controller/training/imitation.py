@@ -87,11 +87,9 @@ class Imitation(TrainingSession[Score]):
         self._drawn_at = 0
         self._loss = (0.0, 0)
 
-    def train(self, progress: Shown, stop: Callable[[], bool]) -> Result[Score]:
-        """Train until the steps are made or a stop is requested."""
-        result = super().train(progress, stop)
+    def leave_actor(self) -> None:
+        """Write it as the last policy."""
         save_policy(self.policy(), self.files.last)
-        return result
 
     @property
     def done(self) -> int:

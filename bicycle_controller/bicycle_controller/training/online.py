@@ -85,11 +85,9 @@ class Trainer(AgentSession):
         self.collector = make_collector(config, self.replay, device)
         super().__init__(config, files, device)
 
-    def train(self, progress: Shown, stop: Callable[[], bool]) -> Result[Score]:
-        """Train until the steps are made, the goal rate is met or a stop is requested."""
-        result = super().train(progress, stop)
+    def leave_actor(self) -> None:
+        """Write it as the last policy."""
         save_policy(self.policy(), self.files.last)
-        return result
 
     @property
     def done(self) -> int:

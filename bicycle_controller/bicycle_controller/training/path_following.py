@@ -185,12 +185,10 @@ class PathFollowing(TrainingSession[RoadScore]):
         self.rng = np.random.default_rng([config.seed, 1])
         self.rounds = 0
 
-    def train(self, progress: Shown, stop: Callable[[], bool]) -> Result[RoadScore]:
-        """Train; where no actor has a score yet, the present one stays in the folder."""
-        result = super().train(progress, stop)
+    def leave_actor(self) -> None:
+        """Write it where no actor has a score yet."""
         if self.best is None:
             self.network().save(self.files.path / NAME)
-        return result
 
     @property
     def done(self) -> int:

@@ -120,7 +120,11 @@ class TrainingSession(ABC, Generic[Scored]):
     def train(self, progress: Shown, stop: Callable[[], bool]) -> Result[Scored]:
         """Train until the budget is spent, the goal rate is met or a stop is requested."""
         status, signal = self.work(progress, stop)
+        self.leave_actor()
         return Result(status, signal, self.done, self.updates, self.best, *self.time())
+
+    def leave_actor(self) -> None:
+        """Write the actor as it is at the end of `train`; nothing by default."""
 
     def work(self, progress: Shown, stop: Callable[[], bool]) -> tuple[str, int]:
         """Work until the budget is spent, the goal rate is met or a stop is requested.
