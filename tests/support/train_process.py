@@ -17,6 +17,7 @@ from bicycle_controller.training import checkpoint
 PROGRAM = """
 import argparse, os, signal, sys, threading, time
 from pathlib import Path
+from bicycle_controller.training.logger import Logger
 from bicycle_controller.training.run_folder import RunFolder
 from bicycle_controller.evaluation.score import score
 from bicycle_controller.cli.train import add_arguments, run_command
@@ -25,11 +26,21 @@ add_arguments(parser)
 if lines := int(os.environ.get("KILLED_AFTER_LINES", 0)):
     folder = Path(sys.argv[sys.argv.index("--out") + 1])
     number = int(os.environ["KILLED_BY"])
+    log, state = folder / "log.jsonl", folder / "checkpoint" / "state.pt"
+    struck, write = threading.Event(), Logger.write
+    def due(lines):
+        return state.exists() and log.read_bytes().count(b"\\n") >= lines
     def strike():
-        log, state = folder / "log.jsonl", folder / "checkpoint" / "state.pt"
-        while not (state.exists() and log.read_bytes().count(b"\\n") >= lines):
+        while not due(lines):
             time.sleep(0.001)
         os.kill(os.getpid(), number)
+        struck.set()
+    def write_on(*arguments):
+        write(*arguments)
+        # The blow comes at any moment of some lines, but before the run ends.
+        if due(lines + 2):
+            struck.wait()
+    Logger.write = write_on
     threading.Thread(target=strike, daemon=True).start()
 try:
     sys.exit(run_command(parser.parse_args()))
