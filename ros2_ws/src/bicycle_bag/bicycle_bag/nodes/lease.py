@@ -20,7 +20,7 @@ LEASE = 60
 def long_lease() -> Iterator[None]:
     """Let other nodes wait a minute for nodes created in this context when they are silent.
 
-    A participant announces how long others wait for it. The usual 3 s remove a dead node soon, but
+    A participant announces how long others wait for it. The usual 20 s remove a dead node soon, but
     publishers would also drop a recorder that is stopped for longer, for example on a machine that
     sleeps, and the messages that it has not received. Without a settings file of Fast DDS that
     has such a time, nothing changes.
