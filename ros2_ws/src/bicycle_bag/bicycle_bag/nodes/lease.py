@@ -20,10 +20,10 @@ LEASE = 60
 def long_lease() -> Iterator[None]:
     """Let other nodes wait a minute for nodes created in this context when they are silent.
 
-    A participant announces how long others wait for it. The usual 20 s remove a dead node soon, but
-    publishers would also drop a recorder that is stopped for longer, for example on a machine that
-    sleeps, and the messages that it has not received. Without a settings file of Fast DDS that
-    has such a time, nothing changes.
+    A participant announces how long others wait for it. The usual 20 s remove a dead node soon,
+    but publishers would also drop a recorder that is stopped for longer, for example on a machine
+    that sleeps, and the messages that it has not received. Without a settings file of Fast DDS
+    that has such a time, nothing changes.
     """
     given = os.environ.get(PROFILES, "")
     with contextlib.ExitStack() as stack:
