@@ -343,19 +343,6 @@ def test_a_wrong_parameter_names_the_process_and_its_log(
     assert str(tmp_path / "run" / "controller.log") in line
 
 
-def test_a_killed_simulator_keeps_no_ride_away(
-    start_node: Start, ros_domain: int, tmp_path: Path
-) -> None:
-    """Other nodes list it until its lease ends."""
-    sim = start_node(RIDE.parent / "sim.sh")
-    sim.wait_for_line("waits for its first command")
-    os.kill(pid_of("simulator", ros_domain), signal.SIGKILL)
-    sim.wait()
-    ride = start_node(RIDE, [*NEAR, "--output", tmp_path / "run"])
-    ride.wait_for_line("bicycle_sim is listed but silent: waits 22 s at most")
-    assert ride.wait() == 0, ride.output
-
-
 def test_a_busy_domain_is_refused(start_node: Start, ros_domain: int, tmp_path: Path) -> None:
     start_node(RIDE.parent / "sim.sh").wait_for_line("waits for its first command")
     ride = start_node(RIDE, [*NEAR, "--output", tmp_path / "run"])

@@ -230,9 +230,9 @@ class Player:
                 return
             time.sleep(SLICE)
         raise BagError(
-            f"the same topics are published by {listed(found)}: end that (stop.sh; a killed node "
-            "stays listed for 20 s), play on another ROS_DOMAIN_ID, leave topics out with "
-            "--exclude-topics, or rename them with --remap"
+            f"the same topics are published by {listed(found)}: end that (stop.sh), play on "
+            "another ROS_DOMAIN_ID, leave topics out with --exclude-topics, or rename them with "
+            "--remap"
         )
 
     def _others(self, own: int) -> dict[str, list[str]]:

@@ -37,11 +37,8 @@ from bicycle_tools.summary import RideSummary
 
 DISCOVERY = 0.5
 """Time to discover nodes of this machine (s)."""
-GHOSTS = 22.0
-"""Time until a killed node disappears from the list of nodes (s): `leaseDuration` in
-`fastdds_local.xml`, and a little."""
-SUSPECTED = 4.0
-"""Time for nodes that are ending to disappear from it (s)."""
+GHOSTS = 4.0
+"""Time until a killed node disappears from the list of nodes (s)."""
 READY_TIMEOUT = 30.0
 """Longest start of a node (s)."""
 STALL = 20.0
@@ -198,9 +195,8 @@ class Ride:
         """Refuse to start if somebody else rides.
 
         Raises:
-            RideError: if somebody does. A killed node is listed for some seconds, but silent.
+            RideError: if somebody does; a killed node is forgotten after some seconds.
         """
-        told = False
         self._display.waiting("others to show themselves")
         began = time.monotonic()
         while not self.stop.requested:
@@ -209,13 +205,7 @@ class Ride:
             others = self._rider.others()
             if waited > DISCOVERY and not others:
                 return
-            if waited > SUSPECTED and not (self._rider.hears or told):
-                told = True
-                self._display.say(
-                    f"{', '.join(others)} is listed but silent: waits {GHOSTS:g} s at most, in "
-                    "case it was killed"
-                )
-            if waited > (SUSPECTED if self._rider.hears else GHOSTS):
+            if waited > GHOSTS:
                 domain = os.environ.get("ROS_DOMAIN_ID", 0)
                 raise RideError(
                     f"ROS_DOMAIN_ID={domain} is taken by {', '.join(others)}: stop.sh ends what "

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from bicycle_msgs.action import FollowPath
-from bicycle_msgs.msg import BicycleState, EpisodeInfo, GoalStatus, PathStatus
+from bicycle_msgs.msg import BicycleState, GoalStatus, PathStatus
 from bicycle_msgs.srv import Reset
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.action import ActionClient
@@ -53,7 +53,6 @@ class RideClient(Node):
     Attributes:
         state: newest state; None before the first.
         states_heard: number of states so far, repeated ones included.
-        hears: True if a simulator or a controller has been heard; a killed one is only listed.
         changes: changes of goals not yet taken by the caller, oldest first.
         warnings: the controller's warnings, each line once, oldest first.
         path: newest status of a path that was followed; None before the first.
@@ -71,25 +70,19 @@ class RideClient(Node):
         self.policy_judged = False
         self.path: PathStatus | None = None
         self._dead: set[bytes] = set()
-        self.hears = False
         self._heard = self._moved = time.monotonic()
         self._orders = GoalOrders(self)
         listen(self, topics.STATE, self._on_state, depth=1)
         listen(self, topics.GOAL_STATUS, self._on_goal_status)
         listen(self, topics.PATH_STATUS, self._on_path)
         listen(self, topics.DIAGNOSTICS, self._on_diagnostics)
-        listen(self, topics.EPISODE, self._on_episode)
         follow = topics.FOLLOW_PATH_ACTION
         self._follow = ActionClient(self, follow.type, follow.name)
         self._reset = self.create_client(topics.RESET.type, topics.RESET.name)
         self._executor = SingleThreadedExecutor()
         self._executor.add_node(self)
 
-    def _on_episode(self, message: EpisodeInfo) -> None:
-        self.hears = True
-
     def _on_state(self, message: BicycleState) -> None:
-        self.hears = True
         before, self.state = self.state, message
         self.states_heard += 1
         self._heard = time.monotonic()
@@ -123,7 +116,6 @@ class RideClient(Node):
 
     def _on_diagnostics(self, array: DiagnosticArray) -> None:
         for status in entries_of(self.get_namespace(), array):
-            self.hears = True
             for item in status.values:
                 ridden = self.state is not None and self.state.step > 0
                 self.policy_judged |= item.key == UNLIKE and ridden
