@@ -38,7 +38,7 @@ from bicycle_tools.summary import RideSummary
 DISCOVERY = 0.5
 """Time to discover nodes of this machine (s)."""
 GHOSTS = 4.0
-"""Time until a killed node disappears from the list of nodes (s)."""
+"""Time for nodes that are ending to disappear from the list of nodes (s)."""
 READY_TIMEOUT = 30.0
 """Longest start of a node (s)."""
 STALL = 20.0
@@ -195,7 +195,7 @@ class Ride:
         """Refuse to start if somebody else rides.
 
         Raises:
-            RideError: if somebody does; a killed node is forgotten after some seconds.
+            RideError: if somebody does; nodes that are ending have some seconds to do so.
         """
         self._display.waiting("others to show themselves")
         began = time.monotonic()
