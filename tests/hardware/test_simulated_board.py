@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import time
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -27,7 +28,7 @@ from bicycle_hardware.frames import (
     encode,
     words,
 )
-from bicycle_hardware.simulated_board import build
+from bicycle_hardware.simulated_board import BoardHeard, build
 
 
 @pytest.fixture(scope="module")
@@ -381,6 +382,73 @@ def test_readings_state_and_time_are_sent(rig: Rig) -> None:
     assert [beat.number for beat in beats] == list(range(40))
     assert {b.stamp_us - a.stamp_us for a, b in pairwise(beats)} == {20_000, 30_000}
     assert rig.line.splitter.bad == rig.line.splitter.missing == 0
+
+
+def heard(rig: Rig) -> BoardHeard:
+    return rig.board.wait(1, 2**32 - 1, 0)
+
+
+def beats(rig: Rig, count: int) -> list[int]:
+    """Tick until periods ended; return their stamps."""
+    before = len(rig.heard)
+    while True:
+        rig.tick()
+        found = [one.stamp_us for one in rig.heard[before:] if isinstance(one, Period)]
+        if len(found) == count:
+            return found
+
+
+def test_the_age_of_each_command_is_that_of_the_period_that_it_answers(rig: Rig) -> None:
+    begun = time.monotonic_ns()
+    stamps = beats(rig, 2)
+    time.sleep(0.02)
+    rig.command(stamp=stamps[0])
+    rig.command(stamp=stamps[1])
+    told = heard(rig)
+    passed = (time.monotonic_ns() - begun) / 1000
+    assert told.stamp_us == stamps[1]
+    first, second = told.ages_us
+    assert 20_000 <= second < first <= passed
+    assert heard(rig).ages_us == ()  # told once
+
+
+def test_a_command_is_as_old_as_it_was_when_it_came(rig: Rig) -> None:
+    """The next tick, which takes it, is made by a simulator and may come much later."""
+    for _ in range(100):
+        begun = time.monotonic_ns()
+        rig.command(stamp=beats(rig, 1)[0])
+        time.sleep(0.2)
+        asked = (time.monotonic_ns() - begun) / 1000
+        if heard(rig).ages_us[-1] < asked - 150_000:
+            return
+    raise AssertionError("every command was as old as the question for it")
+
+
+def test_only_commands_that_are_taken_have_an_age(rig: Rig) -> None:
+    stamp = beats(rig, 1)[0]
+    rig.command(stamp=stamp - 1)  # no period has it
+    os.write(rig.line.file, encode(Actuators(stamp, math.nan, 0.0, 100), 500))
+    os.write(rig.line.file, encode(Actuators(stamp, 0.0, 0.0, 100), 501)[1:])
+    assert heard(rig).ages_us == ()
+    os.write(rig.line.file, 2 * encode(Actuators(stamp, 0.0, 0.0, 100), 502))
+    assert len(heard(rig).ages_us) == 1
+    # Another start has other periods.
+    rig.board.restart()
+    os.write(rig.line.file, encode(Actuators(stamp, 0.0, 0.0, 100), 503))
+    assert heard(rig) == BoardHeard(stamp, 0, ())
+
+
+def test_a_flood_between_two_ticks_is_taken_and_the_first_ages_are_told(rig: Rig) -> None:
+    stamp = beats(rig, 1)[0]
+    for _ in range(150):
+        rig.command(torque=1.0, stamp=stamp)
+        time.sleep(0.001)  # so that each comes alone
+    told = heard(rig)
+    assert (told.stamp_us, len(told.ages_us)) == (stamp, 64)
+    assert list(told.ages_us) == sorted(told.ages_us)
+    rig.tick(6)
+    assert rig.driver is not None
+    assert (rig.driver.sequence, rig.driver.bad_frames) == (rig.line.sequence, 0)
 
 
 def test_it_is_compiled_once_and_says_what_it_needs(

@@ -59,6 +59,19 @@ class BoardOutputs:
     reasons: int = 0
 
 
+@dataclass(frozen=True)
+class BoardHeard:
+    """Commands and questions that came to the board over its serial line."""
+
+    stamp_us: int
+    """Stamp that the last command answers; 0 before the first."""
+    asked: int
+    """Number of questions for its time."""
+    ages_us: tuple[int, ...]
+    """us by a real clock from the end of a period to the arrival of the command that answers it,
+    for each command taken since the last answer; 64 at most."""
+
+
 @dataclass
 class SimulatedBoard:
     """The process."""
@@ -68,8 +81,6 @@ class SimulatedBoard:
     """Becomes a link to the pseudo-terminal; None makes none."""
     path: str = ""
     """Path of the pseudo-terminal."""
-    age_us: int = 0
-    """us by a real clock from the end of the last period to the last `wait`'s answer."""
     _process: subprocess.Popen[str] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -124,26 +135,22 @@ class SimulatedBoard:
         torque, drive, mode, reasons = answer
         return BoardOutputs(float(torque), float(drive), Mode(int(mode)), int(reasons))
 
-    def wait(self, stamp_us: int, asked: int, milliseconds: int) -> tuple[int, int]:
-        """Let it listen, without a tick.
+    def wait(self, stamp_us: int, asked: int, milliseconds: int) -> BoardHeard:
+        """Let it listen, without a tick; return what it has heard.
 
         Args:
             stamp_us: until a command came that answers this stamp,
             asked: or until it was asked for its time more often than this,
             milliseconds: or for so long.
 
-        Returns:
-            Stamp that the last command answers, 0 before the first; and how often it was asked
-            for its time.
-
         Raises:
             OSError: if the process has ended.
         """
         answer = self._asked(f"wait {stamp_us & 0xFFFFFFFF} {asked} {milliseconds}\n").split()
-        if len(answer) != 3:
+        if len(answer) < 2:
             raise OSError("the simulated board has ended")
-        self.age_us = int(answer[2])
-        return int(answer[0]), int(answer[1])
+        stamp, now_asked, *ages = (int(word) for word in answer)
+        return BoardHeard(stamp, now_asked, tuple(ages))
 
     def restart(self) -> None:
         """Switch its power off and on.

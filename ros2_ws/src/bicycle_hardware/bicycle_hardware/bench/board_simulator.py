@@ -16,7 +16,7 @@ import numpy as np
 from bicycle_common.types import BicycleState, Command, InitialPose
 from bicycle_common.validation import require
 from bicycle_hardware.frames import Mode
-from bicycle_hardware.simulated_board import BoardInputs, BoardOutputs, SimulatedBoard
+from bicycle_hardware.simulated_board import BoardHeard, BoardInputs, BoardOutputs, SimulatedBoard
 from bicycle_sim.plants.base import Plant
 from bicycle_sim.runtime.simulator import Simulator
 from bicycle_sim.sensors.reading import Reading
@@ -31,6 +31,7 @@ FIRST_US = 1_000_000
 NO_STAMP = 1
 """us that no period has."""
 NEVER_ASKED = 2**32 - 1
+KEPT_AGES = 2000
 BATTERY = 24.0
 """V."""
 
@@ -42,8 +43,9 @@ class BoardSimulator(Simulator):
         outputs: what the microcontroller last gave.
         stopped: True while the button for emergencies is pressed.
         held: True while the bicycle stands, before it is pushed off.
-        ages: s by a real clock from the end of a period to the command that answers it, at the
-            microcontroller; in lock-step only, since only there it waits.
+        ages: s by a real clock from the end of a period to the arrival of the command that
+            answers it, at the microcontroller, of the last commands. The microcontroller's own
+            clock is the sensors' and stands between two ticks.
     """
 
     def __init__(
@@ -72,7 +74,7 @@ class BoardSimulator(Simulator):
         self._rests = math.ceil(sensors.rest / plant.time_step - 1e-9)
         self._gear = plant.pedal_gear
         self._worn = sensors
-        self.ages: deque[float] = deque(maxlen=100_000)
+        self.ages: deque[float] = deque(maxlen=KEPT_AGES)
         quick = plant.with_time_step(TICK, max(1, round(plant.substeps / self._ticks)))
         super().__init__(scenario, quick, seed)
 
@@ -118,12 +120,13 @@ class BoardSimulator(Simulator):
             return True
         stamp = self._now_us if ridden else NO_STAMP
         asked = NEVER_ASKED if ridden else self._asked
-        answered, now_asked = self.board.wait(stamp, asked, milliseconds)
-        if not ridden:
-            return now_asked > self._asked
-        if answered == stamp and not self.held and lockstep:
-            self.ages.append(1e-6 * self.board.age_us)
-        return answered == stamp
+        heard = self._listen(stamp, asked, milliseconds)
+        return heard.stamp_us == stamp if ridden else heard.asked > self._asked
+
+    def _listen(self, stamp: int, asked: int, milliseconds: int) -> BoardHeard:
+        heard = self.board.wait(stamp, asked, milliseconds)
+        self.ages.extend(1e-6 * age for age in heard.ages_us)
+        return heard
 
     def step(self, command: Command | None, push: float = 0.0) -> BicycleState:
         """Let a control period pass; the first one is a single tick, with which the board begins.
@@ -139,7 +142,7 @@ class BoardSimulator(Simulator):
             assert self._suite is not None
             self._suite.begin(self._state)
         self.readings = []
-        _, self._asked = self.board.wait(NO_STAMP, NEVER_ASKED, 0)
+        self._asked = self._listen(NO_STAMP, NEVER_ASKED, 0).asked
         if self._number < 0:
             self._feel([])
             self.outputs = self.board.tick(self._now_us, self._inputs)

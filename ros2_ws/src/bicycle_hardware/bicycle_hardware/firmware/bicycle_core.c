@@ -149,6 +149,7 @@ static void take_actuators(struct core *core, uint16_t sequence, const uint8_t *
     core->command_stamp_us = get_u32(b);
     core->valid_us = (uint32_t)valid_ms * 1000u;
     core->has_command = core->fresh_command = true;
+    core->commands++;
 }
 
 static void report_state(struct core *core, uint32_t now) {

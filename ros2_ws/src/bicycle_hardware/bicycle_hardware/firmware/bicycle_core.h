@@ -103,6 +103,7 @@ struct core {
     uint32_t sent_imu_us, sent_steer_us, sent_wheel_us;
     float battery;
     uint32_t asked;          /* questions for the time */
+    uint32_t commands;       /* taken */
     uint8_t received[CORE_LARGEST + 2]; /* stuffed bytes since the last zero */
     size_t received_count;
     bool received_too_much;
