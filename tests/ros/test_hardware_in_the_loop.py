@@ -37,7 +37,7 @@ def ridden(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[NodeProce
 
 def messages(folder: Path, topic: topics.Topic) -> list[Any]:
     """Messages of a topic of the ride's bag."""
-    found = BagReader(folder / "bag").messages([f"/{topic.name}"])
+    found = BagReader(folder / "bag").messages([f"/{topic.name.lstrip('/')}"])
     return [deserialize_message(one.data, topic.type) for one in found]
 
 
@@ -77,6 +77,23 @@ def test_the_estimate_is_near_the_truth(ridden: tuple[NodeProcess, Path]) -> Non
     ]
     assert len(errors) > 100
     assert math.degrees(float(np.sqrt(np.mean(np.square(errors))))) < 0.5
+
+
+def test_the_diagnostics_tell_the_commands_age_at_the_board(
+    ridden: tuple[NodeProcess, Path],
+) -> None:
+    _, folder = ridden
+    reports = [
+        {value.key: value.value for value in entry.values}
+        for array in messages(folder, topics.DIAGNOSTICS)
+        for entry in array.status
+        if entry.name == "bicycle_sim: microcontroller"
+    ]
+    name = "period to command at the board"
+    median, late = (float(reports[-1][f"{name} p{part} (ms)"]) for part in (50, 99))
+    assert 0.0 < median < late
+    log = (folder / "simulator.log").read_text()
+    assert "commands when they reached the board: median" in log
 
 
 def test_it_rides_as_a_real_bicycle_would_without_a_simulator_s_state(

@@ -20,6 +20,7 @@ pytestmark = pytest.mark.ros
 Start = Callable[..., NodeProcess]
 SIMULATOR = "bicycle_sim.nodes.sim_node"
 CONTROLLER = "bicycle_controller.nodes.controller_node"
+BENCH = "bicycle_hardware.nodes.bench_node"
 ORDINARY = {(os.SCHED_OTHER, 0)}
 
 
@@ -35,9 +36,9 @@ def permitted() -> bool:
     return os.waitpid(child, 0)[1] == 0
 
 
-def schedules(process: NodeProcess) -> set[tuple[int, int]]:
+def schedules(process: int) -> set[tuple[int, int]]:
     """Policy and priority of each thread."""
-    threads = [int(task.name) for task in Path(f"/proc/{process.pid}/task").iterdir()]
+    threads = [int(task.name) for task in Path(f"/proc/{process}/task").iterdir()]
     return {
         (os.sched_getscheduler(thread), os.sched_getparam(thread).sched_priority)
         for thread in threads
@@ -63,10 +64,24 @@ def test_all_threads_have_the_priority_in_real_time_only(
         controller = start_node(CONTROLLER, [*ours, "policy:=lqr"])
         ride(probe)
         wanted = {(os.SCHED_FIFO, expected)} if expected else ORDINARY
-        assert schedules(sim) == wanted
-        assert schedules(controller) == wanted
+        assert schedules(sim.pid) == wanted
+        assert schedules(controller.pid) == wanted
     finally:
         probe.close()
+
+
+@pytest.mark.skipif(not permitted(), reason="this user may not have real-time priority")
+@pytest.mark.parametrize(("pace", "expected"), [("realtime", 8), ("lockstep", 0)])
+def test_a_simulated_microcontroller_goes_before_the_loop_s_nodes(
+    start_node: Start, pace: str, expected: int
+) -> None:
+    words = ("realtime_priority:=7", f"pace:={pace}", "plant:=whipple", "sensors:=mpu6050")
+    bench = start_node(BENCH, ["--ros-args", *(word for one in words for word in ("-p", one))])
+    bench.wait_for_line("serial line is")
+    children = Path(f"/proc/{bench.pid}/task/{bench.pid}/children").read_text().split()
+    assert [schedules(int(child)) for child in children] == [
+        {(os.SCHED_FIFO, expected)} if expected else ORDINARY
+    ]
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can take the permission from a node")
@@ -81,7 +96,7 @@ def test_without_permission_it_says_so_and_rides(ros_domain: int, start_node: St
         ride(probe)
         for node in nodes:
             node.wait_for_line("real-time priority 10 is not permitted.*ulimit -r")
-            assert schedules(node) == ORDINARY
+            assert schedules(node.pid) == ORDINARY
     finally:
         probe.close()
 

@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 
 from bicycle_msgs.msg import BicycleCommand, EpisodeInfo, LoopTiming
 from bicycle_msgs.srv import Push, Reset
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
@@ -95,7 +95,7 @@ class SimNode(Node):
         self._sensors = self._settings.make_sensors()
         self._sensor_base = 0
         self._joints = visualization.Joints(self._geometry, plant.time_step)
-        self._report = SimReport(self.get_fully_qualified_name().lstrip("/"), self._loop)
+        self._report = SimReport(self._who(), self._loop)
         self._last_state = self._last_markers = self._last_tf = self._fallen_at = -math.inf
         self._was_timed_out = self._was_silent = False
         refuse_second_simulator(self)
@@ -165,6 +165,9 @@ class SimNode(Node):
         """Wait until the last state is received."""
         publisher = self._publishers_by_name[topics.STATE.name]
         publisher.wait_for_all_acked(Duration(seconds=LAST_WORD))
+
+    def _who(self) -> str:
+        return str(self.get_fully_qualified_name()).lstrip("/")
 
     @property
     def _now(self) -> int:
@@ -282,11 +285,12 @@ class SimNode(Node):
         self._was_silent = silent
 
     def _on_report(self) -> None:
-        array = DiagnosticArray(
-            status=self._report.statuses(self.count_publishers(topics.STATE.name))
-        )
+        array = DiagnosticArray(status=self._statuses())
         array.header.stamp = self.get_clock().now().to_msg()
         self._publish(topics.DIAGNOSTICS, array)
+
+    def _statuses(self) -> list[DiagnosticStatus]:
+        return self._report.statuses(self.count_publishers(topics.STATE.name))
 
     def _pace_from_now(self) -> None:
         """Make the next step due one period from now."""

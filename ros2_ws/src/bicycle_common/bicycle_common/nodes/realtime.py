@@ -1,4 +1,4 @@
-"""Real-time priority for the nodes of the 40 Hz loop, so that no other process delays them."""
+"""Real-time priority for the processes of the 40 Hz loop, so that no other process delays them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from pathlib import Path
 from bicycle_common.parameters import parameter
 
 HOW = "allow it with `ulimit -r` or rtprio in /etc/security/limits.conf"
-_THREADS = Path("/proc/self/task")
 
 
 def priority_parameter() -> int:
@@ -20,10 +19,16 @@ def priority_parameter() -> int:
 
 
 class Priority:
-    """Scheduling priority of this process's threads."""
+    """Scheduling priority of a process's threads."""
 
-    def __init__(self) -> None:
+    def __init__(self, process: int | None = None) -> None:
+        """Begin with the default scheduler.
+
+        Args:
+            process: id; None for this process.
+        """
         self._now = 0
+        self._threads = Path("/proc") / ("self" if process is None else str(process)) / "task"
 
     def take(self, priority: int) -> str:
         """Set the priority of all threads; threads started later inherit it.
@@ -39,7 +44,7 @@ class Priority:
         policy = os.SCHED_FIFO if priority else os.SCHED_OTHER
         self._now = priority
         try:
-            for thread in _THREADS.iterdir():
+            for thread in self._threads.iterdir():
                 with contextlib.suppress(ProcessLookupError):  # the thread has ended since
                     os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority))
         except PermissionError:

@@ -12,11 +12,13 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.clock import Clock, ClockType
 from std_srvs.srv import SetBool
 
 from bicycle_common.nodes import topics
-from bicycle_common.nodes.diagnostics import percentiles
+from bicycle_common.nodes.diagnostics import OK, percentiles, status
+from bicycle_common.nodes.realtime import Priority
 from bicycle_common.nodes.runner import LOOP_EXECUTOR, UserError, run
 from bicycle_common.nodes.topics import serve
 from bicycle_common.parameters import describe, parameter
@@ -62,6 +64,7 @@ class BenchNode(SimNode):
             program = build()
             self._board = SimulatedBoard(program, link)
             shutil.rmtree(program.parent)  # it runs, and is built anew for the next one
+            self._hurry_board()
             simulator = BoardSimulator(
                 settings.make_scenario(),
                 settings.make_plant(),
@@ -75,6 +78,12 @@ class BenchNode(SimNode):
             raise UserError(str(error)) from None
         self.get_logger().info(f"the microcontroller's serial line is {link or self._board.path}")
         return loop
+
+    def _hurry_board(self) -> None:
+        """Let the board run before the loop's nodes: a real one has a processor of its own."""
+        priority = self._settings.loop_priority()
+        # Where it is not permitted, the node says so of its own.
+        Priority(self._board.pid).take(min(priority + 1, 99) if priority else 0)
 
     def _publish_readings(self) -> None:
         """Publish nothing with the state: the board's readings come over the serial line."""
@@ -105,6 +114,16 @@ class BenchNode(SimNode):
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             self.create_timer(LOOK, self._on_due, clock=steady)
 
+    def _statuses(self) -> list[DiagnosticStatus]:
+        simulator = self._loop.simulator
+        assert isinstance(simulator, BoardSimulator)
+        values: dict[str, object] = {
+            "held": simulator.held,
+            **percentiles(list(simulator.ages), "period to command at the board"),
+        }
+        mode = simulator.outputs.mode.name.lower()
+        return [*super()._statuses(), status(f"{self._who()}: microcontroller", OK, mode, values)]
+
     def close(self) -> None:
         """Wait until the last state is received; tell the commands' age; switch the board off."""
         super().close()
@@ -112,8 +131,8 @@ class BenchNode(SimNode):
         if isinstance(simulator, BoardSimulator) and simulator.ages:
             ages = percentiles(list(simulator.ages), "age")
             self.get_logger().info(
-                f"age of {len(simulator.ages)} commands when they reached the board: median "
-                f"{ages['age p50 (ms)']:.2f} ms, 99 % {ages['age p99 (ms)']:.2f} ms"
+                f"age of the last {len(simulator.ages)} commands when they reached the board: "
+                f"median {ages['age p50 (ms)']:.2f} ms, 99 % {ages['age p99 (ms)']:.2f} ms"
             )
         self._board.close()
 
