@@ -67,7 +67,7 @@ def ridden(folder: Path) -> dict[str, Any]:
         [*RIDE, "--output", str(folder)], cwd=ROOT, capture_output=True, text=True, check=False
     )
     if done.returncode != 0:
-        last = "\n".join((done.stdout + done.stderr).splitlines()[-5:])
+        last = "\n".join((done.stdout + done.stderr).splitlines()[-20:])
         raise SystemExit(f"the ride ended with {done.returncode}:\n{last}")
     echoes = BagReader(folder / "bag").messages([f"/{topics.COMMAND_ECHO.name}"])
     steps = [deserialize_message(one.data, topics.COMMAND_ECHO.type).step for one in echoes]
@@ -92,7 +92,7 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             result["rides"].append(ridden(Path(folder) / "run"))
         print(json.dumps(result["rides"][-1]), file=sys.stderr)
-    given.out.write_text(json.dumps(result, indent=2) + "\n")
+        given.out.write_text(json.dumps(result, indent=2) + "\n")
 
 
 if __name__ == "__main__":
