@@ -76,3 +76,21 @@ def test_the_measured_actor_is_the_shipped_one() -> None:
     policy = load_policy("sure-any-bicycle")
     rides = NOISY["sure-any-bicycle"]
     assert rides["policies"]["sure-any-bicycle"] == KICKS["network"] == policy.policy_id
+
+
+def test_the_falls_from_sensors_are_those_that_were_counted() -> None:
+    """Rides of the surer actor from sensors, of five bicycles and of the ten others."""
+    page = (ROOT / "docs" / "real-bicycle.md").read_text()
+    folder = ROOT / "docs" / "results" / "hardware"
+    counted = {}
+    for name in ("everything", "others", "calm"):
+        file = {"others": "others-{}-wind-2", "calm": "others-{}-wind-1"}.get(name, name + "-{}")
+        found = json.loads((folder / f"{file.format('sure-any-bicycle')}.json").read_text())
+        assert found["controller"] == "sure-any-bicycle"
+        rows = found["rows"]
+        counted[name] = sum(row["falls"] for row in rows), sum(row["rides"] for row in rows)
+    fallen, rides = counted["everything"]
+    assert f"{fallen} fall in {rides:,} rides, on `steer-by-wire`" in page
+    assert f"in {counted['others'][0]} by `sure-any-bicycle`" in page
+    assert counted["others"][1] == counted["calm"][1] == 3000
+    assert counted["calm"][0] == 0
