@@ -8,12 +8,12 @@ page says, until `stop.sh` ends it.
 from __future__ import annotations
 
 import re
-import subprocess
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 from node_process import NodeProcess
+from printed import run_printed
 
 pytestmark = [pytest.mark.ros, pytest.mark.slow]
 
@@ -36,7 +36,6 @@ SHORTER = {
 }
 """Beginnings of commands, and the words that make them shorter; the last of an option holds."""
 SETUP = "./ros2_ws/setup.sh"
-LONGEST = 600.0
 
 
 def commands(name: str) -> list[str]:
@@ -82,15 +81,7 @@ def test_a_tutorial_leads_where_it_says(name: str, tmp_path: Path, ros_domain: i
                 process.wait_for_line(line)
                 terminals.append(process)
                 continue
-            done = subprocess.run(
-                ["bash", "-c", f". ros2_ws/env.sh && {shortened(command)}"],
-                cwd=tmp_path,
-                capture_output=True,
-                text=True,
-                timeout=LONGEST,
-            )
-            assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
-            assert "Traceback" not in done.stdout + done.stderr, command
+            run_printed(shortened(command), tmp_path)
             if command == "./ros2_ws/stop.sh":
                 for process in terminals:
                     assert process.wait() == 0, process.output

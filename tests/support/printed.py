@@ -17,8 +17,10 @@ def run_printed(command: str, folder: Path, shorter: str = "") -> None:
         folder: to run in.
         shorter: words that are added, so that it takes less time.
     """
+    # A here-document's last line has nothing behind it.
+    words = f"{command} {shorter}" if shorter else command
     done = subprocess.run(
-        ["bash", "-c", f". ros2_ws/env.sh && {command} {shorter}"],
+        ["bash", "-c", f". ros2_ws/env.sh && {words}"],
         cwd=folder,
         capture_output=True,
         text=True,
