@@ -229,7 +229,7 @@ def test_publishers_that_the_middleware_never_meets_again_are_met_by_a_new_node(
     if ends:
         recorder.send_signal(signal.SIGINT)
     recorder.send_signal(signal.SIGCONT)
-    recorder.wait_for_line("does not meet publishers of /said again after the standstill", LONG)
+    recorder.wait_for_line("publishers of /said have not come back after the standstill", LONG)
     if not ends:
         recorder.wait_for_line("[1-9][0-9]* messages of /said lost", LONG)
         time.sleep(0.5)

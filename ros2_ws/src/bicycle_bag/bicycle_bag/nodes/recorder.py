@@ -160,8 +160,9 @@ class Recorder:
     def _rejoin(self, topics: list[str]) -> None:
         """Meet the publishers of these topics by a new node, without what they have kept."""
         self._node.get_logger().warning(
-            f"the middleware does not meet publishers of {', '.join(topics)} again after the "
-            "standstill: joins anew; what they sent until then is lost"
+            f"publishers of {', '.join(topics)} have not come back after the standstill: they "
+            "have ended, or the middleware does not meet them again; joins anew, what they sent "
+            "until then is lost"
         )
         self._rejoined, self._node = True, self._join()
         for name in topics:
