@@ -35,6 +35,10 @@ SHORTER = {
     r"\./ros2_ws/ride.sh --goals": "--goals 1 controller.policy:=lqr",
 }
 """Beginnings of commands, and the words that make them shorter; the last of an option holds."""
+MISSED_GOAL = 4
+STATUSES = {r"\./ros2_ws/ride.sh --minutes": (0, MISSED_GOAL)}
+"""Commands that may end otherwise than with 0. A ride for its recording misses a goal
+now and then: a bicycle in lock-step has ridden on when the next goal comes from a busy machine."""
 SETUP = "./ros2_ws/setup.sh"
 
 
@@ -81,7 +85,10 @@ def test_a_tutorial_leads_where_it_says(name: str, tmp_path: Path, ros_domain: i
                 process.wait_for_line(line)
                 terminals.append(process)
                 continue
-            run_printed(shortened(command), tmp_path)
+            expected = next(
+                (some for start, some in STATUSES.items() if re.match(start, command)), (0,)
+            )
+            run_printed(shortened(command), tmp_path, statuses=expected)
             if command == "./ros2_ws/stop.sh":
                 for process in terminals:
                     assert process.wait() == 0, process.output
