@@ -54,6 +54,30 @@ def test_an_open_server_by_number_or_by_the_names_it_was_given() -> None:
         door.check_host("evil.example:8765")
 
 
+@pytest.mark.parametrize(
+    ("address", "host"),
+    [
+        ("127.0.0.2", "127.0.0.2:8765"),
+        ("bicycle.local", "bicycle.local:8765"),
+        ("Bicycle.Local", "bicycle.local"),
+        ("192.168.1.5", "192.168.1.5:8765"),
+        ("fe80::1", "[fe80::1]:8765"),
+    ],
+)
+def test_a_server_by_the_address_that_it_is_bound_to(address: str, host: str) -> None:
+    """The printed address holds it."""
+    door = AccessPolicy(address, TOKEN)
+    door.check_host(host)
+    with pytest.raises(RefusedError):
+        door.check_host("evil.example:8765")
+
+
+@pytest.mark.parametrize("name", ["http://bicycle.lan/", "bicycle.lan:8765", "a@b", "a b", "[::1"])
+def test_a_name_that_no_browser_sends_is_refused(name: str) -> None:
+    with pytest.raises(ValueError, match=r"--host-name .* alone"):
+        AccessPolicy("0.0.0.0", TOKEN, frozenset((name,)))
+
+
 @pytest.mark.parametrize("site", ["cross-site", "same-site", "strange"])
 def test_another_site_may_lead_here_and_ask_for_nothing(site: str) -> None:
     door = AccessPolicy()

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from urllib.parse import urlsplit
 
 LOCAL_NAMES = frozenset(("localhost", "127.0.0.1", "::1"))
+NO_NAME = frozenset(" /\\?#@:[]")
+"""Characters that a host name cannot have: they belong to the rest of an address."""
 SHORTEST_TOKEN = 16
 """Least length of a token, in characters."""
 
@@ -41,7 +43,8 @@ class AccessPolicy:
     """Access rules of one server.
 
     Raises:
-        ValueError: if other machines can reach it without a token, or on a short one.
+        ValueError: if other machines can reach it without a token, on a short one, or on a name
+            that no browser sends.
     """
 
     address: str = "127.0.0.1"
@@ -59,16 +62,20 @@ class AccessPolicy:
             )
         if self.token and not (len(self.token) >= SHORTEST_TOKEN and self.token.isalnum()):
             raise ValueError(f"the token must be at least {SHORTEST_TOKEN} letters and digits")
+        for name in self.names:
+            if NO_NAME.intersection(name) and not _is_number(name):
+                raise ValueError(f"--host-name {name[:80]!r}: give the name alone")
 
     def check_host(self, host: str) -> None:
         """Check the Host header.
 
         Raises:
-            RefusedError: if it does not name this server. A numeric address suffices if other
-                machines are admitted: nobody can make it point elsewhere.
+            RefusedError: if it does not name this server. The address to which it is bound names
+                it. Any number suffices if other machines are admitted: nobody can make it point
+                elsewhere.
         """
         name = _name_of(f"//{host}")
-        if name in LOCAL_NAMES or name in self.names:
+        if name in LOCAL_NAMES or name in self.names or name == self.address.lower():
             return
         if not is_local(self.address) and _is_number(name):
             return

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import errno
+import os
 import socket
 from collections.abc import Callable
 
@@ -11,6 +13,20 @@ QUEUE = 128
 AT_ONCE = 8
 """Connections that asyncio accepts before it serves existing ones: together with the open ones
 they must not exhaust this process's limit of files."""
+
+
+THE_PORT_S_FAULT = (errno.EADDRINUSE, errno.EACCES)
+"""Numbers of errors that another port does not have."""
+
+
+def why_not(error: OSError, address: str, port: int) -> str:
+    """Return one line that says why an address cannot be listened on, with the remedy."""
+    resolved = not isinstance(error, socket.gaierror)
+    reason = os.strerror(error.errno or 0) if resolved else error.strerror
+    remedy = "choose an address of this machine with --bind"
+    if resolved and error.errno in THE_PORT_S_FAULT:
+        remedy = "choose another with --port N"
+    return f"cannot listen on {address} port {port}: {reason}; {remedy}"
 
 
 async def listen(
@@ -31,7 +47,10 @@ async def listen(
     """
     loop = asyncio.get_running_loop()
     flags = socket.AI_PASSIVE
-    found = await loop.getaddrinfo(address, port, type=socket.SOCK_STREAM, flags=flags)
+    try:
+        found = await loop.getaddrinfo(address, port, type=socket.SOCK_STREAM, flags=flags)
+    except UnicodeError:  # such as a label of more than 63 letters
+        raise socket.gaierror(socket.EAI_NONAME, "Name or service not known") from None
     servers: list[asyncio.Server] = []
     try:
         for family, _, _, _, place in dict.fromkeys(found):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import stat
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -103,6 +104,9 @@ def _checked(given: argparse.Namespace, ros: list[str]) -> CockpitOptions:
             raise ValueError(f"unknown argument {word!r}")
     if given.no_ride and given.parameters:
         raise ValueError(f"{given.parameters[0]!r} sets nothing with --no-ride: leave one out")
+    for option, folder in (("--bags", given.bags), ("--models", given.models)):
+        if _is_another_thing(folder):
+            raise ValueError(f"{option} {str(folder)[:200]} is no folder")
     token = find_token(given.token, given.token_file, os.environ)
     names = frozenset(name.lower() for name in given.host_name)
     return CockpitOptions(
@@ -114,3 +118,11 @@ def _checked(given: argparse.Namespace, ros: list[str]) -> CockpitOptions:
         parameters=tuple(checked_parameter(word) for word in given.parameters),
         ros=tuple(ros),
     )
+
+
+def _is_another_thing(path: Path) -> bool:
+    """Return True if something is there that is no folder."""
+    try:
+        return not stat.S_ISDIR(path.stat().st_mode)
+    except (OSError, ValueError):
+        return False

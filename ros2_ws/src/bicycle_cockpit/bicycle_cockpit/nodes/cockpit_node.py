@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import queue
 from collections.abc import Callable
 from typing import Any
@@ -12,6 +11,7 @@ from rclpy.node import Node
 
 from bicycle_cockpit import ride_setup
 from bicycle_cockpit.event_room import EventRoom
+from bicycle_cockpit.listening import why_not
 from bicycle_cockpit.nodes.other_bicycles import OtherBicycles, in_order
 from bicycle_cockpit.nodes.recording import RecorderProcess
 from bicycle_cockpit.nodes.ride_conditions import StartedRide
@@ -86,10 +86,8 @@ class CockpitNode(Node):
         try:
             self.server.start()
         except OSError as error:
-            raise UserError(
-                f"cannot listen on {options.access_policy.address} port {options.port}: "
-                f"{os.strerror(error.errno or 0)}; choose another with --port N"
-            ) from None
+            address = options.access_policy.address
+            raise UserError(why_not(error, address, options.port)) from None
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(FRAME_PERIOD, self._on_frame, clock=steady)
         self.create_timer(STATUS_PERIOD, self._on_status, clock=steady)
