@@ -5,9 +5,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import logging
 import os
 import resource
 import socket
+import struct
 import subprocess
 import sys
 import textwrap
@@ -231,6 +233,40 @@ def test_a_page_that_leaves_while_it_is_written_to_is_nothing_to_tell(desk: Desk
     asyncio.run(story())
     until(lambda: desk.server.pages == 0)
     assert desk.lines == []
+
+
+UPGRADE = (
+    "GET /ws HTTP/1.1\r\nHost: 127.0.0.1:{0}\r\nOrigin: http://127.0.0.1:{0}\r\n"
+    "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\n"
+    "Sec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n{1}\r\n"
+)
+
+
+def test_a_page_that_leaves_before_it_is_let_in_is_nothing_to_tell(desk: Desk) -> None:
+    request = UPGRADE.format(desk.server.port, "").encode()
+    for _ in range(20):
+        with connected(desk) as line:
+            line.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+            line.sendall(request)
+    with connected(desk) as line:
+        answer(line, b"GET / HTTP/1.0\r\nHost: localhost\r\n\r\n")
+    until(lambda: desk.server.pages == 0)
+    assert desk.lines == []
+
+
+def test_what_the_library_says_is_short_and_goes_the_same_way(
+    desk: Desk, capfd: pytest.CaptureFixture[str]
+) -> None:
+    words = f"Sec-WebSocket-Protocol: {'x' * 6000}\r\n"
+    for _ in range(30):
+        with connected(desk, UPGRADE.format(desk.server.port, words).encode()) as line:
+            assert line.recv(12) == b"HTTP/1.1 101"
+    for name in ("asyncio", "aiohttp.server"):
+        logging.getLogger(name).warning("said by %s", name)
+    assert 20 <= len(desk.lines) <= 25
+    assert max(map(len, desk.lines)) < 400
+    assert "Client protocols" in desk.lines[0]
+    assert capfd.readouterr() == ("", "")
 
 
 def test_no_answer_tells_versions(desk: Desk) -> None:

@@ -9,12 +9,14 @@ import socket
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
+from urllib.parse import quote
 
 import aiohttp
 import pytest
 from policies import make_policy, own_policy
 from server_desk import TOKEN, Desk
 from waiting import until
+from yarl import URL
 
 from bicycle_cockpit import page_socket
 from bicycle_cockpit.access import AccessPolicy
@@ -272,6 +274,25 @@ def test_a_policy_of_ones_own_rides_a_bag_again(tmp_path: Path) -> None:
         status, refusal = asyncio.run(ridden_by(desk, str(kept)))
         assert status == 404
         assert refusal["error"].startswith("there is no controller '/")
+    finally:
+        desk.server.stop()
+
+
+@pytest.mark.parametrize(
+    "name", ["new\nline", "a%2fb", "a#b?c=1&d", "<img src=x onerror=alert(1)>", "ü", "-rf", "..x"]
+)
+def test_every_name_that_a_folder_may_have_is_found(tmp_path: Path, name: str) -> None:
+    shutil.copytree(RIDE, tmp_path / name)
+    desk = Desk(AccessPolicy(), tmp_path)
+
+    async def story() -> None:
+        async with Session() as session:
+            url = URL(f"{desk.url}/bags/{quote(name)}", encoded=True)
+            async with session.get(url) as response:
+                assert (response.status, (await response.json())["name"]) == (200, name)
+
+    try:
+        asyncio.run(story())
     finally:
         desk.server.stop()
 

@@ -116,6 +116,13 @@ def test_a_file_outside_the_bag_that_its_metadata_names_is_not_read(
         session(folder / "bag")
 
 
+def test_a_name_that_is_no_text_is_listed_with_the_remedy(bag: Path, tmp_path: Path) -> None:
+    """No page can ask for it."""
+    shutil.copytree(bag, tmp_path / os.fsdecode(b"ride-\xff"))
+    ((name, path),) = BagShelf(tmp_path).found().items()
+    assert entry(name, path) == {"name": name, "problem": "its name is not UTF-8: rename it"}
+
+
 def test_a_bag_without_a_message_is_listed_so(tmp_path: Path) -> None:
     with BagWriter(tmp_path / "bag"):
         pass

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 
 from bicycle_cockpit.rate_limiter import RateLimiter
 
@@ -51,3 +52,17 @@ class ToOneLine(logging.Handler):
             words = " ".join(str(error).split())
             text += f" ({type(error).__name__}: {words})"
         self._log(text)
+
+
+@contextlib.contextmanager
+def listened_to(log: OneLine, names: Sequence[str]) -> Iterator[None]:
+    """Log what the loggers of these names say, within this context, as lines of `log`."""
+    handler = ToOneLine(log)
+    loggers = [logging.getLogger(name) for name in names]
+    for logger in loggers:
+        logger.addHandler(handler)
+    try:
+        yield
+    finally:
+        for logger in loggers:
+            logger.removeHandler(handler)

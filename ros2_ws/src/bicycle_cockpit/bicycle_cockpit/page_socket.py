@@ -52,6 +52,8 @@ class PageSocket:
             heartbeat=HEARTBEAT, max_msg_size=MOST_BYTES, compress=True, timeout=GOOD_BYE
         )
         self.socket.headers["Server"] = "cockpit"
+        self.admitted = False
+        """True once it is connected."""
 
     async def serve(
         self,
@@ -70,6 +72,7 @@ class PageSocket:
             await self.socket.prepare(self._request)
         except ConnectionError:
             return  # it has left
+        self.admitted = True
         _keep_short(self._request)
         sender = asyncio.create_task(self._send(box))
         try:

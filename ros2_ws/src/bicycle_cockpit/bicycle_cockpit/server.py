@@ -24,7 +24,7 @@ from bicycle_cockpit.broadcaster import Broadcaster
 from bicycle_cockpit.connections import Connection, Connections, most_connections
 from bicycle_cockpit.json_text import json_text
 from bicycle_cockpit.listening import listen
-from bicycle_cockpit.one_line import OneLine, ToOneLine
+from bicycle_cockpit.one_line import OneLine, ToOneLine, listened_to
 from bicycle_cockpit.page_socket import PageSocket
 from bicycle_cockpit.policy_catalogue import PolicyCatalogue
 from bicycle_cockpit.requests import MOST_BYTES, Request
@@ -32,6 +32,8 @@ from bicycle_cockpit.riders import Palette
 from bicycle_cockpit.rows import Rows
 
 WEB = Path(__file__).parent / "web"
+LIBRARIES = ("aiohttp", "asyncio")
+"""Loggers of what serves; a client can make them speak."""
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; "
     "form-action 'none'",
@@ -167,24 +169,26 @@ class Server:
         app.router.add_get("/web/{name:.+}", self._part)
         app.router.add_get("/ws", self._socket)
         app.router.add_get("/bags", self._list_bags)
-        app.router.add_get("/bags/{name:.+}", self._open_bag)
+        app.router.add_get(r"/bags/{name:[\s\S]+}", self._open_bag)
         runner = web.AppRunner(app, access_log=None, shutdown_timeout=1.0)
         await runner.setup()
         assert runner.server is not None
         most = most_connections()
         logger = logging.Logger("web")
         logger.addHandler(ToOneLine(self._log))
+        libraries = listened_to(self._log, LIBRARIES)
         connections = Connections(runner.server, self._log, most, logger=logger, access_log=None)
         self._loop.set_exception_handler(self._on_exception)
         try:
-            self.port, listeners = await listen(
-                connections, self._access_policy.address, self.port
-            )
-            yield
-            for listener in listeners:
-                listener.close()
-            leaving = (page.close() for page in self._pages)
-            await asyncio.gather(*leaving, return_exceptions=True)
+            with libraries:
+                self.port, listeners = await listen(
+                    connections, self._access_policy.address, self.port
+                )
+                yield
+                for listener in listeners:
+                    listener.close()
+                leaving = (page.close() for page in self._pages)
+                await asyncio.gather(*leaving, return_exceptions=True)
         finally:
             await self._bags.close()
             await runner.cleanup()
@@ -265,7 +269,8 @@ class Server:
         finally:
             self._broadcaster.leave(number)
             self._pages.discard(page)
-        return page.socket
+        # One that left before it was let in has a socket that cannot be ended.
+        return page.socket if page.admitted else web.Response(status=400)
 
 
 def _bearer(request: web.Request) -> str:

@@ -66,6 +66,8 @@ def entry(name: str, path: Path) -> dict[str, Any]:
         time, None if unknown) and `messages`; of a bag that cannot be shown `name` and
         `problem`, one line.
     """
+    if not _is_text(name):
+        return {"name": name, "problem": "its name is not UTF-8: rename it"}
     try:
         reader = BagReader(path)
     except BagError as error:
@@ -82,6 +84,15 @@ def entry(name: str, path: Path) -> dict[str, Any]:
         "ridden": ridden(reader.files),
         "messages": messages,
     }
+
+
+def _is_text(name: str) -> bool:
+    """Return True if a page can ask for this name."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
 
 
 def _written(path: Path) -> float:
