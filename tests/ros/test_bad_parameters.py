@@ -145,6 +145,24 @@ def test_ros_arguments_that_cannot_be_read_are_one_line(
 
 
 @pytest.mark.usefixtures("ros_domain")
+@pytest.mark.parametrize("rule", ["__ns", "__node", "__name"])
+@pytest.mark.parametrize("name", ["", "ü", "a b", "9x", "a//b", "/x/", "-", "x" * 300])
+def test_a_name_that_ros_refuses_is_one_line_with_the_remedy(
+    rule: str, name: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def make() -> object:
+        raise AssertionError("let in")
+
+    for value in (name, f"/{name}") if rule == "__ns" and name[:1] != "/" else (name,):
+        if value == "/":
+            continue
+        line = refused(capfd, make, "-r", f"{rule}:={value}")
+        assert f"{rule}:=" in line
+        assert "rcl" not in line
+        assert "letters, digits and _" in line
+
+
+@pytest.mark.usefixtures("ros_domain")
 @pytest.mark.parametrize(
     ("text", "said"),
     [

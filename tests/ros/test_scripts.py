@@ -130,10 +130,37 @@ def test_the_controllers_file_holds_its_defaults() -> None:
         (("push", "left", "-1"), 2, "the strength is -1.0"),
         (("service", "call", "no/such", "--timeout", "0.5"), 1, "nobody offers /no/such"),
         (("service", "call", "a", "no/srv/Such"), 1, "type 'no/srv/Such' is not installed here"),
+        (("service", "call", "a", ".../srv/X"), 1, "type '.../srv/X' is not installed here"),
         (("service",), 2, "required: list|type|call"),
-        (("topic", "pub", "a", "no/msg/Such"), 1, "the type no/msg/Such of /a is not installed"),
+        (
+            ("topic", "pub", "a", "no/msg/Such"),
+            1,
+            "/a has type no/msg/Such, which is not installed here",
+        ),
         (("topic", "pub", "a", "--rate", "0"), 2, "--rate is 0.0"),
         (("topic", "pub", "a", "std_msgs/msg/Bool", "{data: 2}"), 2, "must be true or false"),
+        *(
+            ((name, *words, "a b"), 2, "'a b' is no name of a")
+            for name, words in (
+                ("topic", ("info",)),
+                ("topic", ("type",)),
+                ("topic", ("echo",)),
+                ("topic", ("rate",)),
+                ("service", ("type",)),
+                ("service", ("call",)),
+            )
+        ),
+        (
+            ("topic", "echo", "9x"),
+            2,
+            "name token must not start with a number",
+        ),
+        (
+            ("topic", "info", "/x/"),
+            2,
+            "name must not end with a forward slash",
+        ),
+        (("topic", "pub", "ü", "std_msgs/msg/Bool", "{}"), 2, "'ü' is no name of a topic: "),
         (("goal", "1", "2", "timeout:=3"), 2, "there are no parameters here"),
         *(
             ((name, *words, "pace:=lockstep"), 2, "there are no parameters here")
@@ -299,6 +326,8 @@ def test_topics_are_listed_described_and_measured(
     rate = script("topic", "rate", "bicycle/state", "--seconds", "1")
     assert rate.returncode == 0
     assert " Hz, period " in rate.stdout
+    feedback = "bicycle/ride_to_pose/_action/feedback"
+    told(("topic", "type", feedback), " goal_id: unique_identifier_msgs/UUID\n")
     latched = script("topic", "echo", "bicycle/episode", "--once").stdout
     assert "pace: lockstep" in latched
 

@@ -12,6 +12,7 @@ from bicycle_common import steer_into_lean
 from bicycle_common.geometry import yaw_to_heading
 from bicycle_common.nodes.realtime import priority_parameter
 from bicycle_common.parameters import parameter
+from bicycle_common.ros_names import LONGEST_NAME, NAMESPACE
 from bicycle_common.validation import one_line, require
 from bicycle_controller.control.controller import Controller
 from bicycle_controller.control.exploration_noise import Noise, NoiseConfig
@@ -27,10 +28,6 @@ from bicycle_sim.sensors.settings import SensorSettings
 
 SAFE = SafetyConfig()
 """Defaults of the safety layer."""
-NAMESPACE = r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*"
-"""Pattern of a namespace without its outer slashes, as ROS 2 allows it."""
-LONGEST_NAME = 200
-"""Letters of a namespace, so that its topics' names stay within ROS 2's 247."""
 
 
 @dataclass(frozen=True)

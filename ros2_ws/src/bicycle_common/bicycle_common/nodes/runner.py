@@ -24,6 +24,7 @@ from bicycle_common import yaml_text
 from bicycle_common.nodes import dds_security
 from bicycle_common.nodes.heartbeat import VARIABLE, Heartbeat
 from bicycle_common.nodes.log_lines import bound_log_lines
+from bicycle_common.ros_names import wrong_rule
 from bicycle_common.signals import StopRequest
 from bicycle_common.validation import one_line
 
@@ -101,6 +102,7 @@ def start_ros(words: Sequence[str]) -> None:
     refusal = dds_security.refusal()
     if refusal:
         raise UserError(refusal)
+    _check_names(words)
     bound_log_lines()
     try:
         rclpy.init(args=list(words), signal_handler_options=SignalHandlerOptions.NO)
@@ -146,10 +148,48 @@ def without_ros(words: Sequence[str]) -> list[str]:
         UserError: if ROS cannot parse them.
     """
     _check_parameter_files(words)
+    _check_names(words)
     try:
         return list(remove_ros_args(list(words))[1:])
     except Exception as error:
         raise UserError(f"cannot read the ROS arguments: {_first_line(error)}") from None
+
+
+def resolved_topic(node: Any, name: str) -> str:
+    """Return a topic's full name.
+
+    Raises:
+        UserError: if ROS allows no such name.
+    """
+    return _resolved(node.resolve_topic_name, name, "topic")
+
+
+def resolved_service(node: Any, name: str) -> str:
+    """Return a service's full name.
+
+    Raises:
+        UserError: if ROS allows no such name.
+    """
+    return _resolved(node.resolve_service_name, name, "service")
+
+
+def _resolved(resolve: Callable[[str], str], name: str, kind: str) -> str:
+    try:
+        return str(resolve(name))
+    except Exception as error:  # rclpy has two classes for it
+        words = _first_line(error).rpartition("failed to resolve name: ")[2].partition(", at ")[0]
+        words = words.replace("topic name", "name")
+        raise UserError(f"{name[:80]!r} is no name of a {kind}: {words}") from None
+
+
+def _check_names(words: Sequence[str]) -> None:
+    """Refuse a namespace or a node's name that ROS refuses.
+
+    Raises:
+        UserError: on one.
+    """
+    if wrong := wrong_rule(words):
+        raise UserError(wrong)
 
 
 def _check_parameter_files(words: Sequence[str]) -> None:

@@ -11,6 +11,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
+from bicycle_common.nodes.runner import resolved_topic
 from bicycle_common.signals import StopRequest
 from bicycle_tools.nodes.filling import FillingError, filled
 
@@ -67,13 +68,14 @@ def publish(graph: Graph, given: argparse.Namespace) -> int:
     Raises:
         FillingError: if the type is unknown, or the values do not fit.
         LookupError: if the awaited subscribers are missing.
+        UserError: if ROS allows no such name of a topic.
     """
     kind, values = given.type, given.values
     if kind and "/msg/" not in kind:
         if values:
             raise FillingError(f"{kind!r} is no type of a message: write pkg/msg/Type")
         kind, values = "", kind
-    full = graph.node.resolve_topic_name(given.topic)
+    full = resolved_topic(graph.node, given.topic)
     graph.spin(MATCH, lambda: bool(kind) or full in graph.topics())
     known = graph.topics().get(full, "")
     if not (kind or known):

@@ -13,6 +13,7 @@ import sys
 from typing import Any
 
 from bicycle_common.command_line import OneLineParser
+from bicycle_common.nodes.runner import UserError, resolved_service
 from bicycle_common.nodes.topics import Service
 from bicycle_common.validation import nearest
 from bicycle_tools.nodes.calling import PATIENCE, Caller, ToolError, run_tool
@@ -48,9 +49,12 @@ def find(caller: Caller, name: str, patience: float) -> Service:
     """Return a service that somebody offers.
 
     Raises:
-        ToolError: if nobody does, or its type is not installed.
+        ToolError: if nobody does, its type is not installed, or ROS allows no such name.
     """
-    full = name if name.startswith("/") else caller.node.resolve_service_name(name)
+    try:
+        full = name if name.startswith("/") else resolved_service(caller.node, name)
+    except UserError as error:
+        raise ToolError(2, str(error)) from None
     if not caller.spin_until(lambda: full in services(caller), patience):
         hint = nearest(full, services(caller))
         raise ToolError(1, f"nobody offers {full}{hint}: see service.sh list")
@@ -66,7 +70,7 @@ def service_class(kind: str) -> type[Any]:
     package, _, short = kind.partition("/srv/")
     try:
         found: type[Any] = getattr(importlib.import_module(f"{package}.srv"), short)
-    except (ImportError, AttributeError, ValueError):
+    except (ImportError, AttributeError, TypeError, ValueError):
         raise ToolError(1, f"the service type {kind!r} is not installed here") from None
     return found
 

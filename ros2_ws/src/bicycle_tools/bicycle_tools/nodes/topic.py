@@ -8,7 +8,6 @@ if __name__ == "__main__":
     run_module("bicycle_tools.nodes.topic")
 
 import argparse
-import importlib
 import sys
 import time
 from collections.abc import Callable, Iterable
@@ -21,12 +20,13 @@ from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from bicycle_common.command_line import OneLineParser
-from bicycle_common.nodes.runner import start_tool
+from bicycle_common.nodes.runner import UserError, resolved_topic, start_tool
 from bicycle_common.signals import StopRequest
 from bicycle_common.validation import nearest
 from bicycle_tools.nodes import publishing
 from bicycle_tools.nodes.filling import FillingError
 from bicycle_tools.nodes.flatten import flatten, shown
+from bicycle_tools.nodes.message_types import message_class
 from bicycle_tools.rates import Rate
 from bicycle_tools.settled import Settled
 
@@ -79,8 +79,9 @@ class Watcher:
 
         Raises:
             TopicError: if there is none.
+            UserError: if ROS allows no such name.
         """
-        full = self.node.resolve_topic_name(name)
+        full = resolved_topic(self.node, name)
 
         def there() -> bool:
             return bool(self.node.count_publishers(full) if published else full in self.topics())
@@ -96,14 +97,12 @@ class Watcher:
         """Return the class of a topic's type.
 
         Raises:
-            TopicError: if it is not installed.
+            TopicError: if it is not installed, or there are several.
         """
-        package, _, short = kind.partition("/msg/")
         try:
-            found: type[Any] = getattr(importlib.import_module(f"{package}.msg"), short)
-        except (ImportError, AttributeError, ValueError):
-            raise TopicError(f"the type {kind} of {full} is not installed here") from None
-        return found
+            return message_class(kind)
+        except LookupError as error:
+            raise TopicError(f"{full} {error}") from None
 
     def subscribe(self, name: str, callback: Callable[[Any], None], raw: bool = False) -> None:
         """Subscribe to a topic with its publishers' quality of service.
@@ -261,6 +260,9 @@ def main() -> int:
     except TopicError as error:
         print(f"topic.sh: {error}", file=sys.stderr)
         return 1
+    except UserError as error:
+        print(f"topic.sh: {error}", file=sys.stderr)
+        return 2
     finally:
         watcher.close()
         rclpy.try_shutdown()
