@@ -3,7 +3,7 @@
 #
 # Usage: seal.sh SET...      inside the image's build, see Dockerfile; it cannot be undone
 set -euo pipefail
-root=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+root=$(CDPATH='' builtin cd -P "$(dirname "${BASH_SOURCE[0]}")/.." && builtin pwd)
 ws=$root/ros2_ws
 python=$root/.venv/bin/python
 

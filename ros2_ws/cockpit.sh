@@ -22,7 +22,7 @@
 # and the list "Bicycle" chooses the one that is steered. Ctrl-C ends all of it.
 # Exit status: 0 ended by a signal, 2 bad arguments or a part that cannot run, 1 anything else.
 set -euo pipefail
-ws=$(CDPATH='' cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
+ws=$(CDPATH='' builtin cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && builtin pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 

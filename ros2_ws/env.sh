@@ -13,6 +13,17 @@
 # It exports the few variables that colcon's setup scripts would work out in half a second. With a
 # sourced /opt/ros/jazzy it uses that ROS 2 and no virtual environment: the two never mix.
 
+if [ -z "${BASH_VERSION:-}${ZSH_VERSION:-}" ]; then # such as dash, Debian's sh
+  echo "env.sh: it needs bash or zsh: source it in one of them." >&2
+  # shellcheck disable=SC2317 # false in a script that is run instead of sourced
+  return 1 2>/dev/null || exit 1
+fi
+# shellcheck disable=SC2128 # the first is this file
+if [ -n "${BASH_VERSION:-}" ] && [ "$BASH_SOURCE" = "$0" ]; then
+  echo "env.sh: it changes nothing when it is run: source it, as in . env.sh" >&2
+  exit 2
+fi
+
 _bicycle_prepend() { # NAME DIRECTORY: puts DIRECTORY first in the path variable NAME, and only there
   local old
   eval "old=:\${$1:-}:"
@@ -23,7 +34,8 @@ _bicycle_prepend() { # NAME DIRECTORY: puts DIRECTORY first in the path variable
 }
 
 _bicycle_network() { # WORKSPACE: chooses where DDS traffic goes, and checks the domain
-  local own=${FASTRTPS_DEFAULT_PROFILES_FILE:-} range=SUBNET
+  # In a variable: zsh with sh_glob cannot even parse it as it stands.
+  local own=${FASTRTPS_DEFAULT_PROFILES_FILE:-} range=SUBNET whole='^(0|[1-9][0-9]{0,2})$'
   case ${BICYCLE_NETWORK:-local} in
     local)
       # Fast DDS also reads a profile from the working directory, which would open this one again.
@@ -43,7 +55,7 @@ _bicycle_network() { # WORKSPACE: chooses where DDS traffic goes, and checks the
   esac
   export ROS_AUTOMATIC_DISCOVERY_RANGE=$range
   export ROS_DOMAIN_ID=${ROS_DOMAIN_ID:-42}
-  if ! [[ $ROS_DOMAIN_ID =~ ^(0|[1-9][0-9]{0,2})$ ]] || ((ROS_DOMAIN_ID > 101)); then
+  if ! [[ $ROS_DOMAIN_ID =~ $whole ]] || ((ROS_DOMAIN_ID > 101)); then
     echo "env.sh: ROS_DOMAIN_ID is '$ROS_DOMAIN_ID'; set it to a whole number from 0 to 101." >&2
     return 2
   fi
@@ -74,11 +86,11 @@ _bicycle_overlay() { # WORKSPACE: the packages that colcon built, and the source
     _bicycle_prepend AMENT_PREFIX_PATH "$folder"
     [[ ! -d $folder/lib ]] || _bicycle_prepend LD_LIBRARY_PATH "$folder/lib"
   done
-  for folder in "$ws"/install/{tf2_msgs,bicycle_msgs}/lib/python3*/*-packages; do
+  for folder in "$ws"/install/tf2_msgs/lib/python3*/*-packages "$ws"/install/bicycle_msgs/lib/python3*/*-packages; do
     [[ ! -d $folder ]] || _bicycle_prepend PYTHONPATH "$folder"
   done
   for package in "$ws"/src/bicycle_*; do
-    [[ ! -d $package/${package##*/} ]] || _bicycle_prepend PYTHONPATH "$(builtin cd -P "$package" && pwd)"
+    [[ ! -d $package/${package##*/} ]] || _bicycle_prepend PYTHONPATH "$(builtin cd -P "$package" && builtin pwd)"
   done
 }
 
@@ -89,15 +101,32 @@ _bicycle_logs() { # WORKSPACE: where nodes log; each process leaves a file, each
   (builtin cd "$ROS_LOG_DIR" && command ls -t | tail -n +21 | while read -r old; do command rm -rf -- "$old"; done)
 }
 
-_bicycle_environment() {
+_bicycle_environment() { # In options of its own: the caller's may be others, and stay
+  local habits status
+  if [[ -n ${ZSH_VERSION:-} ]]; then
+    emulate -L zsh
+    setopt null_glob ksh_arrays
+    _bicycle_load
+  else
+    local -
+    set +fk
+    status=0
+    habits=$(shopt -p failglob nocasematch) || true # it is false where one is off
+    shopt -u failglob nocasematch
+    _bicycle_load || status=$?
+    eval "$habits"
+    return "$status"
+  fi
+}
+
+_bicycle_load() {
   local here ws venv=''
   if [[ -n ${ZSH_VERSION:-} ]]; then
-    setopt local_options null_glob ksh_arrays
     eval 'here=${(%):-%x}'
   else
     here=${BASH_SOURCE[0]}
   fi
-  ws=$(CDPATH='' builtin cd -P "$(dirname "$(readlink -f -- "$here")")" && pwd) || return 1
+  ws=$(CDPATH='' builtin cd -P "$(dirname "$(readlink -f -- "$here")")" && builtin pwd) || return 1
   # shellcheck source-path=SCRIPTDIR source=lib/shell.sh
   . "$ws/lib/shell.sh"
   case ":${AMENT_PREFIX_PATH:-}:" in
@@ -122,7 +151,7 @@ _bicycle_environment
 # A sourced file's last status is the caller's $?, so the helpers go without changing it.
 _bicycle_status=$?
 unset -f _bicycle_prepend _bicycle_network _bicycle_wheels _bicycle_overlay _bicycle_logs _bicycle_environment \
-  _bicycle_set_aside _bicycle_exported _bicycle_holds _bicycle_builds _bicycle_has_middleware \
+  _bicycle_load _bicycle_set_aside _bicycle_exported _bicycle_holds _bicycle_builds _bicycle_has_middleware \
   _bicycle_entries_hold _bicycle_hides _bicycle_python_names _bicycle_library_names _bicycle_package_names
 unset _bicycle_aside
 if ((_bicycle_status)); then

@@ -15,7 +15,7 @@
 # goal.sh, push.sh, reset.sh and record.sh take one of them as __ns:=/b1; cockpit.sh --no-ride shows all.
 # Exit status: 0 all routes ridden to their ends, 4 one not, 1 a part failed, 2 bad arguments, 130 interrupted.
 set -euo pipefail
-ws=$(CDPATH='' cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
+ws=$(CDPATH='' builtin cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && builtin pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 

@@ -12,7 +12,7 @@
 # otherwise. Ctrl-C or stop.sh ends it.
 # Exit status: 0 ended by a signal, 2 a bad parameter or a port that is taken, 1 anything else.
 set -euo pipefail
-ws=$(CDPATH='' cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
+ws=$(CDPATH='' builtin cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && builtin pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 

@@ -15,7 +15,7 @@
 # Exit status: 0 accepted (with --wait: reached), 2 bad input or rejected, 3 the bicycle lies or has
 # fallen, 4 timed out, missed, given up, or no simulator or controller, 130 interrupted.
 set -euo pipefail
-ws=$(CDPATH='' cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
+ws=$(CDPATH='' builtin cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && builtin pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 

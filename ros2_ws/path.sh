@@ -12,7 +12,7 @@
 # Exit status: 0 ridden to its end, 2 bad input or a path that this bicycle cannot ride, 3 fallen,
 # 4 lost, replaced or no controller, 130 interrupted.
 set -euo pipefail
-ws=$(CDPATH='' cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
+ws=$(CDPATH='' builtin cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && builtin pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 

@@ -9,7 +9,7 @@
 #
 # Exit status: 0 pushed, 2 bad input or refused, 3 the bicycle lies, 4 no simulator, 130 interrupted.
 set -euo pipefail
-ws=$(CDPATH='' cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
+ws=$(CDPATH='' builtin cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && builtin pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 

@@ -16,7 +16,7 @@
 # pairs of start and goal in simulation, and over the same goals ridden by the nodes.
 # Exit status: 0 the new policy is better, 5 it is not, 2 bad arguments, 1 anything else, 130 interrupted.
 set -euo pipefail
-ws=$(CDPATH='' cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
+ws=$(CDPATH='' builtin cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && builtin pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 

@@ -28,7 +28,7 @@
 # Exit status: 0 written, 1 a bag cannot be read or the page not be written, 2 bad arguments,
 # 130 interrupted.
 set -euo pipefail
-ws=$(CDPATH='' cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
+ws=$(CDPATH='' builtin cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && builtin pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 

@@ -19,7 +19,7 @@
 # Exit status: 0, 1 no such service or it answered success: false, 2 bad arguments, 4 no answer,
 # 130 interrupted.
 set -euo pipefail
-ws=$(CDPATH='' cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
+ws=$(CDPATH='' builtin cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && builtin pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 

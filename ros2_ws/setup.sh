@@ -21,7 +21,7 @@
 # Exit status: 0 ready, 1 a stage failed, 2 bad arguments, 3 something is missing on this machine.
 set -euo pipefail
 
-ws=$(CDPATH='' cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
+ws=$(CDPATH='' builtin cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && builtin pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 # shellcheck source-path=SCRIPTDIR source=lib/shell.sh

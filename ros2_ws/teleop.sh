@@ -7,7 +7,7 @@
 # on when no more comes (cmd_vel_timeout). A scenario without a pedal keeps its speed: use learned-speed.
 # Exit status: 0 after q, 2 bad input or no terminal, 130 interrupted.
 set -euo pipefail
-ws=$(CDPATH='' cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
+ws=$(CDPATH='' builtin cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && builtin pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 

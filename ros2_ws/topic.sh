@@ -22,7 +22,7 @@
 # A name without a slash in front is in the namespace of __ns:=/name, or in /.
 # Exit status: 0, 1 no such topic, no message or no subscriber, 2 bad arguments.
 set -euo pipefail
-ws=$(CDPATH='' cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && pwd)
+ws=$(CDPATH='' builtin cd -P "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")" && builtin pwd)
 # shellcheck source-path=SCRIPTDIR source=lib/common.sh
 . "$ws/lib/common.sh"
 

@@ -8,7 +8,7 @@
 #
 # Exit status: 0 all passed, else that of the first check that failed.
 set -euo pipefail
-root=$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+root=$(CDPATH='' builtin cd -P "$(dirname "${BASH_SOURCE[0]}")/.." && builtin pwd)
 
 case ${1:-} in
   -h | --help)

@@ -1,6 +1,19 @@
 # shellcheck shell=bash disable=SC2154 # ws is the caller's: the folder of the workspace
 # What the scripts share: messages, help, the environment, and how a node is started. Sourced.
 
+no_habits() { # Of the caller: options by SHELLOPTS or BASHOPTS, functions that it exports, what BASH_ENV sets
+  local name
+  for name in $(compgen -A function); do
+    unset -f "$name"
+  done
+  unalias -a
+  unset BASH_ENV
+  set +fk +o noclobber
+  shopt -u failglob nocasematch nocaseglob nullglob
+}
+set +fk # without it the next line may do nothing
+no_habits
+
 end_on_signals() { # Without it, a signal is lost that comes while another program runs and ends well
   trap 'exit 130' INT
   trap 'exit 143' TERM

@@ -9,7 +9,7 @@
 # torch-wheels.sha256 has the wheels that are on PyTorch's own index; a wheel that no lock names is
 # refused, so for another one (CUDA of another version, say) add its SHA-256 there and call this.
 set -euo pipefail
-cd "$(CDPATH='' cd -P "$(dirname "${BASH_SOURCE[0]}")" && pwd)"
+cd "$(CDPATH='' builtin cd -P "$(dirname "${BASH_SOURCE[0]}")" && builtin pwd)"
 
 lock() { # SET ARGUMENT...
   # The machine's own indexes and wheels would give the hashes of files that nobody else has.

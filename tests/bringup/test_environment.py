@@ -287,6 +287,11 @@ def test_cdpath_leads_nowhere_else(tmp_path: Path) -> None:
         "shopt -s nocaseglob extglob",
         "export IFS=:",
         "umask 077",
+        "set -f",
+        "set -k",
+        "shopt -s failglob",
+        "shopt -s nocasematch",
+        "pwd() { echo elsewhere; }",
     ],
 )
 def test_the_habits_of_a_shell_change_nothing(habit: str) -> None:
@@ -305,6 +310,71 @@ def test_the_habits_of_a_shell_change_nothing(habit: str) -> None:
         text=True,
     )
     assert (done.returncode, done.stdout, done.stderr) == (0, plain.stdout, "")
+
+
+@pytest.mark.parametrize(
+    "habit", ["set -f", "set -k", "shopt -s failglob", "shopt -s nocasematch"]
+)
+def test_the_habits_of_a_shell_stay(habit: str) -> None:
+    options = "shopt -p; set +o"
+    script = f'{habit}\nbefore=$({options})\n. {WORKSPACE}/env.sh\n[[ $before == "$({options})" ]]'
+    done = subprocess.run(["bash", "-c", script], env=BASE, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+FUNCTIONS = ("cd", "pwd", "ls", "mkdir", "cat", "die", "run")
+"""Names of functions that a shell may export, as `export -f` does."""
+
+
+@pytest.mark.parametrize(
+    "habits",
+    [
+        {"SHELLOPTS": "noglob:noclobber:keyword"},
+        {"BASHOPTS": "failglob:nocasematch:nullglob"},
+        {f"BASH_FUNC_{name}%%": "() {  echo foreign; }" for name in FUNCTIONS},
+        {"BASH_ENV": "habits.sh"},
+    ],
+    ids=["options", "shopt", "functions", "file"],
+)
+def test_a_script_has_none_of_its_caller_s_habits(habits: dict[str, str], tmp_path: Path) -> None:
+    (tmp_path / "habits.sh").write_text(
+        "set -fC; shopt -s failglob expand_aliases; cd() { echo foreign; }; alias rm='rm -i'\n"
+    )
+    for words in (["topic.sh", "list"], ["stop.sh"], ["setup.sh"], ["bin/bicycle", "--version"]):
+        done = subprocess.run(
+            [WORKSPACE / words[0], *words[1:]],
+            env={**BASE, "ROS_DOMAIN_ID": "101", **habits},
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE,
+        )
+        assert (done.returncode, done.stderr) == (0, ""), words
+        assert "foreign" not in done.stdout
+
+
+@pytest.mark.skipif(shutil.which("dash") is None, reason="no dash here")
+def test_a_shell_that_cannot_is_told_which_can() -> None:
+    script = f". {WORKSPACE}/env.sh; echo status $?"
+    done = subprocess.run(["dash", "-c", script], env=BASE, capture_output=True, text=True)
+    assert done.stderr == "env.sh: it needs bash or zsh: source it in one of them.\n"
+    assert done.stdout == "status 1\n"
+
+
+def test_who_runs_the_file_instead_of_sourcing_it_is_told() -> None:
+    done = subprocess.run(
+        ["bash", WORKSPACE / "env.sh"], env=BASE, capture_output=True, text=True, timeout=PATIENCE
+    )
+    assert done.returncode == 2
+    assert done.stderr == "env.sh: it changes nothing when it is run: source it, as in . env.sh\n"
+
+
+@pytest.mark.skipif(shutil.which("zsh") is None, reason="no zsh here")
+@pytest.mark.parametrize("habit", ["setopt no_glob", "setopt ignore_braces", "emulate sh"])
+def test_the_habits_of_zsh_change_nothing(habit: str) -> None:
+    script = f"{habit}; . {WORKSPACE}/env.sh; {show('PYTHONPATH')}"
+    done = subprocess.run(["zsh", "-fc", script], env=BASE, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, sourced(show("PYTHONPATH"), {})[0]), done.stderr
 
 
 @pytest.mark.skipif(shutil.which("zsh") is None, reason="no zsh here")
