@@ -175,7 +175,8 @@ class ManagedProcess:
         if self.saves:
             steps.pop()
         if save_wait is not None:
-            save_wait.begin(f"the {self.name} is still writing {self.saves} (the disk is slow)")
+            why = "a slow disk or a busy machine"
+            save_wait.begin(f"the {self.name} is still writing {self.saves} ({why})")
         began = time.monotonic()
         while self._process.poll() is None:
             waited = time.monotonic() - began
