@@ -4,7 +4,8 @@
 # Usage: record.sh [--output FOLDER] [OPTION]... [__ns:=/name] [--ros-args ...]
 #        record.sh --repair BAG
 #
-#   --output FOLDER   the bag's folder, which must not exist; runs/bag-<date> of the workspace unless named
+#   --output FOLDER   the bag's folder, which must not exist; runs/bag-<date> of the workspace unless named,
+#                     with -2 and so on for calls of the same second
 #   --repair BAG      make a bag whole again that was cut short or damaged, or is compressed as a whole;
 #                     of one that is stored as sqlite3 (.db3) make MCAP files beside the databases
 #
@@ -22,5 +23,22 @@ enter_workspace
 if take_word --repair "$@"; then
   run repair bicycle_bag.repair "${rest[@]}"
 fi
-output=(--output "$ws/runs/bag-$(date +%Y-%m-%d-%H%M%S)")
-run recorder bicycle_bag.nodes.recorder_node "${output[@]}" "$@" # the last --output holds
+
+name_bag() { # Sets bag: another one for each call of the same second, which may be on another domain
+  local first notes=$ws/runs/pids note number
+  first=$ws/runs/bag-$(date +%Y-%m-%d-%H%M%S)
+  mkdir -p "$notes"
+  for note in "$notes"/.bag-*; do
+    [[ $note == "$notes/.${first##*/}"* ]] || rm -f "$note" # of a second that is over
+  done
+  for ((number = 1; number < 100; number++)); do
+    bag=$first
+    ((number == 1)) || bag+=-$number
+    if [[ ! -e $bag ]] && (set -C && : >"$notes/.${bag##*/}") 2>/dev/null; then
+      return
+    fi
+  done
+}
+
+name_bag
+run recorder bicycle_bag.nodes.recorder_node --output "$bag" "$@" # the last --output holds

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 from collections.abc import Callable, Iterator
@@ -242,6 +243,25 @@ def mistaken(name: str, *words: str) -> None:
     assert done.stderr.startswith(f"{name}.sh: ".encode())
     assert done.stderr.count(b"\n") == 1
     assert len(done.stderr) < 1200
+
+
+def test_two_recorders_of_the_same_second_record_into_two_bags(
+    start_script: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ros_domain: int
+) -> None:
+    """One was refused: its bag was there. The recorders of two bicycles are started together."""
+    (tmp_path / "date").write_text(f"#!/bin/sh\necho 2001-01-01-{ros_domain}\n")
+    (tmp_path / "date").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    recorders = [start_script("record") for _ in range(3)]
+    try:
+        into = r"recording into \S*/(bag-2001\S*);"
+        names = sorted(recorder.wait_for_line(into)[1] for recorder in recorders)
+        assert [recorder.stop() for recorder in recorders] == [0, 0, 0]
+        base = f"bag-2001-01-01-{ros_domain}"
+        assert names == [base, f"{base}-2", f"{base}-3"]
+    finally:
+        for bag in (WORKSPACE / "runs").glob(f"bag-2001-01-01-{ros_domain}*"):
+            shutil.rmtree(bag)
 
 
 def test_a_script_of_another_name_tells_the_new_one() -> None:
