@@ -27,7 +27,7 @@ from typing import Any, BinaryIO
 from bicycle_bag.errors import BagError
 from bicycle_cockpit.bags import session
 from bicycle_cockpit.same_ride import same_ride
-from bicycle_cockpit.shelf import BagShelf, Signature, entry, signature
+from bicycle_cockpit.shelf import BagShelf, Signature, entry, left_out, signature
 from bicycle_common.processes import end_with_parent
 
 MOST_MEMORY = 4 * 1024**3
@@ -76,6 +76,8 @@ class Worker:
                 self._say({"reading": name})
                 known = self._entries[name] = (now, _safe_entry(name, path))
             self._say({"entry": known[1]})
+        if self._shelf.left_out:
+            self._say({"entry": left_out(self._shelf.left_out)})
         self._say({"done": True})
 
     def _load(self, name: str, controller: str, title: str) -> None:

@@ -32,11 +32,16 @@ Signature = tuple[tuple[str, int, int], ...]
 
 
 class BagShelf:
-    """Bags below one folder."""
+    """Bags below one folder.
+
+    Attributes:
+        left_out: Number of bags that were too many for the last listing.
+    """
 
     def __init__(self, folder: Path) -> None:
         """Use `folder`, which need not exist yet."""
         self.folder = folder
+        self.left_out = 0
 
     def found(self) -> dict[str, Path]:
         """Return the paths by name, newest first; skip links that lead out of the folder."""
@@ -47,6 +52,7 @@ class BagShelf:
             if path.resolve().is_relative_to(root)
         ]
         paths.sort(key=_changed, reverse=True)
+        self.left_out = max(0, len(paths) - MOST_BAGS)
         return {path.relative_to(self.folder).as_posix(): path for path in paths[:MOST_BAGS]}
 
     def path(self, name: str) -> Path:
@@ -83,6 +89,14 @@ def entry(name: str, path: Path) -> dict[str, Any]:
         "duration": about.duration_ns / 1e9,
         "ridden": ridden(reader.files),
         "messages": messages,
+    }
+
+
+def left_out(count: int) -> dict[str, Any]:
+    """Return the entry that stands for bags which are not listed."""
+    return {
+        "name": f"{count} older bag{'s' * (count > 1)}",
+        "problem": f"not listed: only the newest {MOST_BAGS} are; --bags takes another folder",
     }
 
 
