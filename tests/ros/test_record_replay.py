@@ -212,16 +212,20 @@ def test_what_cannot_be_done_is_said_in_one_line(start_node: StartNode, tmp_path
     (tmp_path / "there").mkdir()
     broken = tmp_path / "broken.mcap"
     broken.write_bytes(b"\x89MCAP0\r\n" + bytes(100))
-    for module, args, said in (
-        (RECORDER, ["-o", tmp_path / "there"], "exists: choose another name"),
-        (RECORDER, ["-o", tmp_path / "new", "--regex", "("], "not a regular expression"),
-        (RECORDER, ["-o", tmp_path / "new", "--custom-data", "seed"], "key=value"),
-        (PLAYER, [broken], r"record\.sh --repair"),
-        (PLAYER, [tmp_path / "nothing"], "there is no bag"),
-        (PLAYER, [broken, "--rate", "0"], "rate is 0"),
+    new = ["-o", tmp_path / "new"]
+    for module, args, status, said in (
+        (RECORDER, ["-o", tmp_path / "there"], 2, "exists: choose another name"),
+        (RECORDER, [*new, "--regex", "("], 2, "not a regular expression"),
+        (RECORDER, [*new, "--custom-data", "seed"], 2, "key=value"),
+        (RECORDER, [*new, "--max-bag-size", "-1"], 2, "choose 0 or >="),
+        (RECORDER, [*new, "--ros-args", "-r", "__ns:=b"], 2, "is no namespace"),
+        (PLAYER, [broken], 1, r"record\.sh --repair"),
+        (PLAYER, [tmp_path / "nothing"], 1, "there is no bag"),
+        (PLAYER, [broken, "--rate", "0"], 2, "rate is 0"),
+        (PLAYER, [broken, "--qos-profile-overrides-path", "/none"], 2, "cannot read /none"),
     ):
         process = start_node(module, args)
-        assert process.wait() == 1
+        assert process.wait() == status
         process.wait_for_line(said)
         assert len(process.lines) == 1, process.output
     assert not (tmp_path / "new").exists()

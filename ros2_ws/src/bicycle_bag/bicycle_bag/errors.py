@@ -1,4 +1,4 @@
-"""The one error of this package."""
+"""The errors of this package."""
 
 from bicycle_common.validation import one_line
 
@@ -8,3 +8,7 @@ class BagError(Exception):
 
     def __init__(self, text: str = "") -> None:
         super().__init__(one_line(text))
+
+
+class OptionError(BagError):
+    """A value of an option that cannot be; programs end with status 2."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import NamedTuple, NoReturn
 
-from bicycle_bag.errors import BagError
+from bicycle_bag.errors import BagError, OptionError
 from bicycle_bag.ordering import by_log_time
 from bicycle_bag.play_time import PlayTime, with_standing_clocks
 from bicycle_bag.reader import BagMessage, BagReader
@@ -56,11 +56,11 @@ class PlayOptions:
 
     def __post_init__(self) -> None:
         if not SLOWEST <= self.rate <= FASTEST:
-            raise BagError(
+            raise OptionError(
                 f"rate is {self.rate}: choose {SLOWEST:g} to {FASTEST:g}, as 2 for twice as fast"
             )
         if not (math.isfinite(self.duration) and self.duration >= 0.0):
-            raise BagError(f"playback duration is {self.duration}: choose more than 0")
+            raise OptionError(f"playback duration is {self.duration}: choose more than 0")
         bounds = {
             "start_offset": MOST_SECONDS,
             "clock_hz": MOST_TICKS,
@@ -70,7 +70,7 @@ class PlayOptions:
         for name, most in bounds.items():
             value = getattr(self, name)
             if not 0.0 <= value <= most:
-                raise BagError(f"{name.replace('_', ' ')} is {value}: choose 0 to {most:g}")
+                raise OptionError(f"{name.replace('_', ' ')} is {value}: choose 0 to {most:g}")
 
 
 class ClockTick(NamedTuple):
@@ -120,7 +120,7 @@ class Playback:
             self._refuse_offset(whole)
 
     def _refuse_offset(self, seconds: float) -> NoReturn:
-        raise BagError(
+        raise OptionError(
             f"the bag lasts {seconds:.1f} s: choose a smaller start offset than "
             f"{self._options.start_offset}"
         )

@@ -6,7 +6,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from bicycle_bag.errors import BagError
+from bicycle_bag.errors import OptionError
 from bicycle_bag.qos import QosProfile, from_yaml_map
 from bicycle_bag.selection import absolute
 from bicycle_common import yaml_text
@@ -20,7 +20,7 @@ def read_overrides(path: str) -> dict[str, QosProfile]:
     """Return the profiles to subscribe with, by the topics' full names; none without a path.
 
     Raises:
-        BagError: The file cannot be read, or an entry is not a QoS profile.
+        OptionError: The file cannot be read, or an entry is not a QoS profile.
     """
     if not path:
         return {}
@@ -28,11 +28,13 @@ def read_overrides(path: str) -> dict[str, QosProfile]:
         entries = yaml_text.read(Path(path))
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "no text"
-        raise BagError(f"cannot read {path}: {reason}") from None
+        raise OptionError(f"cannot read {path}: {reason}") from None
     except yaml_text.YAMLError as error:
-        raise BagError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
+        raise OptionError(f"{path} is not YAML: {' '.join(str(error).split())}") from None
     if not isinstance(entries, dict):
-        raise BagError(f"{path} must hold topics with a QoS profile each, such as /odom: {{...}}")
+        raise OptionError(
+            f"{path} must hold topics with a QoS profile each, such as /odom: {{...}}"
+        )
     return {absolute(str(topic)): _profile(path, topic, entry) for topic, entry in entries.items()}
 
 
@@ -40,24 +42,26 @@ def _profile(path: str, topic: object, entry: Any) -> QosProfile:
     """Return one topic's profile.
 
     Raises:
-        BagError: It is not one.
+        OptionError: It is not one.
     """
     if not isinstance(entry, dict):
-        raise BagError(f"{path}: {topic} must have a QoS profile, not {entry!r}")
+        raise OptionError(f"{path}: {topic} must have a QoS profile, not {entry!r}")
     for name in entry:
         if name not in KNOWN:
-            raise BagError(f"{path}: {topic} has {name!r}; a profile has {', '.join(KNOWN)}")
+            raise OptionError(f"{path}: {topic} has {name!r}; a profile has {', '.join(KNOWN)}")
     try:
         given = from_yaml_map(entry)
     except ValueError as error:
-        raise BagError(f"{path}: {topic}: {error}") from None
+        raise OptionError(f"{path}: {topic}: {error}") from None
     named = {name: getattr(given, name) for name in entry}
     profile = replace(DEFAULT, **named)
     for name in ("history", "reliability", "durability", "liveliness"):
         if getattr(profile, name) == "unknown":
-            raise BagError(f"{path}: {topic}: {name} is unknown: nobody can subscribe with that")
+            raise OptionError(
+                f"{path}: {topic}: {name} is unknown: nobody can subscribe with that"
+            )
     if profile.liveliness == "manual_by_node":
-        raise BagError(
+        raise OptionError(
             f"{path}: {topic}: ROS has no manual_by_node any more: automatic is nearest"
         )
     return profile

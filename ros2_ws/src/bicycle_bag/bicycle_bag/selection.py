@@ -6,7 +6,7 @@ import re
 from collections.abc import Collection
 from dataclasses import dataclass, field
 
-from bicycle_bag.errors import BagError
+from bicycle_bag.errors import OptionError
 from bicycle_common import topic_names
 
 STATE, ECHO = topic_names.in_bag(topic_names.STATE), topic_names.in_bag(topic_names.COMMAND_ECHO)
@@ -57,7 +57,7 @@ class TopicFilter:
         exclude_types: Leave out topics of these types.
 
     Raises:
-        BagError: A pattern is not a regular expression.
+        OptionError: A pattern is not a regular expression.
     """
 
     topics: Collection[str] = ()
@@ -75,7 +75,7 @@ class TopicFilter:
             try:
                 re.compile(pattern)
             except re.error as error:
-                raise BagError(f"{pattern!r} is not a regular expression: {error}") from None
+                raise OptionError(f"{pattern!r} is not a regular expression: {error}") from None
         object.__setattr__(self, "_listed", frozenset(map(absolute, self.topics)))
         object.__setattr__(self, "_excluded", frozenset(map(absolute, self.exclude_topics)))
 

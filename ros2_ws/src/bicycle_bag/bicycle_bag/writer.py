@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from bicycle_bag import metadata
-from bicycle_bag.errors import BagError
+from bicycle_bag.errors import BagError, OptionError
 from bicycle_bag.mcap_file import CHUNK_BYTES, COMPRESSIONS, McapFile
 from bicycle_bag.metadata import BagMetadata, FileInformation, Topic
 
@@ -70,11 +70,15 @@ class BagWriter:
     ) -> None:
         self.path = Path(path)
         if compression not in COMPRESSIONS:
-            raise BagError(f"compression is {compression!r}: choose {', '.join(COMPRESSIONS)}")
+            raise OptionError(f"compression is {compression!r}: choose {', '.join(COMPRESSIONS)}")
         if 0 < split_bytes < MIN_SPLIT_BYTES or split_bytes < 0:
-            raise BagError(f"split size is {split_bytes} bytes: choose 0 or >= {MIN_SPLIT_BYTES}")
+            raise OptionError(
+                f"split size is {split_bytes} bytes: choose 0 or >= {MIN_SPLIT_BYTES}"
+            )
         if not 0.0 <= split_seconds <= MAX_SPLIT_SECONDS:
-            raise BagError(f"split time is {split_seconds} s: choose 0 to {MAX_SPLIT_SECONDS:g}")
+            raise OptionError(
+                f"split time is {split_seconds} s: choose 0 to {MAX_SPLIT_SECONDS:g}"
+            )
         self.custom_data = dict(custom_data or {})
         self._compression = compression
         self._chunk_bytes = chunk_bytes
@@ -96,7 +100,7 @@ class BagWriter:
         try:
             self.path.mkdir(parents=True)
         except FileExistsError:
-            raise BagError(f"{self.path} exists: choose another name or remove it") from None
+            raise OptionError(f"{self.path} exists: choose another name or remove it") from None
         except OSError as error:
             raise BagError(f"cannot create {self.path}: {error.strerror}") from None
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from bicycle_bag.errors import BagError
+from bicycle_bag.errors import BagError, OptionError
 from bicycle_bag.nodes.controls import Controls
 from bicycle_bag.nodes.player import Player
 from bicycle_bag.nodes.session import ros_node
@@ -26,7 +26,7 @@ from bicycle_bag.reader import BagReader
 from bicycle_bag.selection import absolute, echo_of
 from bicycle_bag.tempo import Tempo
 from bicycle_bag.versions import TodaysReader
-from bicycle_common.command_line import RULES, OneLineParser
+from bicycle_common.command_line import FAILED, RULES, USAGE_ERROR, OneLineParser
 from bicycle_common.nodes.runner import UserError
 from bicycle_common.signals import StopRequest
 from bicycle_common.validation import one_line
@@ -102,7 +102,7 @@ def renamed(rules: Sequence[str], reader: BagReader) -> dict[str, str]:
     for rule in rules:
         old, mark, new = rule.partition(":=")
         if not (mark and NAME.fullmatch(old) and NAME.fullmatch(new)):
-            raise BagError(f"{rule!r} does not rename a topic: write /odom:=/ghost/odom")
+            raise OptionError(f"{rule!r} does not rename a topic: write /odom:=/ghost/odom")
         found[absolute(old)] = absolute(new)
     reader.require(list(found))
     for old, new in list(found.items()):  # the echo of a state goes with it
@@ -173,7 +173,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         options, ros_arguments = parse(words)
         print(one_line(play(options, ros_arguments)), flush=True)
-    except (BagError, UserError) as error:
+    except (OptionError, UserError) as error:
         print(f"replay.sh: {error}", file=sys.stderr)
-        return 1
+        return USAGE_ERROR
+    except BagError as error:
+        print(f"replay.sh: {error}", file=sys.stderr)
+        return FAILED
     return 0

@@ -19,7 +19,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from bicycle_bag import __version__
-from bicycle_bag.errors import BagError
+from bicycle_bag.errors import BagError, OptionError
 from bicycle_bag.mcap_file import COMPRESSIONS
 from bicycle_bag.nodes.closing import LeftError, close, say
 from bicycle_bag.nodes.lease import long_lease
@@ -28,7 +28,7 @@ from bicycle_bag.nodes.session import further_node, ros_node
 from bicycle_bag.qos_overrides import read_overrides
 from bicycle_bag.selection import TopicFilter
 from bicycle_bag.writer import BagWriter
-from bicycle_common.command_line import OneLineParser
+from bicycle_common.command_line import FAILED, USAGE_ERROR, OneLineParser
 from bicycle_common.nodes.runner import UserError, made_heartbeat
 from bicycle_common.signals import StopRequest
 
@@ -66,7 +66,7 @@ def custom_data(entries: Sequence[str]) -> dict[str, str]:
     """Return the bag's custom data: its origin and the user's `KEY=VALUE` entries.
 
     Raises:
-        BagError: An entry has no `=`.
+        OptionError: An entry has no `=`.
     """
     data = {
         "recorder": f"bicycle_bag {__version__}",
@@ -76,7 +76,7 @@ def custom_data(entries: Sequence[str]) -> dict[str, str]:
     for entry in entries:
         key, equals, value = entry.partition("=")
         if not (key and equals):
-            raise BagError(f"custom data {entry!r} has no '=': write it as key=value")
+            raise OptionError(f"custom data {entry!r} has no '=': write it as key=value")
         data[key] = value
     return data
 
@@ -149,9 +149,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         options, ros_arguments = parse(words)
         line = record(options, ros_arguments)
-    except (BagError, UserError) as error:
+    except (OptionError, UserError) as error:
         say(str(error))
-        return 1
+        return USAGE_ERROR
+    except BagError as error:
+        say(str(error))
+        return FAILED
     except LeftError as error:
         say(str(error))
         return INTERRUPTED

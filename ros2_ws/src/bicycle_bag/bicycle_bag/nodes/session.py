@@ -20,7 +20,7 @@ from rclpy.qos import (
 )
 
 from bicycle_bag import qos
-from bicycle_bag.errors import BagError
+from bicycle_bag.errors import BagError, OptionError
 from bicycle_common.nodes.runner import UserError, start_ros
 
 
@@ -29,13 +29,14 @@ def ros_node(name: str, arguments: Sequence[str]) -> Iterator[Node]:
     """Create a plain node in a context of its own, and shut both down at the end.
 
     Raises:
-        BagError: ROS does not start with these arguments or this environment.
+        OptionError: ROS does not start with these arguments or this environment.
+        BagError: The middleware cannot make the node.
     """
     try:
         start_ros(arguments)
         node = rclpy.create_node(name, enable_rosout=False, start_parameter_services=False)
     except UserError as error:
-        raise BagError(str(error)) from None
+        raise OptionError(str(error)) from None
     except Exception as error:  # rcl's errors have no common public base
         rclpy.try_shutdown()
         reason = " ".join(str(error).split())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from typing import Any, NamedTuple
 
-from bicycle_common.nodes.runner import UserError
+from bicycle_bag.errors import BagError
 
 _UNNUMBERED = 2**64 - 1
 _OK, _NOTHING = 0, 401
@@ -78,14 +78,14 @@ class Taker:
         """Return the next message of a subscription's handle, entered by the caller; None if none.
 
         Raises:
-            UserError: The middleware failed.
+            BagError: The middleware failed.
         """
         message, info = self._message, self._info
         result = self._take(handle.pointer, *self._at, None)
         if result == _NOTHING:
             return None
         if result != _OK:
-            raise UserError(f"ROS cannot take a message (error {result}): start again")
+            raise BagError(f"ROS cannot take a message (error {result}): start again")
         return Taken(
             ctypes.string_at(message.buffer, message.length),
             info.received,
