@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from bicycle_common.ros_names import TOKEN
 from bicycle_common.validation import nearest
 
 MODULES = {
@@ -84,12 +86,18 @@ def checked_parameter(word: str) -> str:
     """Return `NODE.name:=value` unchanged.
 
     Raises:
-        ValueError: if NODE is no node with parameters.
+        ValueError: if NODE is no node with parameters, if no parameter can have that name, or
+            without a value.
     """
-    node, dot, _ = word.partition(":=")[0].partition(".")
+    rule, _, value = word.partition(":=")
+    node, dot, name = rule.partition(".")
     if not dot or node not in CONFIGURED:
         raise ValueError(
             f"{word!r} names no node{nearest(node, CONFIGURED)}: write it as NODE.name:=value "
             f"with {' or '.join(CONFIGURED)}"
         )
+    if not re.fullmatch(rf"{TOKEN}(\.{TOKEN})*", name):
+        raise ValueError(f"{word!r} names no parameter of {node}: write it as {node}.name:=value")
+    if not value.strip():
+        raise ValueError(f"{word!r} gives no value: write one behind :=, or leave it out")
     return word
