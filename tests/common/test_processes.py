@@ -145,7 +145,9 @@ def test_who_saves_is_waited_for_and_never_killed(tmp_path: Path, soon: Path) ->
             soon.touch()
 
     assert result.stop(SaveWait(tell, lambda: 0), patience=0.05) == 0
-    assert lines[0].startswith("the node is still writing a bag (a slow disk or a busy machine), waiting (")
+    assert lines[0].startswith(
+        "the node is still writing a bag (a slow disk or a busy machine), waiting ("
+    )
     assert len(lines) >= 8
 
 
