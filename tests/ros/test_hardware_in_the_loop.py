@@ -127,6 +127,20 @@ def test_it_rides_as_a_real_bicycle_would_without_a_simulator_s_state(
         probe.close()
 
 
+def test_it_leaves_what_else_was_compiled(
+    start_node: StartNode, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    other = tmp_path / "bicycle" / "native-0.so"
+    other.parent.mkdir()
+    other.write_bytes(b"a library that a training uses")
+    words = ("-p", "plant:=whipple", "-p", "sensors:=mpu6050")
+    bench = start_node("bicycle_hardware.nodes.bench_node", ["--ros-args", *words])
+    bench.wait_for_line("serial line is")
+    assert other.exists()
+    assert len(list(other.parent.iterdir())) == 2
+
+
 def test_parameters_of_the_driver_need_the_option(tmp_path: Path) -> None:
     words = [str(RIDE), "driver.valid_ms:=50", "--output", str(tmp_path / "run")]
     with NodeProcess(words) as ride:

@@ -7,7 +7,6 @@ if __name__ == "__main__":
 
     run_module("bicycle_hardware.nodes.bench_node")
 
-import shutil
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,9 +60,7 @@ class BenchNode(SimNode):
             if sensors is None:
                 raise ValueError("a microcontroller needs sensors: give sensors:=mpu6050")
             settings.make_start()
-            program = build()
-            self._board = SimulatedBoard(program, link)
-            shutil.rmtree(program.parent)  # it runs, and is built anew for the next one
+            self._board = SimulatedBoard(build(), link)
             self._hurry_board()
             simulator = BoardSimulator(
                 settings.make_scenario(),
