@@ -190,11 +190,46 @@ def test_what_other_chunks_hold_outlives_the_only_one_that_defines_the_topics(
     found = [(one.topic, one.data, one.log_time_ns) for one in BagReader(file).messages()]
     assert 0 < len(found) == report.adopted < len(messages)
     assert found == messages[-len(found) :]
-    assert "only a damaged chunk says topics and types of" in str(report)
+    assert "only damaged parts of the file say topics and types of" in str(report)
     assert [kept.read_bytes() for kept in report.kept] == [bytes(damaged)]
     assert report.lost_chunks == 1
     if finished:
         assert report.lost_messages == len(messages) - len(found)
+
+
+@pytest.mark.parametrize("kind", [2, 3, 4, 8, 11, 14])
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_a_damaged_summary_still_says_what_a_damaged_chunk_defined(
+    tmp_path: Path, compression: CompressionType, kind: int
+) -> None:
+    """Two flips: one in the only chunk that defines the topics, one in the summary.
+
+    A flip in the name of a topic, of which nothing else is left, changes that topic alone.
+    """
+    file, messages = tmp_path / "x.mcap", ride(100)
+    with ForeignFile(file, compression=compression, chunk_size=3000) as result:
+        result.ride_channels()
+        for topic, data, now in messages:
+            result.write(topic, data, now)
+    damaged = bytearray(file.read_bytes())
+    with file.open("rb") as stream:
+        stream.read(8)
+        places = [(one.opcode, at) for at, one in container.records(stream, len(damaged))]
+    chunk = next(at for opcode, at in places if opcode == 6)
+    data_end = next(at for opcode, at in places if opcode == 15)
+    hit = next(at for opcode, at in places if opcode == kind and at > data_end)
+    damaged[chunk + 60] ^= 4  # in its first definition
+    damaged[hit + (26 if kind == 2 else 17)] ^= 1
+    file.write_bytes(damaged)
+    report = repair.repair(file)
+    found = [(one.data, one.log_time_ns) for one in BagReader(file).messages()]
+    kept = [(data, now) for _, data, now in messages]
+    assert len(messages) * 0.8 < len(found) == report.adopted
+    assert found == kept[-len(found) :]
+    assert "only damaged parts of the file say topics and types of" in str(report)
+    assert [one.read_bytes() for one in report.kept] == [bytes(damaged)]
+    named = set(BagReader(file).topics) & {"/bicycle/state", "/bicycle/command"}
+    assert len(named) == (1 if kind == 4 else 2)
 
 
 def test_a_damaged_attachment_is_told_and_the_original_kept(tmp_path: Path) -> None:

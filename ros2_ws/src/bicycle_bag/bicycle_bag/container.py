@@ -7,6 +7,7 @@ stream reader accepts short reads, trusts announced sizes and needs about ten ti
 from __future__ import annotations
 
 import contextlib
+import re
 import struct
 import zlib
 from collections.abc import Callable, Iterable, Iterator
@@ -42,6 +43,10 @@ LIBRARY = "bicycle_bag"
 _PIECE = 4096
 """Bytes; what a damaged packing gives is lost from the piece with the damage on."""
 
+_DEFINITION = re.compile(rb"[\x03\x04].{3}\0{5}", re.DOTALL)
+"""Pattern at which a channel or a schema of less than 16 MiB may begin."""
+_PATIENCE = 300
+"""Largest number of such places without one: bounds the work on bytes made to deceive."""
 _T = TypeVar("_T")
 HEAD = struct.Struct("<BQ")
 ENTRY = struct.Struct("<QQ")
@@ -262,6 +267,24 @@ def definitions_of_a_damaged_chunk(body: bytes) -> Registry:
         chunk = parse_chunk(body)
         for _, record in Content("", b"", _beginning(chunk), False).records():
             found.take(record)
+    return found
+
+
+def definitions_of_a_damaged_summary(section: bytes) -> Registry:
+    """Return the channels and schemas that can be read in a file's end, wherever it is damaged.
+
+    Nothing proves them: a flipped bit may lie in a name.
+    """
+    found, offset, patience = Registry(), 0, _PATIENCE
+    while patience and (match := _DEFINITION.search(section, offset)):
+        body, length = match.start() + HEAD.size, HEAD.unpack_from(section, match.start())[1]
+        offset = body + length
+        try:
+            if offset > len(section):
+                raise DamageError("it ends too soon")
+            found.take(Record(section[match.start()], section[body:offset]))
+        except DamageError:
+            offset, patience = match.start() + 1, patience - 1
     return found
 
 

@@ -29,7 +29,7 @@ class Contents:
         has_checksum: True if a checksum of all data could be compared; known at the end.
         library: What wrote it; empty if it does not say.
         orphans: Messages found so far whose channel is unknown, by channel.
-        unproved: Channels and schemas as damaged chunks have them.
+        unproved: Channels and schemas as damaged chunks, or else a damaged summary, have them.
 
     Raises:
         BagError: The file cannot be read, or is of another kind.
@@ -114,14 +114,18 @@ class Contents:
             yield Damage(0, 0, self._start)
         with container.open_binary(self.path) as stream:
             walk = Walk(stream, self.size, self.summary, self.registry)
+            end = self.size
             try:
                 for piece in walk:
+                    end = piece.end
                     if isinstance(piece, Damage) and piece.is_chunk:
                         self._keep_definitions(stream, piece)
                     yield from self._take(piece) if isinstance(piece, Piece) else (piece,)
             except UnreadableError as error:
                 raise BagError(f"{self.path} cannot be read: {error}") from None
             self.has_checksum = walk.has_checksum
+            if self.summary is None and self.orphans:
+                self._keep_definitions_of_the_end(stream, end)
 
     def _take(self, piece: Piece) -> Iterator[Piece | Damage]:
         known, channels, counts = [], self.registry.channels, self.counts
@@ -160,6 +164,13 @@ class Contents:
         found = container.definitions_of_a_damaged_chunk(body)
         self.unproved.schemas.update(found.schemas)
         self.unproved.channels.update(found.channels)
+
+    def _keep_definitions_of_the_end(self, stream: BinaryIO, start: int) -> None:
+        """Remember what a damaged summary seems to define, and no damaged chunk."""
+        stream.seek(start)
+        found = container.definitions_of_a_damaged_summary(stream.read(container.MOST_DEFINING))
+        self.unproved.schemas.update(found.schemas | self.unproved.schemas)
+        self.unproved.channels.update(found.channels | self.unproved.channels)
 
     def _contradicts(self, item: Record) -> bool:
         """Return True if the summary has another channel or schema than this one."""

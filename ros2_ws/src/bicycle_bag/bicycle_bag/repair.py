@@ -46,7 +46,7 @@ class RepairReport:
     `lost_messages` is known only of files that were finished; `lost_spans` are the first and last
     times of lost chunks in ns; `lost_bytes` belong to no recognisable record. Of the `unproved`
     messages, which have no checksum, some may be damaged; `unchecked` messages are in files
-    without any checksum. The topic and type of `adopted` messages come from a damaged chunk.
+    without any checksum. Topic and type of `adopted` messages come from damaged parts of a file.
     """
 
     messages: int = 0
@@ -96,8 +96,8 @@ class RepairReport:
             line += f"; {self.unchecked} have no checksum, so that damage in them cannot be seen"
         if self.adopted:
             line += (
-                f"; only a damaged chunk says topics and types of {self.adopted} messages: look "
-                "whether they are right"
+                "; only damaged parts of the file say topics and types of "
+                f"{self.adopted} messages: look whether they are right"
             )
         if self.kept:
             line += f"; damaged originals kept as {', '.join(str(path) for path in self.kept)}"
@@ -219,7 +219,7 @@ def _repair_file(source: Path, report: RepairReport, progress: Progress) -> Salv
 
 
 def _adopted(contents: Contents) -> Registry:
-    """Return the channels of messages that only damaged chunks define, with their schemas.
+    """Return the channels of messages that only damaged parts define, with their schemas.
 
     In our own files two chunks define each, and nothing is taken that is not proved.
     """
