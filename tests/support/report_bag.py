@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -121,6 +121,7 @@ def write(
     statuses: Sequence[SentStatus] | None = None,
     late_from: int = 0,
     second_controller: bool = False,
+    change: Callable[[str, dict[str, Any]], dict[str, Any]] = lambda _, fields: fields,
     **options: Any,
 ) -> Path:
     """Record the ride at `path`, but for some topics, once in each namespace.
@@ -132,6 +133,7 @@ def write(
         told: goal statuses in place of the ride's own.
         late_from: steps that were late before the recording.
         second_controller: True if another one answers each state, too.
+        change: gives the fields of a message, by its topic and the fields that it would have.
         options: of the writer.
     """
     with BagWriter(path, **options) as writer:
@@ -143,7 +145,7 @@ def write(
         for name, fields, received, sent in messages(statuses, late_from):
             for prefix in namespaces:
                 if name not in leave_out:
-                    data = serialise(TYPES[name], fields)
+                    data = serialise(TYPES[name], change(name, fields))
                     writer.write(prefix + name, data, START_NS + received, START_NS + sent)
             if second_controller and name == "/bicycle/command":
                 data = serialise(TYPES[name], fields | {"controller": "d", "policy": "idle"})

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import matplotlib.image
@@ -27,6 +29,7 @@ from bicycle_tools.report_page.events import ride_events, runs
 from bicycle_tools.report_page.loading import load
 from bicycle_tools.report_page.page import html
 from bicycle_tools.report_page.timing import LEAST_RANGE, draw_timing
+from bicycle_tools.ride_report import report
 
 VOID = {"meta", "use", "path", "circle", "rect", "image", "stop", "br", "line", "wbr"}
 
@@ -172,6 +175,50 @@ def test_a_bag_of_something_else_is_one_line(tmp_path: Path) -> None:
         writer.write("/chatter", b"\0\1\0\0\2\0\0\0a\0", 5, 5)
     with pytest.raises(BagError, match="holds no bicycle"):
         load(tmp_path / "other", "other")
+
+
+ABSURD: dict[str, tuple[str, dict[str, Any], str]] = {
+    "infinite": (
+        "/bicycle/state",
+        {"rear_contact": {"x": np.inf, "y": -np.inf}, "heading": np.inf, "speed": -np.inf},
+        f"{STEPS} states hold numbers that are infinite or beyond 1e+09",
+    ),
+    "huge": (
+        "/bicycle/state",
+        {"rear_contact": {"x": 1e300, "y": -1e300}, "heading": 1e308, "lean_angle": 1e300},
+        f"{STEPS} states hold numbers that are infinite or beyond 1e+09",
+    ),
+    "a goal far away": ("/bicycle/goal_status", {"position": {"x": 1e308, "y": -1e308}}, ""),
+    "no duration": ("/bicycle/timing", {"period": 0.0, "latency": 0.0}, ""),
+    "an unknown status": (
+        "/bicycle/goal_status",
+        {"status": 200},
+        "5 messages about goals are left out: their status is none of this release's",
+    ),
+}
+
+
+@pytest.mark.parametrize("kind", ABSURD)
+def test_numbers_that_no_bicycle_has_are_told_and_not_drawn(tmp_path: Path, kind: str) -> None:
+    topic, absurd, told = ABSURD[kind]
+
+    def change(name: str, fields: dict[str, Any]) -> dict[str, Any]:
+        second = name != "/bicycle/state" or fields["episode"] == 2
+        return fields | absurd if name == topic and second else fields
+
+    bag = write(tmp_path / "ride", change=change)
+    with np.errstate(all="ignore"):
+        page = load(bag, "ride")
+        assert Structure(html([page])).heads[0] == "In numbers"
+    assert told in " ".join(page.notes)
+    assert bool(told) == any("left out" in note or "hold" in note for note in page.notes)
+    summary, text = report(bag, tmp_path)
+    assert summary.falls == 1
+    assert not re.search(r"\b(nan|inf)\b|\d{12}", text)
+    assert summary.path_length == pytest.approx(
+        0.05 * (STEPS - 1) * (1 if "heading" in absurd else 2)
+    )
+    json.loads((tmp_path / "summary.json").read_text(), parse_constant=pytest.fail)
 
 
 def test_a_foreign_state_is_one_line(tmp_path: Path) -> None:

@@ -32,6 +32,7 @@ Numbers = NDArray[np.float64]
 Content = TypeVar("Content")
 
 
+@np.errstate(invalid="ignore", over="ignore")
 def session(path: Path) -> dict[str, Any]:
     """Return a ride as the page draws it.
 

@@ -22,6 +22,14 @@ STYLE: Any = plot_style.STYLE | {"axes.formatter.useoffset": False}
 
 Floats = NDArray[np.float64]
 
+LARGEST = 1e9
+"""Largest number that is drawn, in any unit: axes that hold much larger ones overflow."""
+
+
+def drawable(values: Floats) -> Floats:
+    """Return values with NaN, which is not drawn, for what is infinite or beyond LARGEST."""
+    return np.where(np.abs(values) <= LARGEST, values, np.nan)
+
 
 def ride_time(log: RideLog) -> Floats:
     """Return the states' simulated time since the start, s, (n,); it continues over resets."""
@@ -37,14 +45,15 @@ def envelope(time: Floats, values: Floats, most: int) -> tuple[Floats, Floats]:
 
     Args:
         time: (n,) in order.
-        values: (n,); those that are not finite are left out.
+        values: (n,); those that are not drawable are left out.
         most: points to keep at most, about.
 
     Returns:
         The times and values that are left, in order.
     """
     if len(values) <= most:
-        return time, np.where(np.isfinite(values), values, np.nan)
+        return time, drawable(values)
+    values = drawable(values)
     stretch = -(-2 * len(values) // most)
     rows = np.arange(len(values) + -len(values) % stretch).reshape(-1, stretch)
     rows = np.minimum(rows, len(values) - 1)
@@ -53,4 +62,4 @@ def envelope(time: Floats, values: Floats, most: int) -> tuple[Floats, Floats]:
     high = np.where(finite, values[rows], -np.inf).argmax(axis=1)
     picked = np.sort(np.stack([low, high], axis=1), axis=1)
     kept = np.take_along_axis(rows, picked, axis=1).ravel()
-    return time[kept], np.where(np.isfinite(values[kept]), values[kept], np.nan)
+    return time[kept], values[kept]

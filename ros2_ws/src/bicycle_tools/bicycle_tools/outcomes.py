@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from bicycle_common.types import Point2D
 from bicycle_controller.control.goals import Status
 from bicycle_tools.recorded_here import OPEN
@@ -47,8 +49,9 @@ def outcomes(statuses: Columns) -> list[GoalOutcome]:
     goals: dict[tuple[int, int], GoalOutcome] = {}
     life = 0  # a restarted controller counts goals from 1 again
     for row in range(len(statuses.get("status", ()))):
-        status = Status(int(statuses["status"][row]))
-        if status is Status.REJECTED:
+        number = int(statuses["status"][row])
+        status = Status(number) if number in set(Status) else Status.REJECTED
+        if status is Status.REJECTED:  # or of a later release, see `unknown`
             continue
         number = int(statuses["goal_id"][row])
         position = (float(statuses["position.x"][row]), float(statuses["position.y"][row]))
@@ -58,6 +61,15 @@ def outcomes(statuses: Columns) -> list[GoalOutcome]:
         goals[life, number] = _update(known, position, status, statuses, row)
     # Waiting goals are announced before the first one becomes active: sort them.
     return _without_resent([goals[key] for key in sorted(goals)])
+
+
+def unknown(statuses: Columns) -> int:
+    """Return the number of statuses of a later release, which `outcomes` leaves out.
+
+    Args:
+        statuses: columns of GoalStatus.
+    """
+    return int((~np.isin(statuses.get("status", ()), list(Status))).sum())
 
 
 def _update(

@@ -10,7 +10,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bicycle_common.plot_style import INK
-from bicycle_tools.drawing import LEAN, REACHED, SHIFT, STEER, STYLE, TORQUE, Floats, ride_time
+from bicycle_tools.drawing import (
+    LEAN,
+    REACHED,
+    SHIFT,
+    STEER,
+    STYLE,
+    TORQUE,
+    Floats,
+    drawable,
+    ride_time,
+)
 from bicycle_tools.ride_log import RideLog
 from bicycle_tools.summary import RideSummary, summarise
 from bicycle_tools.track import draw_track
@@ -41,7 +51,7 @@ def _strips(strips: list[Axes], log: RideLog, time: Floats) -> None:
     states = log.states
     _line(lean, time, np.degrees(states["lean_angle"]), LEAN, "lean (°)")
     _line(steer, time, np.degrees(states["steer_angle"]), STEER, "steering (°)")
-    torque, shift = (states[f"applied.{name}"] for name in ("torque", "displacement"))
+    torque, shift = (drawable(states[f"applied.{name}"]) for name in ("torque", "displacement"))
     if np.isfinite(torque).any():
         _line(command, time, torque, TORQUE, "torque (N m)")
         if np.nanmax(np.abs(shift)) > 0:
@@ -60,7 +70,9 @@ def _strips(strips: list[Axes], log: RideLog, time: Floats) -> None:
 def _progress(axes: Axes, log: RideLog, time: Floats) -> None:
     """Draw the distance to the goal, or from the path where only a path was followed."""
     statuses = log.path_statuses
-    if np.isfinite(log.states["goal_distance"]).any() or not len(statuses.get("path_id", ())):
+    if np.isfinite(drawable(log.states["goal_distance"])).any() or not len(
+        statuses.get("path_id", ())
+    ):
         _line(axes, time, log.states["goal_distance"], INK, "distance to\ngoal (m)")
         axes.set_ylim(bottom=0.0)
         return
@@ -70,7 +82,7 @@ def _progress(axes: Axes, log: RideLog, time: Floats) -> None:
 
 
 def _line(axes: Axes, time: Floats, values: Floats, colour: str, label: str) -> None:
-    axes.plot(time, values, color=colour, linewidth=0.9)
+    axes.plot(time, drawable(values), color=colour, linewidth=0.9)
     axes.set_ylabel(label, color=colour)
 
 
@@ -87,7 +99,9 @@ def headline(summary: RideSummary) -> str:
     falls = {0: "no fall", 1: "1 fall"}.get(summary.falls, f"{summary.falls} falls")
     parts = [f"{summary.reached} of {summary.goals} goals"] if summary.goals else []
     parts += [path.verdict for path in summary.paths]
-    parts += [falls, f"{summary.path_length:.0f} m in {summary.ridden_time:.0f} s"]
+    known = np.isfinite(summary.path_length)
+    length = f"{summary.path_length:.0f} m" if known else "an unknown path"
+    parts += [falls, f"{length} in {summary.ridden_time:.0f} s"]
     if np.isfinite(summary.path_ratio):
         parts.append(f"path {summary.path_ratio:.2f} × straight line")
     return "   ·   ".join(parts)

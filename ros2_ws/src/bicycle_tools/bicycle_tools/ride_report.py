@@ -6,6 +6,8 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from bicycle_bag.errors import BagError
 from bicycle_bag.repair import repair
 from bicycle_tools.ride_log import RideLog, read_ride
@@ -13,6 +15,7 @@ from bicycle_tools.summary import RideSummary, summarise
 from bicycle_tools.text_summary import render
 
 
+@np.errstate(invalid="ignore", over="ignore")
 def report(bag: Path, folder: Path, events: Sequence[str] = ()) -> tuple[RideSummary, str]:
     """Sum up a bag into a folder: summary.json and ride.png.
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from bicycle_controller.control.goals import Status
 from bicycle_controller.control.guide import PathEnd
+from bicycle_tools.drawing import drawable
 from bicycle_tools.outcomes import DECIDED, GoalOutcome, outcomes
 from bicycle_tools.recorded_here import OPEN
 from bicycle_tools.ride_log import Columns, RideLog
@@ -71,7 +72,8 @@ class FollowedPath:
 
     name: str
     status: str
-    """`finished`, `lost`, ..., or `active` if the recording ended before."""
+    """`finished`, `lost`, ..., `active` if the recording ended before, or `unknown` if it is of a
+    later release."""
     length: float
     """m of all laps."""
     rms: float
@@ -102,14 +104,14 @@ class RideSummary:
     ridden_time: float
     """Simulated time, s."""
     path_length: float
-    """Path length of the rear contact, m."""
+    """Path length of the rear contact, m; NaN if no place is known."""
     path_ratio: float
     """Path over straight line, of the goals reached that were recorded from their beginning;
     NaN without one."""
     mean_speed: float
-    """m/s."""
+    """m/s; NaN with the path length."""
     peak_lean: float
-    """rad."""
+    """rad; NaN if none is known."""
     policies: tuple[str, ...]
     """Ids of the policies that controlled the bicycle."""
     loop: LoopSummary
@@ -154,7 +156,7 @@ def summarise(log: RideLog) -> RideSummary:
         path_length=path,
         path_ratio=path_ratio(goals),
         mean_speed=path / ridden if ridden > 0 else 0.0,
-        peak_lean=float(np.abs(states["lean_angle"]).max(initial=0.0)),
+        peak_lean=_peak(states["lean_angle"]),
         policies=tuple(dict.fromkeys(str(name) for name in log.commands.get("policy", ()))),
         loop=summarise_loop(log),
         messages=log.message_count,
@@ -171,7 +173,7 @@ def path_ends(statuses: Columns) -> tuple[FollowedPath, ...]:
     return tuple(
         FollowedPath(
             name=str(statuses["name"][row]),
-            status=PathEnd(int(statuses["status"][row])).name.lower(),
+            status=_path_end(int(statuses["status"][row])),
             length=float(statuses["length"][row]),
             rms=float(statuses["rms"][row]),
             largest=float(statuses["largest"][row]),
@@ -180,6 +182,10 @@ def path_ends(statuses: Columns) -> tuple[FollowedPath, ...]:
         )
         for row in last.values()
     )
+
+
+def _path_end(number: int) -> str:
+    return PathEnd(number).name.lower() if number in set(PathEnd) else "unknown"
 
 
 def summarise_loop(log: RideLog) -> LoopSummary:
@@ -193,7 +199,7 @@ def summarise_loop(log: RideLog) -> LoopSummary:
     gaps = np.diff(log.states["step"].astype(np.int64))[np.diff(log.segment) == 0] - 1
     return LoopSummary(
         lockstep=bool(len(known)) and not np.isfinite(lateness).any(),
-        rate=1.0 / float(known.mean()) if len(known) else np.nan,
+        rate=1.0 / float(known.mean()) if len(known) and known.mean() > 0 else np.nan,
         jitter=Quantiles.of(np.abs(period - middle)),
         lateness=Quantiles.of(lateness),
         latency=Quantiles.of(_floats(timing, "latency")),
@@ -220,9 +226,20 @@ def _lost_at_starts(log: RideLog) -> int:
 
 
 def path_length(states: Columns, segment: NDArray[np.intp]) -> float:
-    """Return the path length of the rear contact, m, without the jumps of resets."""
-    legs = np.hypot(np.diff(states["rear_contact.x"]), np.diff(states["rear_contact.y"]))
-    return float(legs[np.diff(segment) == 0].sum())
+    """Return the path length of the rear contact, m, without the jumps of resets.
+
+    Legs from and to places that are not known are left out; NaN if there is no other.
+    """
+    x, y = (np.diff(drawable(states[f"rear_contact.{axis}"])) for axis in "xy")
+    legs = np.hypot(x, y)[np.diff(segment) == 0]
+    known = np.isfinite(legs)
+    return float(legs[known].sum()) if known.any() or not len(legs) else np.nan
+
+
+def _peak(values: Floats) -> float:
+    """Return the largest magnitude that is known; NaN if none is, 0 of nothing."""
+    known = np.abs(values[np.isfinite(drawable(values))])
+    return float(known.max(initial=0.0)) if len(known) or not len(values) else np.nan
 
 
 def path_ratio(goals: Iterable[GoalOutcome]) -> float:

@@ -32,15 +32,16 @@ def _ride_rows(summary: RideSummary) -> list[tuple[str, str]]:
     asked += [
         (f"course {one.name}".strip(), f"{one.status}: {one.message}") for one in summary.paths
     ]
-    length = f"{summary.path_length:.1f} m"
+    length = _known(summary.path_length, ".1f", " m")
+    speed = _known(summary.mean_speed, ".2f", " m/s").replace("unknown", "an unknown speed")
     if math.isfinite(summary.path_ratio):
         length += f", {summary.path_ratio:.2f} × straight line"
     return [
         *(asked or [("goals", "none")]),
         ("falls", str(summary.falls)),
-        ("time", f"{summary.ridden_time:.1f} s of simulated time at {summary.mean_speed:.2f} m/s"),
+        ("time", f"{summary.ridden_time:.1f} s of simulated time at {speed}"),
         ("path", length),
-        ("peak lean", f"{math.degrees(summary.peak_lean):.1f}°"),
+        ("peak lean", _known(math.degrees(summary.peak_lean), ".1f", "°")),
         ("policy", ", ".join(summary.policies) or "none"),
     ]
 
@@ -69,6 +70,10 @@ def _spread(quantiles: Quantiles) -> str:
         return "not measured"
     p50, p99, largest = (1e3 * x for x in (quantiles.p50, quantiles.p99, quantiles.largest))
     return f"p50 {p50:.2f} ms, p99 {p99:.2f} ms, largest {largest:.1f} ms"
+
+
+def _known(value: float, form: str, unit: str) -> str:
+    return f"{value:{form}}{unit}" if math.isfinite(value) else "unknown"
 
 
 def _number(value: float) -> str:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bicycle_common.plot_style import FAINT, INK
 from bicycle_controller.control.goals import Status
-from bicycle_tools.drawing import FAILED, REACHED, Floats, ride_time
+from bicycle_tools.drawing import FAILED, REACHED, Floats, drawable, ride_time
 from bicycle_tools.outcomes import GoalOutcome, outcomes
 from bicycle_tools.ride_log import RideLog
 
@@ -34,6 +34,7 @@ def draw_track(figure: Figure | SubFigure, axes: Axes, log: RideLog) -> None:
         log: the ride; without states only its goals are drawn.
     """
     for points in log.paths:
+        points = drawable(points)
         axes.plot(points[:, 0], points[:, 1], color=FAINT, linewidth=5.0, alpha=0.35, zorder=1)
     for number, goal in enumerate(outcomes(log.statuses), 1):
         _goal(axes, number, goal)
@@ -49,7 +50,7 @@ def draw_track(figure: Figure | SubFigure, axes: Axes, log: RideLog) -> None:
 
 def _way(figure: Figure | SubFigure, axes: Axes, log: RideLog) -> None:
     values, label = _colouring(log)
-    points = np.stack([log.states["rear_contact.x"], log.states["rear_contact.y"]], axis=1)
+    points = _places(log)
     pieces, colours = [], []
     for rows in _pieces(log.segment, points):
         pieces.append(points[rows])
@@ -63,6 +64,11 @@ def _way(figure: Figure | SubFigure, axes: Axes, log: RideLog) -> None:
     bar = figure.colorbar(line, cax=scale, orientation="horizontal", ticklocation="top")
     bar.outline.set_visible(False)
     axes.text(0.665, 1.022, label, transform=axes.transAxes, ha="right", va="center", color=FAINT)
+
+
+def _places(log: RideLog) -> Floats:
+    """Return the places of the rear contact, m, (n, 2); NaN where they cannot be drawn."""
+    return drawable(np.stack([log.states["rear_contact.x"], log.states["rear_contact.y"]], axis=1))
 
 
 def _pieces(segment: NDArray[np.intp], points: Floats) -> list[NDArray[np.intp]]:
@@ -90,7 +96,7 @@ def _norm(values: Floats) -> Normalize:
 
 def _colouring(log: RideLog) -> tuple[Floats, str]:
     """Return the values that colour the track: the speed if it changes, else the time."""
-    speed = np.asarray(log.states["speed"], dtype=np.float64)
+    speed = drawable(np.asarray(log.states["speed"], dtype=np.float64))
     if np.isfinite(speed).all() and float(np.ptp(speed)) > 0.05:
         return speed, "speed (m/s)"
     return ride_time(log), "time (s)"
@@ -98,7 +104,7 @@ def _colouring(log: RideLog) -> tuple[Floats, str]:
 
 def _goal(axes: Axes, number: int, goal: GoalOutcome) -> None:
     """Draw one goal with its true radius."""
-    if not np.isfinite(goal.position).all():
+    if not np.isfinite(drawable(np.array(goal.position))).all():
         return
     colour = _COLOURS.get(goal.status, FAILED)
     axes.add_patch(Circle(goal.position, GOAL_RADIUS, facecolor=colour, alpha=0.18, zorder=2))
@@ -116,11 +122,9 @@ def _goal(axes: Axes, number: int, goal: GoalOutcome) -> None:
 
 def _start_and_falls(axes: Axes, log: RideLog) -> None:
     """Draw a triangle in the direction of each start, a cross at each fall."""
-    states = log.states
+    states, places = log.states, _places(log)
     for row in np.flatnonzero(np.diff(log.segment, prepend=-1)):
-        turn = np.degrees(np.nan_to_num(states["heading"][row])) - 90.0
-        place = (states["rear_contact.x"][row], states["rear_contact.y"][row])
-        axes.plot(*place, marker=(3, 0, turn), markersize=13, color=INK, zorder=4)
+        turn = np.degrees(np.nan_to_num(drawable(states["heading"][row]))) - 90.0
+        axes.plot(*places[row], marker=(3, 0, turn), markersize=13, color=INK, zorder=4)
     fell = np.flatnonzero(np.diff(states["fallen"].astype(int), prepend=0) > 0)
-    where = (states["rear_contact.x"][fell], states["rear_contact.y"][fell])
-    axes.plot(*where, "X", markersize=11, color=FAILED, markeredgecolor="white", zorder=6)
+    axes.plot(*places[fell].T, "X", markersize=11, color=FAILED, markeredgecolor="white", zorder=6)

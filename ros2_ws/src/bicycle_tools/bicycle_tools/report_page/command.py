@@ -12,6 +12,8 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from bicycle_bag.errors import BagError
 from bicycle_common.command_line import OneLineParser
 from bicycle_common.progress import ProgressBar
@@ -55,6 +57,7 @@ def output_of(paths: Sequence[Path], names: Sequence[str]) -> Path:
     return paths[0].resolve().parent / f"{words}-report.html"
 
 
+@np.errstate(invalid="ignore", over="ignore")
 def report(options: argparse.Namespace) -> list[Path]:
     """Write the page, and the picture on request.
 

@@ -19,8 +19,8 @@ from bicycle_bag.metadata import BagMetadata
 from bicycle_bag.reader import BagReader, bag_in
 from bicycle_bag.repair import repair
 from bicycle_bag.steps import states_name_commands
-from bicycle_tools.drawing import Floats, ride_time
-from bicycle_tools.outcomes import GoalOutcome, outcomes
+from bicycle_tools.drawing import LARGEST, Floats, ride_time
+from bicycle_tools.outcomes import GoalOutcome, outcomes, unknown
 from bicycle_tools.ride_log import (
     ECHO,
     EXPECTED,
@@ -217,11 +217,30 @@ def _left_out(log: RideLog) -> Iterator[str]:
             f"{log.old_statuses} messages about goals from before the recording are left out: "
             "those goals were over by then, or the messages came twice."
         )
+    if strange := unknown(log.statuses):
+        yield (
+            f"{strange} messages about goals are left out: their status is none of this release's."
+        )
+    if undrawn := _undrawn(log.states):
+        yield (
+            f"{undrawn} states hold numbers that are infinite or beyond {LARGEST:.0e}: these are "
+            "not drawn."
+        )
     if log.idle_commands:
         yield (
             f"{log.idle_commands} commands are left out: another controller ran beside the one "
             "that drove."
         )
+
+
+def _undrawn(states: Columns) -> int:
+    """Return the number of states with a number that is no bicycle's; NaN means "unknown"."""
+    found = np.zeros(len(states["step"]), dtype=bool)
+    for name, column in states.items():
+        is_time = "time" in name or "stamp" in name
+        if column.dtype.kind == "f" and column.ndim == 1 and not is_time:
+            found |= np.abs(column) > LARGEST
+    return int(found.sum())
 
 
 def _prefix(reader: BagReader, namespace: str | None) -> str:

@@ -81,7 +81,7 @@ def _ride_line(page: RidePage) -> str:
     )
 
 
-ENDS = {"finished": True, "active": None, "replaced": None, "cancelled": None}
+ENDS = {"finished": True, "active": None, "replaced": None, "cancelled": None, "unknown": None}
 """True for a good end of a path, None for one that is neither; all others are bad."""
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from bicycle_common.plot_style import FAINT
-from bicycle_tools.drawing import LEAN, STEER, TORQUE, Floats, envelope
+from bicycle_tools.drawing import LEAN, STEER, TORQUE, Floats, drawable, envelope
 from bicycle_tools.report_page.figures import MOST_POINTS, Canvas
 from bicycle_tools.report_page.loading import RidePage
 
@@ -74,7 +74,7 @@ def _share(columns: np.ndarray[tuple[int, int], np.dtype[np.object_]]) -> None:
 
 
 def _milliseconds(page: RidePage, column: str) -> Floats:
-    return 1e3 * np.asarray(page.log.timing.get(column, ()), dtype=np.float64)
+    return drawable(1e3 * np.asarray(page.log.timing.get(column, ()), dtype=np.float64))
 
 
 def _rate(axes: Axes, page: RidePage, time: Floats) -> None:
