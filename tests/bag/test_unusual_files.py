@@ -196,3 +196,37 @@ def test_a_chunk_of_too_many_records_ends_with_one_line(
     assert file.read_bytes() == before
     monkeypatch.setattr(walk, "MOST_RECORDS", 1206)
     act(file)
+
+
+APPENDED = {
+    "bytes": b"garbage behind the magic",
+    "zeros": bytes(5000),
+    "a file": BEGIN + DEFINED + chunk(BODY) + END,
+    "a file that is cut off": BEGIN + chunk(ALL),
+    "a file whose end is damaged": BEGIN + chunk(ALL) + END[:-3],
+}
+
+
+@pytest.mark.parametrize("kind", APPENDED)
+@pytest.mark.parametrize("summarised", [False, True])
+def test_what_lies_behind_the_end_is_read_or_told(
+    tmp_path: Path, kind: str, summarised: bool
+) -> None:
+    make_bag(tmp_path / "bag", 20)
+    (made,) = (tmp_path / "bag").glob("*.mcap")
+    whole = made.read_bytes() if summarised else BEGIN + chunk(ALL) + END
+    file = tmp_path / "x.mcap"
+    file.write_bytes(whole + APPENDED[kind])
+    report = repair.repair(file)
+    files = 2 if "file" in kind else 1
+    found = [(one.topic, one.data, one.log_time_ns) for one in BagReader(file).messages()]
+    assert found == RIDE * files
+    assert [kept.read_bytes() for kept in report.kept] == [whole + APPENDED[kind]]
+    assert report.lost_bytes >= (0 if files == 2 else len(APPENDED[kind]))
+
+
+def test_what_lies_behind_a_packed_chunk_is_left_out(tmp_path: Path) -> None:
+    file = tmp_path / "x.mcap"
+    packed = lz4.frame.compress(ALL) + b"garbage"
+    file.write_bytes(BEGIN + chunk(ALL, "lz4", packed) + END)
+    assert len(list(BagReader(file).messages())) == len(RIDE)

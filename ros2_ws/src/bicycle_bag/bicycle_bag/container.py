@@ -43,6 +43,7 @@ LIBRARY = "bicycle_bag"
 _PIECE = 4096
 """Bytes; what a damaged packing gives is lost from the piece with the damage on."""
 
+_LZ4_FRAME = b"\x04\x22\x4d\x18"
 _DEFINITION = re.compile(rb"[\x03\x04].{3}\0{5}", re.DOTALL)
 """Pattern at which a channel or a schema of less than 16 MiB may begin."""
 _PATIENCE = 300
@@ -251,6 +252,8 @@ def _unpack_zstd(data: bytes, size: int) -> bytes:
 def _unpack_lz4(data: bytes, size: int) -> bytes:
     plain = b""
     while data and len(plain) <= size:
+        if len(plain) == size > 0 and not data.startswith(_LZ4_FRAME):
+            break  # as in zstd, what follows the frames is no part of them
         frame = lz4.frame.LZ4FrameDecompressor()
         plain += frame.decompress(data, max_length=size + 1 - len(plain))
         data = (frame.unused_data or b"") if frame.eof else b""

@@ -40,6 +40,8 @@ _DEFINING = (Opcode.SCHEMA, Opcode.CHANNEL)
 _LIKELY = re.compile(rb"(?=[\x03-\x07\x09\x0c\x0f].{3}\0{5})", re.DOTALL)
 """Pattern at which a record of less than 16 MiB may begin."""
 _CHUNKS = re.compile(rb"(?=\x06.{3}\0{5})", re.DOTALL)
+_FOOTER = re.compile(HEAD.pack(Opcode.FOOTER, 20) + rb".{20}" + re.escape(MAGIC), re.DOTALL)
+_END_BYTES = HEAD.size + 20 + len(MAGIC)
 _WINDOW = 2**20
 WRONG_CHECKSUM = "the checksum of its data is wrong"
 _SMALLER = f"chunks of more than {MAX_RECORD_BYTES >> 20} MiB cannot be read here"
@@ -132,7 +134,8 @@ class Walk:
                 self.has_checksum = sound and stored != 0
                 if self.has_checksum and stored != checksum:
                     yield Damage(offset, offset, WRONG_CHECKSUM)
-                return
+                offset, sound, in_sequence = self._end(found.end), False, False
+                continue
             if sound:
                 checksum = self._checksum(offset, found.end, checksum)
             yield found
@@ -143,6 +146,18 @@ class Walk:
             if ended and self._at(offset) is None:
                 yield Damage(offset, offset, "its data has no end")
                 return
+
+    def _end(self, offset: int) -> int:
+        """Return the offset behind the footer that comes after an offset, where something follows.
+
+        Of a file whose summary is sound, and where there is no footer, it is the file's size.
+        """
+        while self._summary is None and offset < self._size:
+            window = self._read(offset, _WINDOW + _END_BYTES)
+            if found := _FOOTER.search(window):
+                return offset + found.end()
+            offset += _WINDOW
+        return self._size
 
     def _at(self, offset: int) -> Piece | Damage | None:
         """Return the record or damage at an offset; None if it cannot be recognised."""
