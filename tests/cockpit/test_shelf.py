@@ -167,3 +167,8 @@ def test_a_signature_changes_with_the_bag(bag: Path, tmp_path: Path) -> None:
         file.write("\n")
     assert signature(tmp_path / "bag") != first
     assert signature(tmp_path / "none") == ()
+
+
+def test_a_folder_of_links_in_a_circle_has_no_bags(tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    assert BagShelf(tmp_path / "loop").found() == {}

@@ -403,3 +403,11 @@ def test_a_mistake_is_one_line(
     said = capsys.readouterr().err
     assert (found, said.count("\n")) == (status, 1), said
     assert complaint in said
+
+
+def test_links_in_a_circle_are_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    assert main([str(tmp_path / "loop")]) == 1
+    assert "there is no bag" in capsys.readouterr().err

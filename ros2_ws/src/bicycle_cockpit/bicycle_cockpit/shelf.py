@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
+from os.path import realpath  # unlike `Path.resolve` it raises nothing on links in a circle
 from pathlib import Path
 from typing import Any
 
@@ -45,11 +46,11 @@ class BagShelf:
 
     def found(self) -> dict[str, Path]:
         """Return the paths by name, newest first; skip links that lead out of the folder."""
-        root = self.folder.resolve()
+        root = realpath(self.folder)
         paths = [
             path
             for path in _bags_below(self.folder, DEEPEST)
-            if path.resolve().is_relative_to(root)
+            if Path(realpath(path)).is_relative_to(root)
         ]
         paths.sort(key=_changed, reverse=True)
         self.left_out = max(0, len(paths) - MOST_BAGS)

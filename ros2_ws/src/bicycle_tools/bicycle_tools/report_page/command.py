@@ -10,6 +10,7 @@ if __name__ == "__main__":
 import argparse
 import sys
 from collections.abc import Callable, Sequence
+from os.path import realpath  # unlike `Path.resolve` it raises nothing on links in a circle
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +44,7 @@ def parse(arguments: Sequence[str] | None = None) -> argparse.Namespace:
 
 def names_of(paths: Sequence[Path]) -> list[str]:
     """Return short names of some bags: the shortest ends of their paths that differ."""
-    parts = [[part for part in path.resolve().parts if part != "/"] for path in paths]
+    parts = [[part for part in Path(realpath(path)).parts if part != "/"] for path in paths]
     for count in range(1, 1 + max(map(len, parts))):
         names = ["/".join(part[-count:]) for part in parts]
         if len(set(names)) == len(names) and "bag" not in names:
@@ -54,7 +55,7 @@ def names_of(paths: Sequence[Path]) -> list[str]:
 def output_of(paths: Sequence[Path], names: Sequence[str]) -> Path:
     """Return the default path of the page, beside the first bag."""
     words = "-and-".join(name.removesuffix(".mcap").replace("/", "-") for name in names)
-    return paths[0].resolve().parent / f"{words}-report.html"
+    return Path(realpath(paths[0])).parent / f"{words}-report.html"
 
 
 @np.errstate(invalid="ignore", over="ignore")
