@@ -102,7 +102,7 @@ _bicycle_logs() { # WORKSPACE: where nodes log; each process leaves a file, each
 }
 
 _bicycle_environment() { # In options of its own: the caller's may be others, and stay
-  local habits status
+  local result unmatched caseless # without values: with set -k they would be no arguments
   if [[ -n ${ZSH_VERSION:-} ]]; then
     emulate -L zsh
     setopt null_glob ksh_arrays
@@ -110,12 +110,15 @@ _bicycle_environment() { # In options of its own: the caller's may be others, an
   else
     local -
     set +fk
-    status=0
-    habits=$(shopt -p failglob nocasematch) || true # it is false where one is off
+    result=0 unmatched=-u caseless=-u
+    # No $(shopt -p): a script's trap that strikes within $( ) is lost.
+    if shopt -q failglob; then unmatched=-s; fi
+    if shopt -q nocasematch; then caseless=-s; fi
     shopt -u failglob nocasematch
-    _bicycle_load || status=$?
-    eval "$habits"
-    return "$status"
+    _bicycle_load || result=$?
+    shopt "$unmatched" failglob
+    shopt "$caseless" nocasematch
+    return "$result"
   fi
 }
 

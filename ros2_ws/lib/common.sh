@@ -156,6 +156,7 @@ run() { # NAME MODULE ARGUMENT...: becomes that Python program, so that signals 
 start() { # MODULE ARGUMENT...: becomes that Python program; signals wait until it can answer them
   local wait=(env --block-signal=INT,TERM,HUP)
   "${wait[@]}" true 2>/dev/null || wait=()
+  trap - INT TERM HUP # bash forgets one that it has caught and not answered when it becomes another program
   exec "${wait[@]}" "$python" -m "$@"
 }
 

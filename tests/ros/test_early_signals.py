@@ -182,9 +182,15 @@ def learners(pid: int) -> list[int]:
 
 
 def test_the_first_moments_of_a_script_end_it_too(tmp_path: Path, ros_domain: int) -> None:
+    forgotten = 0
     for lines in range(0, FIRST_LINES, 3):
         program = TracedProgram("sim.sh", tmp_path)
         with program.process:
             program.follow(lines)
-            status = program.process.stop()
-        assert status in (-signal.SIGINT, 130), program.process.output
+            program.ask(signal.SIGINT, 1)
+            if program.follow(math.inf) and program.process.running:
+                forgotten += 1  # where the lines come late, the moment may be that of the exec
+                program.ask(signal.SIGINT, 1)
+            status = program.process.wait()
+        assert status in (0, -signal.SIGINT, 130), program.process.output
+    assert forgotten <= 1
