@@ -103,6 +103,16 @@ OPTIONS: dict[str, dict[str, Any]] = {
 }
 
 
+def places_of(file: Path) -> list[tuple[int, int, int]]:
+    """Return opcode, beginning and end of each record of a file outside its chunks."""
+    with file.open("rb") as stream:
+        stream.read(8)
+        return [
+            (one.opcode, at, at + container.HEAD.size + len(one.body))
+            for at, one in container.records(stream, file.stat().st_size)
+        ]
+
+
 @pytest.mark.parametrize(
     ("damage", "name"),
     [
@@ -174,13 +184,7 @@ def test_what_other_chunks_hold_outlives_the_only_one_that_defines_the_topics(
         for topic, data, now in messages:
             result.write(topic, data, now)
     damaged = bytearray(file.read_bytes())
-    with file.open("rb") as stream:
-        stream.read(8)
-        ends = [
-            (at, at + container.HEAD.size + len(one.body))
-            for at, one in container.records(stream, len(damaged))
-            if one.opcode == 6
-        ]
+    ends = [(at, end) for opcode, at, end in places_of(file) if opcode == 6]
     assert len(ends) > 3
     if not finished:
         del damaged[ends[-1][1] :]
@@ -211,13 +215,10 @@ def test_a_damaged_summary_still_says_what_a_damaged_chunk_defined(
         result.ride_channels()
         for topic, data, now in messages:
             result.write(topic, data, now)
-    damaged = bytearray(file.read_bytes())
-    with file.open("rb") as stream:
-        stream.read(8)
-        places = [(one.opcode, at) for at, one in container.records(stream, len(damaged))]
-    chunk = next(at for opcode, at in places if opcode == 6)
-    data_end = next(at for opcode, at in places if opcode == 15)
-    hit = next(at for opcode, at in places if opcode == kind and at > data_end)
+    damaged, places = bytearray(file.read_bytes()), places_of(file)
+    chunk = next(at for opcode, at, _ in places if opcode == 6)
+    data_end = next(at for opcode, at, _ in places if opcode == 15)
+    hit = next(at for opcode, at, _ in places if opcode == kind and at > data_end)
     damaged[chunk + 60] ^= 4  # in its first definition
     damaged[hit + (26 if kind == 2 else 17)] ^= 1
     file.write_bytes(damaged)
